@@ -1,0 +1,1 @@
+"""RoboFactory experiments: several arms, one table, compositional constraints."""

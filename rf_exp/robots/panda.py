@@ -1,0 +1,171 @@
+"""The Franka Emika Panda without a simulator: forward and inverse kinematics, link volumes.
+
+The model is read from the URDF and meshes that ManiSkill's package ships, so that planner,
+checker and simulator speak of the same robot.
+"""
+
+from functools import cache
+from importlib.util import find_spec
+from itertools import combinations
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rf_exp.errors import StageError
+from rf_exp.transforms import Matrix, inverse, transform
+
+ARM_JOINTS = 7
+LINKS = (*(f"panda_link{i}" for i in range(8)), "panda_hand", "panda_leftfinger", "panda_rightfinger")
+TCP = "panda_hand_tcp"
+
+def description_folder() -> Path:
+    """The folder with ManiSkill's Panda files, found without importing ManiSkill."""
+    spec = find_spec("mani_skill")
+    if spec is None or not spec.submodule_search_locations:
+        raise StageError("the package mani-skill is not installed; run `make setup`")
+    return Path(spec.submodule_search_locations[0]) / "assets" / "robots" / "panda"
+
+
+@cache
+def _model() -> pin.Model:
+    return pin.buildModelFromUrdf(str(description_folder() / "panda_v2.urdf"))
+
+
+def limits_rad() -> NDArray[np.float64]:
+    """(2, 7) lower and upper joint limits of the arm."""
+    model = _model()
+    return np.stack([model.lowerPositionLimit[:ARM_JOINTS], model.upperPositionLimit[:ARM_JOINTS]])
+
+
+@cache
+def _frames() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Parent joint (L + 1,) and joint_from_link (L + 1, 4, 4) of every link in LINKS, then the TCP."""
+    model = _model()
+    ids = [model.getFrameId(name) for name in (*LINKS, TCP)]
+    joints = np.array([model.frames[i].parentJoint for i in ids])
+    return joints, np.stack([model.frames[i].placement.homogeneous for i in ids])
+
+
+def _joint_poses(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 10, 4, 4) base_from_joint; index 0 is the base. Vectorised over leading axes."""
+    model = _model()
+    poses = np.empty((*qpos.shape[:-1], 10, 4, 4))
+    poses[..., 0, :, :] = np.eye(4)
+    for joint in range(1, 10):
+        value = qpos[..., joint - 1]
+        motion = np.zeros((*qpos.shape[:-1], 4, 4))
+        motion[..., 3, 3] = motion[..., 2, 2] = 1.0
+        if joint <= ARM_JOINTS:  # revolute about its own z
+            motion[..., 0, 0] = motion[..., 1, 1] = np.cos(value)
+            motion[..., 1, 0] = np.sin(value)
+            motion[..., 0, 1] = -motion[..., 1, 0]
+        else:  # fingers slide along their y, towards opposite sides
+            motion[..., 0, 0] = motion[..., 1, 1] = 1.0
+            motion[..., 1, 3] = value if joint == 8 else -value
+        parent = poses[..., model.parents[joint], :, :]
+        placement = model.jointPlacements[joint].homogeneous
+        poses[..., joint, :, :] = parent @ placement @ motion
+    return poses
+
+
+def link_poses(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Base-frame poses of LINKS for joint positions (..., 9) rad and metres: (..., L, 4, 4)."""
+    joints, placements = _frames()
+    return _joint_poses(np.asarray(qpos, dtype=float))[..., joints[:-1], :, :] @ placements[:-1]
+
+
+def tcp_pose(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+    """base_from_tcp for arm joints (..., 7) rad: (..., 4, 4). z points out of the hand, y along the fingers."""
+    joints, placements = _frames()
+    qpos = np.asarray(qpos, dtype=float)
+    padded = np.concatenate([qpos[..., :ARM_JOINTS], np.zeros((*qpos.shape[:-1], 2))], axis=-1)
+    return _joint_poses(padded)[..., joints[-1], :, :] @ placements[-1]
+
+
+@cache
+def hulls() -> dict[str, trimesh.Trimesh]:
+    """Convex hull of the collision shapes of every link in LINKS, in the frame of the link, metres."""
+    folder = description_folder()
+    links = {link.get("name"): link for link in ElementTree.parse(folder / "panda_v2.urdf").iter("link")}
+    return {name: _hull(links[name], folder) for name in LINKS}
+
+
+def _hull(link: ElementTree.Element, folder: Path) -> trimesh.Trimesh:
+    points = []
+    for collision in link.iter("collision"):
+        mesh, box = collision.find("geometry/mesh"), collision.find("geometry/box")
+        if mesh is not None:
+            shape = trimesh.load_mesh(folder / mesh.attrib["filename"])
+        else:
+            assert box is not None, f"{link.get('name')}: neither mesh nor box"
+            shape = trimesh.creation.box(np.array(box.attrib["size"].split(), dtype=float))
+        origin = collision.find("origin")
+        if origin is not None:
+            rotation = Rotation.from_euler("xyz", np.array(origin.attrib["rpy"].split(), dtype=float))
+            shape.apply_transform(transform(np.array(origin.attrib["xyz"].split(), dtype=float), rotation))
+        points.append(shape.vertices)
+    return trimesh.convex.convex_hull(np.concatenate(points))
+
+
+@cache
+def self_pairs() -> tuple[tuple[int, int], ...]:
+    """Index pairs into LINKS whose contact is a self-collision: all that the SRDF does not excuse."""
+    root = ElementTree.parse(description_folder() / "panda_v2.srdf")
+    excused = {frozenset((e.attrib["link1"], e.attrib["link2"])) for e in root.iter("disable_collisions")}
+    pairs = combinations(range(len(LINKS)), 2)
+    return tuple((i, j) for i, j in pairs if frozenset((LINKS[i], LINKS[j])) not in excused)
+
+
+class Panda:
+    """One arm bolted to the table at `world_from_base` (4, 4)."""
+
+    def __init__(self, world_from_base: Matrix) -> None:
+        self.world_from_base = world_from_base
+        self._base_from_world = inverse(world_from_base)
+        self._data = _model().createData()
+        self._frame = _model().getFrameId(TCP)
+
+    def tcp(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """world_from_tcp (..., 4, 4) for arm joints (..., 7 or 9) rad."""
+        return self.world_from_base @ tcp_pose(np.asarray(qpos)[..., :ARM_JOINTS])
+
+    def links(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """World poses of LINKS (..., L, 4, 4) for joint positions (..., 9)."""
+        return self.world_from_base @ link_poses(qpos)
+
+    def solve(
+        self,
+        world_from_tcp: Matrix,
+        seed_qpos: NDArray[np.float64],
+        *,
+        tolerance: float = 1e-4,
+        iterations: int = 60,
+        margin_rad: float = 0.02,
+    ) -> NDArray[np.float64] | None:
+        """Joints (7,) rad that put the TCP at a pose, by damped Newton steps from `seed_qpos` (7,).
+
+        None when the steps do not converge within the joint limits (shrunk by `margin_rad`).
+        `tolerance` bounds position (m) and rotation (rad) error together.
+        """
+        model, data = _model(), self._data
+        goal = pin.SE3(self._base_from_world @ world_from_tcp)
+        low, high = limits_rad() + np.array([[margin_rad], [-margin_rad]])
+        q = np.zeros(model.nq)
+        q[:ARM_JOINTS] = np.clip(seed_qpos[:ARM_JOINTS], low, high)
+        for _ in range(iterations):
+            pin.framesForwardKinematics(model, data, q)
+            delta = data.oMf[self._frame].actInv(goal)
+            error = pin.log6(delta).vector
+            if np.linalg.norm(error) < tolerance:
+                return q[:ARM_JOINTS].copy()
+            jacobian = pin.computeFrameJacobian(model, data, q, self._frame)[:, :ARM_JOINTS]
+            damping = 1e-6 + 1e-3 * min(1.0, float(error @ error))
+            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
+            step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
+            q[:ARM_JOINTS] = np.clip(q[:ARM_JOINTS] + step, low, high)
+        return None

@@ -1,0 +1,96 @@
+"""What an asset is: convex parts, mass, friction, and where and how to interact with it.
+
+The annotation of interaction positions and directions follows the paper, section 3.2: each point
+says where the gripper goes and from which direction it comes.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from rf_exp.transforms import Matrix, apply
+
+Colour = tuple[float, float, float]  # linear RGB in [0, 1]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One convex piece of a rigid body, in the frame of its asset."""
+
+    mesh: trimesh.Trimesh  # convex, metres, already placed in the asset's frame
+    colour: Colour
+    solid: bool = True  # takes part in collisions
+    roughness: float = 0.6
+    metallic: float = 0.0
+
+    @staticmethod
+    def box(half_extents_m, object_from_part: Matrix, colour: Colour, **keywords) -> "Part":
+        """A box of half extents (3,) at a pose in the asset's frame."""
+        mesh = trimesh.creation.box(2 * np.asarray(half_extents_m), object_from_part)
+        return Part(mesh, colour, **keywords)
+
+    @staticmethod
+    def cylinder(
+        radius_m: float, height_m: float, object_from_part: Matrix, colour: Colour, **keywords
+    ) -> "Part":
+        """A cylinder about the z axis of its pose, centred on it."""
+        mesh = trimesh.creation.cylinder(radius_m, height_m, sections=24, transform=object_from_part)
+        return Part(mesh, colour, **keywords)
+
+    @staticmethod
+    def sphere(radius_m: float, object_from_part: Matrix, colour: Colour, **keywords) -> "Part":
+        mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_m)
+        return Part(mesh.apply_transform(object_from_part), colour, **keywords)
+
+    @staticmethod
+    def hull(points: NDArray[np.float64], colour: Colour, **keywords) -> "Part":
+        """The convex hull of points (K, 3) in the asset's frame."""
+        return Part(trimesh.convex.convex_hull(points), colour, **keywords)
+
+
+@dataclass(frozen=True)
+class InteractionPoint:
+    """Where and from which direction the gripper meets the asset.
+
+    `object_from_tcp`: pose of the tool centre point at contact. Its z axis is the direction the
+    gripper comes along, its y axis the one the fingers close along. `symmetric`: half a turn about
+    z serves as well (two equal fingers).
+    """
+
+    object_from_tcp: Matrix
+    kind: str  # grasp | press | place
+    standoff_m: float = 0.08  # where a straight approach begins
+    width_m: float = 0.04  # between the fingers when closed on it (grasp)
+    symmetric: bool = True
+
+
+@dataclass(frozen=True)
+class Asset:
+    """A rigid body. Origin on its underside centre unless its module says otherwise."""
+
+    name: str
+    parts: tuple[Part, ...]
+    points: Mapping[str, InteractionPoint] = field(default_factory=dict)
+    mass_kg: float = 0.1
+    friction: float = 1.0
+    static: bool = False  # fixed to the world
+    ghost: bool = False  # a mark on the table: seen, never touched
+
+    @cached_property
+    def hulls(self) -> tuple[trimesh.Trimesh, ...]:
+        """The convex solid parts in the frame of the asset."""
+        return tuple(part.mesh for part in self.parts if part.solid and not self.ghost)
+
+    @cached_property
+    def bounds_m(self) -> NDArray[np.float64]:
+        """(2, 3) lowest and highest corner of all parts in the frame of the asset."""
+        corners = np.concatenate([part.mesh.bounds for part in self.parts])
+        return np.stack([corners.min(axis=0), corners.max(axis=0)])
+
+    def vertices(self, world_from_object: Matrix) -> NDArray[np.float64]:
+        """All vertices of the solid parts (K, 3) in the world."""
+        return apply(world_from_object, np.concatenate([hull.vertices for hull in self.hulls]))

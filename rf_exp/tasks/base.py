@@ -1,0 +1,168 @@
+"""What a task is: its configuration as frozen values, its starts, and how success is judged.
+
+A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.py` with
+
+    VERSION                       of its success criteria, stamped on every result row
+    plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
+    conditions(scene, start, task)  strict success as named conditions, all of which must hold
+    paper(scene, start, task)     the paper's criterion
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module, util
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import assets
+from rf_exp.transforms import Matrix, planar
+from rf_exp.types import ARM_JOINTS, Scene, Verdict
+
+REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
+FINGERS_OPEN_M = 0.04
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """Where an arm is bolted to the table."""
+
+    x_m: float
+    y_m: float
+    yaw_deg: float
+
+    @cached_property
+    def world_from_base(self) -> Matrix:
+        return planar(self.x_m, self.y_m, np.deg2rad(self.yaw_deg))
+
+
+@dataclass(frozen=True)
+class ObjectSpec:
+    """An object and the ranges its start is drawn from, uniform for each axis."""
+
+    asset: str
+    x_m: tuple[float, float] = (0.0, 0.0)
+    y_m: tuple[float, float] = (0.0, 0.0)
+    z_m: float = 0.0
+    yaw_deg: tuple[float, float] = (0.0, 0.0)
+    on: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
+
+    def __post_init__(self) -> None:
+        for axis in ("x_m", "y_m", "yaw_deg"):
+            value = getattr(self, axis)
+            low, high = value if isinstance(value, list | tuple) else (value, value)
+            if low > high:
+                raise ArgumentError(
+                    f"{axis} of asset {self.asset!r}: range [{low}, {high}] is the wrong way round; "
+                    f"write [{high}, {low}]"
+                )
+            object.__setattr__(self, axis, (float(low), float(high)))
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A pinhole camera. With `mount: wrist` it rides on the hand of its agent instead."""
+
+    eye_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    fov_deg: float = 90.0  # vertical
+    mount: str = "world"  # world | wrist
+
+    def __post_init__(self) -> None:
+        if self.mount not in ("world", "wrist"):
+            raise ArgumentError(f"camera mount {self.mount!r}; available: world, wrist")
+        object.__setattr__(self, "eye_m", tuple(self.eye_m))
+        object.__setattr__(self, "target_m", tuple(self.target_m))
+
+
+@dataclass(frozen=True)
+class Randomisation:
+    """Small changes of what is seen and of the rest pose, drawn from the episode's seed."""
+
+    rest_qpos_rad: float = 0.02  # standard deviation on each joint
+    light: float = 0.1  # half range of the relative brightness
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of the benchmark, as configured."""
+
+    name: str
+    title: str
+    description: str
+    target_condition: str
+    robots: tuple[RobotSpec, ...]
+    objects: Mapping[str, ObjectSpec]
+    cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
+    success: Mapping[str, float]  # thresholds that the module reads, units in their names
+    randomisation: Randomisation = Randomisation()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "robots", tuple(self.robots))
+        expected = {"global", *(f"agent{k}" for k in range(1, len(self.robots) + 1))}
+        if set(self.cameras) != expected:
+            raise ArgumentError(
+                f"cameras of task {self.name!r} are {sorted(self.cameras)}; expected {sorted(expected)}"
+            )
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return tuple(range(1, len(self.robots) + 1))
+
+    @property
+    def module(self) -> ModuleType:
+        return import_module(f"rf_exp.tasks.{self.name}")
+
+    @property
+    def version(self) -> str:
+        """Version of the success criteria; rows of different versions are never mixed."""
+        return self.module.VERSION
+
+    def asset(self, name: str) -> assets.Asset:
+        """The asset of an object of this task."""
+        return assets.load(self.objects[name].asset)
+
+    def start(self, seed: int) -> "Start":
+        """The start of an episode: a pure function of task and seed."""
+        rng = np.random.default_rng([seed, 0])  # stream 0 of the episode: the scene
+        poses: dict[str, Matrix] = {}
+        for name, spec in self.objects.items():
+            local = planar(
+                rng.uniform(*spec.x_m), rng.uniform(*spec.y_m), np.deg2rad(rng.uniform(*spec.yaw_deg)), spec.z_m
+            )
+            poses[name] = poses[spec.on] @ local if spec.on else local
+        noise = rng.normal(0.0, self.randomisation.rest_qpos_rad, (len(self.robots), ARM_JOINTS))
+        fingers = np.full((len(self.robots), 2), FINGERS_OPEN_M)
+        light = 1.0 + rng.uniform(-self.randomisation.light, self.randomisation.light)
+        return Start(seed, np.hstack([np.array(REST_QPOS) + noise, fingers]), poses, light)
+
+
+@dataclass(frozen=True)
+class Start:
+    """What an episode begins with."""
+
+    seed: int
+    qpos: NDArray[np.float64]  # (N, 9) rad, metres
+    poses: Mapping[str, Matrix]  # object -> world_from_object
+    light: float  # relative brightness
+
+
+class Judge:
+    """Judges one episode, step by step: strict conditions must all hold for several steps."""
+
+    def __init__(self, task: Task, start: Scene) -> None:
+        self._task, self._start, self._steps = task, start, 0
+
+    def __call__(self, scene: Scene) -> Verdict:
+        evidence = self._task.module.conditions(scene, self._start, self._task)
+        self._steps = self._steps + 1 if all(evidence.values()) else 0
+        held = self._steps >= int(self._task.success["hold_steps"])
+        return Verdict(held, bool(self._task.module.paper(scene, self._start, self._task)), evidence)
+
+
+def exists(name: str) -> bool:
+    """Whether a module of that task exists."""
+    return util.find_spec(f"rf_exp.tasks.{name}") is not None

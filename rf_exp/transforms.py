@@ -1,0 +1,81 @@
+"""Rigid transforms as (4, 4) float64 matrices named `a_from_b`: p_a = a_from_b @ p_b.
+
+Positions in metres, angles in radians unless a name says `_deg`, quaternions wxyz.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+Matrix = NDArray[np.float64]
+
+
+def transform(position_m: ArrayLike = (0.0, 0.0, 0.0), rotation: Rotation | None = None) -> Matrix:
+    """The (4, 4) matrix of a position (3,) and a rotation."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = position_m
+    if rotation is not None:
+        matrix[:3, :3] = rotation.as_matrix()
+    return matrix
+
+
+def planar(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> Matrix:
+    """A pose standing upright at (x, y, z), turned by yaw about the vertical."""
+    return transform((x_m, y_m, z_m), Rotation.from_euler("z", yaw_rad))
+
+
+def from_axes(position_m: ArrayLike, *, z: ArrayLike, y: ArrayLike) -> Matrix:
+    """A pose whose z axis points along `z` and whose y axis lies closest to `y`.
+
+    Raises ValueError when the two directions are parallel.
+    """
+    z_axis = np.asarray(z, dtype=float) / np.linalg.norm(z)
+    y_axis = np.asarray(y, dtype=float) - np.dot(y, z_axis) * z_axis
+    length = np.linalg.norm(y_axis)
+    if length < 1e-9:
+        raise ValueError(f"axes z={z} and y={y} are parallel")
+    y_axis /= length
+    matrix = transform(position_m)
+    matrix[:3, :3] = np.column_stack([np.cross(y_axis, z_axis), y_axis, z_axis])
+    return matrix
+
+
+def from_quaternion(position_m: ArrayLike, wxyz: ArrayLike) -> Matrix:
+    """The matrix of a position (3,) and a unit quaternion (w, x, y, z)."""
+    return transform(position_m, Rotation.from_quat(np.asarray(wxyz, dtype=float), scalar_first=True))
+
+
+def quaternion(matrix: Matrix) -> NDArray[np.float64]:
+    """The unit quaternion (w, x, y, z) of the rotation part of (4, 4)."""
+    return Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
+
+
+def inverse(matrix: Matrix) -> Matrix:
+    """`b_from_a` of `a_from_b`; exact for rigid transforms."""
+    result = np.eye(4)
+    result[:3, :3] = matrix[:3, :3].T
+    result[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
+    return result
+
+
+def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (..., 3) moved by (4, 4)."""
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def angle_between_rad(a: ArrayLike, b: ArrayLike) -> float:
+    """The angle between two directions (3,), in [0, pi]."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
+
+
+def rotation_angle_rad(a: Matrix, b: Matrix) -> float:
+    """The angle of the rotation that takes the orientation of `a` to that of `b`."""
+    return float(Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).magnitude())
+
+
+def interpolate(a: Matrix, b: Matrix, fraction: float) -> Matrix:
+    """The pose at `fraction` of the way from `a` to `b`: straight line, shortest rotation."""
+    turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
+    rotation = Rotation.from_matrix(a[:3, :3]) * Rotation.from_rotvec(fraction * turn)
+    return transform((1 - fraction) * a[:3, 3] + fraction * b[:3, 3], rotation)

@@ -1,0 +1,214 @@
+"""The values that flow between the stages. Frozen, without behaviour beyond derived numbers.
+
+Agents are numbered from 1 as in the paper (Agent_1); arrays over agents have agent k at index
+k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control steps at 20 Hz.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+CONTROL_HZ = 20
+CONTROL_DT_S = 1.0 / CONTROL_HZ
+ARM_JOINTS = 7
+GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
+
+Kind = Literal["logical", "temporal", "spatial"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is)."""
+
+    name: str
+    logical: bool = True
+    spatial: bool = True
+    temporal: bool = True
+
+
+@dataclass(frozen=True)
+class Arch:
+    """One of the paper's four imitation learning architectures (section 4.2)."""
+
+    name: str
+    shared_policy: bool
+    global_view: bool
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything measured at one control step. The world model of planners and checkers."""
+
+    step: int
+    qpos: NDArray[np.float64]  # (N, 9) rad for the arm, metres for the two fingers
+    qvel: NDArray[np.float64]  # (N, 9)
+    poses: Mapping[str, NDArray[np.float64]]  # object -> world_from_object (4, 4)
+    speeds: Mapping[str, float]  # object -> linear speed, m/s
+    held: tuple[str | None, ...]  # (N,) object pinched between the fingers of each agent
+    arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
+
+
+@dataclass(frozen=True)
+class Subgoal:
+    """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
+
+    agent: int
+    verb: str  # grasp lift carry place press release home hold
+    object: str | None = None
+    point: str | None = None  # interaction point of `object`
+    target: str | None = None  # where to carry or place: an object or a named place
+    target_point: str | None = None
+    height_m: float | None = None  # lift: how far up
+
+    @property
+    def text(self) -> str:
+        words = [self.verb]
+        words += [self.object] if self.object else []
+        words += ["at", self.point] if self.point else []
+        words += ["to", self.target] if self.target else []
+        words += ["at", self.target_point] if self.target_point else []
+        words += [f"by {self.height_m:g} m"] if self.height_m is not None else []
+        return " ".join(words)
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """A constraint as RoboBrain states it: text of one kind about one or more agents."""
+
+    kind: Kind
+    agents: tuple[int, ...]
+    text: str
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """RoboBrain's answer: what each agent does next, and the constraints that must hold."""
+
+    subgoals: tuple[Subgoal, ...]  # in the order of the plan; an agent's own are serial
+    constraints: tuple[Constraint, ...]
+
+    def of(self, agent: int) -> tuple[Subgoal, ...]:
+        return tuple(subgoal for subgoal in self.subgoals if subgoal.agent == agent)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One rest-to-rest motion of one agent on the control grid, made by one motion primitive.
+
+    The arm stands still at both ends, so a schedule may wait between segments, never inside.
+    """
+
+    agent: int
+    subgoal: Subgoal
+    primitive: str  # move approach close lift carry lower open retreat press
+    qpos: NDArray[np.float64]  # (T, 7) rad: the target at each control step; the start is not in it
+    gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
+    carries: str | None = None  # object that moves with the gripper
+    tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of what is carried
+    touches: frozenset[str] = frozenset()  # objects the gripper may touch here
+    joined: str | None = None  # segments of several agents with one label run in lockstep
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """All segments of one agent for one proposal, from where it stands now."""
+
+    agent: int
+    start_qpos: NDArray[np.float64]  # (7,) rad
+    start_gripper: float
+    segments: tuple[Segment, ...]
+
+    @property
+    def knots(self) -> tuple[int, ...]:
+        """Path positions at which the arm stands still: 0, then the end of each segment."""
+        return tuple(np.cumsum([0, *map(len, self.segments)]).tolist())
+
+    def __len__(self) -> int:
+        return self.knots[-1]
+
+    def path(self) -> NDArray[np.float64]:
+        """(len + 1, 8): joint target and gripper command at each path position; 0 is the start."""
+        start = np.append(self.start_qpos, self.start_gripper)[None]
+        rows = [np.column_stack([s.qpos, s.gripper]) for s in self.segments]
+        return np.concatenate([start, *rows])
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When each agent is where on its path. Column k - 1 belongs to agent k."""
+
+    positions: NDArray[np.int64]  # (T + 1, N) path position at each control step; row 0 is zeros
+    makespan_bound: int  # proven lower bound on T, control steps
+
+    def __len__(self) -> int:
+        return len(self.positions) - 1
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A check that failed, with the evidence. Agents from 1."""
+
+    check: str  # e.g. ValidateSpatialOccupancy
+    agents: tuple[int, ...]
+    time_s: float
+    value: float
+    bound: float
+    reason: str  # a sentence that a person and a model can act on
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the success criteria say about one step."""
+
+    success: bool  # strict, held long enough
+    success_paper: bool
+    evidence: Mapping[str, bool]  # named condition -> holds now
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One executed episode. Row t is observed before action t is applied."""
+
+    task: str
+    seed: int
+    qpos: NDArray[np.float32]  # (T, N, 9) measured
+    qvel: NDArray[np.float32]  # (T, N, 9)
+    action: NDArray[np.float32]  # (T, N, 8) joint targets rad + gripper command
+    pictures: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
+    certificate: Mapping[str, object] = field(default_factory=dict)  # JSON: checks and results
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What happened when a policy acted in one scene."""
+
+    seed: int
+    success: bool
+    success_paper: bool
+    steps: int
+    violations: int  # control steps with a violation, seen by the monitor
+
+
+class World(Protocol):
+    """What a rollout and the generation loop need of an environment (given by `rf_exp.sim`)."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Camera names: `global`, `agent1`, ... `agentN`; empty without rendering."""
+        ...
+
+    def reset(self, seed: int) -> Scene: ...
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        """Apply (N, 8) joint targets + gripper command for one control step."""
+        ...
+
+    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+        """Camera -> (H, W, 3) of the present step."""
+        ...
