@@ -3,6 +3,7 @@
 A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.py` with
 
     VERSION                       of its success criteria, stamped on every result row
+    places(scene, task)           optional: named places on the table
     plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
     conditions(scene, start, task)  strict success as named conditions, all of which must hold
     paper(scene, start, task)     the paper's criterion
@@ -124,6 +125,11 @@ class Task:
     def asset(self, name: str) -> assets.Asset:
         """The asset of an object of this task."""
         return assets.load(self.objects[name].asset)
+
+    def places(self, scene: Scene) -> Mapping[str, Matrix]:
+        """Named places of this task: world_from_object (4, 4) of what is put there."""
+        named = getattr(self.module, "places", None)
+        return named(scene, self) if named else {}
 
     def start(self, seed: int) -> "Start":
         """The start of an episode: a pure function of task and seed."""

@@ -66,6 +66,7 @@ class InteractionPoint:
     standoff_m: float = 0.08  # where a straight approach begins
     width_m: float = 0.04  # between the fingers when closed on it (grasp)
     symmetric: bool = True
+    slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place)
 
 
 @dataclass(frozen=True)

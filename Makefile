@@ -1,0 +1,62 @@
+# Every target sets up what it needs first; `make` alone lists them.
+# PYTHON=/path/to/python3.11 chooses the interpreter, RENDER=no goes without Vulkan and pictures.
+SHELL := /bin/bash
+BIN := .venv/bin
+RENDER ?= yes
+export PYTHON RENDER
+
+# The set-up is done again only when what it depends on has changed.
+STAMP := .venv/.setup-$(shell (echo "$(CURDIR) $(RENDER)"; cat pyproject.toml scripts/setup.sh) | sha256sum | cut -c1-16)
+# Policies learn from pictures: without them the demo ends with the demonstrations.
+DEMO := $(if $(filter no,$(RENDER)),render=false stages=[generate])
+PICTURED_TESTS := $(if $(filter no,$(RENDER)),-m "not render")
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check format lint types imports fast-tests fix doctor bench clean
+
+help: ## this list
+	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1\t\2/p' Makefile | expand -t 20
+
+setup: $(STAMP) ## virtual environment, packages and, where missing, software Vulkan
+	@:
+
+$(STAMP):
+	@scripts/setup.sh
+	@rm -f .venv/.setup-*; touch $@
+
+demo: setup ## lift_barrier from demonstrations to report, on a laptop
+	$(BIN)/python -m rf_exp.run $(DEMO)
+
+test: setup ## every test, pictures included
+	$(BIN)/python -m pytest $(PICTURED_TESTS)
+
+check: format lint types imports fast-tests ## the gate before a commit, under a minute
+
+format: setup
+	$(BIN)/ruff format --check .
+
+lint: setup
+	$(BIN)/ruff check .
+
+types: setup
+	$(BIN)/pyright
+
+imports: setup
+	$(BIN)/lint-imports
+
+fast-tests: setup
+	$(BIN)/python -m pytest -q -m "not render and not slow"
+
+fix: setup ## let ruff format and mend what it can
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+doctor: ## what this machine can do, and how to mend what it cannot
+	@$$([ -x $(BIN)/python ] && echo $(BIN)/python || echo $${PYTHON:-python3}) -m rf_exp.doctor
+
+bench: setup ## every figure that the documents claim
+	@set -e; for script in benchmarks/*.py; do echo "== $$script"; $(BIN)/python "$$script"; done
+
+clean: ## remove the environment and caches; outputs/ stays
+	rm -rf .venv build *.egg-info .pytest_cache .hypothesis .ruff_cache .import_linter_cache
+	find rf_exp tests benchmarks -name __pycache__ -prune -exec rm -rf {} +

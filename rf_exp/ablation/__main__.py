@@ -1,0 +1,35 @@
+"""`python -m rf_exp.ablation --out outputs`: tables and report again, from the result rows alone."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from rich.console import Console
+
+from rf_exp.ablation.formats import show
+from rf_exp.ablation.report import publish
+from rf_exp.errors import ArgumentError, RfError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Exit code 0 done, 1 failed, 2 a wrong argument; the reason is the last line."""
+    parser = argparse.ArgumentParser("python -m rf_exp.ablation", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("outputs"), help="folder with results/")
+    out: Path = parser.parse_args(arguments).out
+    try:
+        if not (out / "results").is_dir():
+            raise ArgumentError(f"--out is {out}; expected a folder with result rows in {out}/results")
+        built, report = publish(out)
+    except RfError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2 if isinstance(error, ArgumentError) else 1
+    console = Console()
+    for table in built.values():
+        if table.measured:
+            show(table, console)
+    console.print(f"tables in {out / 'tables'}, report in {report}", soft_wrap=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

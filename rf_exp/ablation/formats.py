@@ -1,0 +1,160 @@
+"""A table as Markdown, CSV, LaTeX and on the terminal. Every measured column is two: ours, the paper's."""
+
+import csv
+import io
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as Grid
+
+from rf_exp.ablation.tables import Cell, Table, Unit
+from rf_exp.errors import StageError
+
+MISSING = "missing"
+LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and stay off the terminal
+CSV_FIELDS = (
+    *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
+    *("success_paper", "paper", "version", "note"),
+)
+
+
+def figure(value: float | str | None, unit: Unit, sign: bool = True) -> str:
+    """A number in the unit of its column: `97.5 %`, `80.7`; `missing` for None."""
+    if value is None:
+        return MISSING
+    if isinstance(value, str):
+        return value
+    if unit == "rate":
+        return f"{100 * value:.1f}" + (" %" if sign else "")
+    return f"{value:.1f}" if value < 1000 else f"{value:.0f}"
+
+
+def spread(cell: Cell, unit: Unit) -> str:
+    """Interval and sample size: `[93.1, 99.1] n=200`; empty without them."""
+    parts = []
+    if cell.interval:
+        parts.append(f"[{', '.join(figure(end, unit, sign=False) for end in cell.interval)}]")
+    if cell.n:
+        parts.append(f"n={cell.n}")
+    return " ".join(parts)
+
+
+def ours(cell: Cell, unit: Unit) -> list[str]:
+    """Our figure in full: value, interval with sample size, and the rate by the paper's own criterion."""
+    loose = cell.success_paper
+    by_paper = "" if loose in (None, cell.value) else f"paper's criterion {figure(loose, unit)}"
+    return list(filter(None, [figure(cell.value, unit), spread(cell, unit), by_paper]))
+
+
+def notes(table: Table) -> list[str]:
+    """The notes of the table, then those of its cells with their place."""
+    placed = [
+        f"{line.title}, {column.title}: {cell.note}."
+        for line in table.lines
+        for column, cell in zip(table.columns, line.cells, strict=True)
+        if cell.note
+    ]
+    return [*table.notes, *placed]
+
+
+def grid(table: Table, joint: str = ", ") -> tuple[list[str], list[list[str]]]:
+    """Heading and rows as text; `joint` goes between the parts of one figure."""
+    heading = [table.heading]
+    for column in table.columns:
+        heading += [column.title] if column.unit == "text" else [column.title, "paper"]
+    rows = []
+    for line in table.lines:
+        row = [line.title]
+        for column, cell in zip(table.columns, line.cells, strict=True):
+            row.append(joint.join(ours(cell, column.unit)))
+            if column.unit != "text":
+                row.append(figure(cell.paper, column.unit) if cell.paper is not None else "")
+        rows.append(row)
+    return heading, rows
+
+
+def markdown(table: Table) -> str:
+    heading, rows = grid(table)
+    lines = [f"## {table.title}", "", table.caption, ""]
+    for row in (heading, ["---"] * len(heading), *rows):
+        lines.append("| " + " | ".join(text.replace("|", "\\|") for text in row) + " |")
+    lines += ["", *(f"- {note}" for note in notes(table))]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def tidy_csv(table: Table) -> str:
+    """One line a cell, numbers as they are: rates in [0, 1], lengths in control steps."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(CSV_FIELDS)
+    for line in table.lines:
+        for column, cell in zip(table.columns, line.cells, strict=True):
+            low, high = cell.interval or (None, None)
+            status = MISSING if cell.value is None else "text" if column.unit == "text" else "measured"
+            place = (table.name, line.key, column.key, column.unit, status)
+            numbers = (cell.value, low, high, cell.n, cell.success_paper, cell.paper)
+            writer.writerow((*place, *numbers, cell.version, cell.note))
+    return buffer.getvalue()
+
+
+def latex(table: Table) -> str:
+    """A booktabs table."""
+    heading, rows = grid(table)
+    aligned = "l" + "".join("p{4cm}" if _long(table, i) else "l" for i in range(1, len(heading)))
+    body = [" & ".join(_escape(text) for text in row) + r" \\" for row in rows]
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{_escape(table.caption)}}}",
+        rf"\label{{tab:{table.name}}}",
+        rf"\begin{{tabular}}{{{aligned}}}",
+        r"\toprule",
+        " & ".join(_escape(text) for text in heading) + r" \\",
+        r"\midrule",
+        *body,
+        r"\bottomrule",
+        r"\end{tabular}",
+        *(rf"\par\footnotesize {_escape(note)}" for note in notes(table)),
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def write(table: Table, folder: Path) -> list[Path]:
+    """`<name>.md`, `.csv` and `.tex` in the folder. Raises StageError when they cannot be written."""
+    texts = {"md": markdown(table), "csv": tidy_csv(table), "tex": latex(table)}
+    paths = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for suffix, text in texts.items():
+            path = folder / f"{table.name}.{suffix}"
+            path.write_text(text, "utf-8")
+            paths.append(path)
+    except OSError as error:
+        raise StageError(f"cannot write table {table.name} to {folder}: {error.strerror or error}") from error
+    return paths
+
+
+def show(table: Table, console: Console) -> None:
+    """On the terminal, without its long texts."""
+    caption = escape("\n".join(notes(table))) or None
+    shown = Grid(title=escape(table.title), caption=caption, caption_justify="left")
+    heading, rows = grid(table, joint="\n")
+    keep = [i for i in range(len(heading)) if i == 0 or not _long(table, i)]
+    for index in keep:
+        justify = "left" if index == 0 else "right"
+        shown.add_column(heading[index], justify=justify, overflow="fold", min_width=6)
+    for row in rows:
+        shown.add_row(*(escape(row[i]) for i in keep))
+    console.print(shown)
+
+
+def _long(table: Table, index: int) -> bool:
+    return any(len(row[index]) > LONG_TEXT for row in grid(table)[1])
+
+
+def _escape(text: str) -> str:
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {character: "\\" + character for character in "&%$#_{}"}
+    return "".join(special.get(character, character) for character in text)

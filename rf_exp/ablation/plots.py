@@ -1,0 +1,160 @@
+"""Plots as SVG text that takes its colours from the page, so that they follow light and dark mode."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rf_exp.ablation.tables import Cell, Column, Line, Table, Unit
+
+# Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
+INK, FAINT = "#010203", "#040506"
+OURS, PAPER = "#070809", "#0a0b0c"
+FURTHER = ("#0d0e0f", "#101112", "#131415")
+VARIABLES = {
+    INK: "var(--ink)",
+    FAINT: "var(--line)",
+    OURS: "var(--ours)",
+    PAPER: "var(--paper)",
+    FURTHER[0]: "var(--c3)",
+    FURTHER[1]: "var(--c4)",
+    FURTHER[2]: "var(--c5)",
+}
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",  # real text, in the page's font
+    "font.size": 9,
+    "text.color": INK,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.spines.left": False,
+    "grid.color": FAINT,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "ytick.left": False,
+    "legend.frameon": False,
+}
+WIDTH_IN = 4.2
+
+
+def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
+    """A row of the table a line: our value with its interval, and the paper's."""
+    cells = [line.cells[index] for line in lines]
+    with rc_context({**STYLE, "svg.hashsalt": salt}):
+        figure = Figure((WIDTH_IN, 0.75 + 0.34 * len(lines)), layout="constrained")
+        axes = figure.add_subplot()
+        scale = 100 if unit == "rate" else 1
+        for place, cell in enumerate(cells):
+            if isinstance(cell.value, float):
+                low, high = cell.interval or (cell.value, cell.value)
+                axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
+                axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
+            if cell.paper is not None:
+                axes.plot(scale * cell.paper, place, "D", mfc="none", mec=PAPER, mew=1.6, ms=6, label="paper")
+        titles = [line.title for line in lines]
+        unique = len(set(titles)) == len(titles)
+        labels = titles if unique else [line.key for line in lines]
+        axes.set_yticks(range(len(lines)), [label.replace("_", " ") for label in labels])
+        axes.set_ylim(len(lines) - 0.5, -0.5)
+        axes.grid(axis="y", visible=False)
+        if unit == "rate":
+            axes.set_xlim(-2, 102)
+            axes.set_xlabel("success, %")
+        else:
+            axes.set_xlim(left=0)
+            axes.set_xlabel("control steps")
+        return _svg(figure, axes)
+
+
+def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
+    """Success of one task against the number of demonstrations, ours and the paper's."""
+    points = [
+        (int(column.key.removeprefix("demos_")), cell)
+        for column, cell in zip(columns, line.cells, strict=True)
+        if column.key.startswith("demos_")
+    ]
+    with rc_context({**STYLE, "svg.hashsalt": salt}):
+        figure = Figure((WIDTH_IN, 2.3), layout="constrained")
+        axes = figure.add_subplot()
+        known = [(demos, 100 * cell.paper) for demos, cell in points if cell.paper is not None]
+        if known:
+            axes.plot(
+                *zip(*known, strict=True), "D--", color=PAPER, mfc="none", mew=1.6, lw=1.2, label="paper"
+            )
+        for demos, cell in points:
+            if cell.interval:
+                axes.plot([demos] * 2, [100 * end for end in cell.interval], color=OURS, lw=2.2)
+        own = [(demos, 100 * cell.value) for demos, cell in points if isinstance(cell.value, float)]
+        axes.plot(*zip(*own, strict=True), "o-", color=OURS, ms=6.5, label="ours, 95 % interval")
+        axes.set_ylim(-2, 102)
+        axes.set_xticks([demos for demos, _ in points])
+        axes.set_xlabel("demonstrations")
+        axes.set_ylabel("success, %")
+        return _svg(figure, axes)
+
+
+def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
+    """Loss over the first column of a training log; every column named after a loss is a line.
+
+    Raises ValueError when no column is.
+    """
+    losses = {name: values for name, values in columns.items() if "loss" in name.lower()}
+    if not losses:
+        raise ValueError(f"no column named after a loss; columns: {', '.join(columns)}")
+    along = next(iter(columns))
+    with rc_context({**STYLE, "svg.hashsalt": salt}):
+        figure = Figure((WIDTH_IN, 2.3), layout="constrained")
+        axes = figure.add_subplot()
+        for (name, values), colour in zip(losses.items(), (OURS, PAPER, *FURTHER), strict=False):
+            axes.plot(columns[along], values, color=colour, lw=1.4, label=name.replace("_", " "))
+        if all(value > 0 for values in losses.values() for value in values):
+            axes.set_yscale("log")
+        axes.set_xlabel(along.replace("_", " "))
+        axes.set_ylabel("loss")
+        return _svg(figure, axes)
+
+
+def read_curves(path: Path) -> dict[str, list[float]]:
+    """Column -> values of a CSV file with a heading; rows with an empty field are left out.
+
+    Raises ValueError for anything else.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        heading, *rows = list(csv.reader(file)) or [[]]
+    whole = [row for row in rows if len(row) == len(heading) and all(row)]
+    if not whole:
+        raise ValueError("no rows")
+    return {name: [float(row[i]) for row in whole] for i, name in enumerate(heading)}
+
+
+def measured(cells: Sequence[Cell]) -> bool:
+    """Whether there is anything of ours to draw."""
+    return any(isinstance(cell.value, float) for cell in cells)
+
+
+def panels(table: Table) -> list[tuple[str, str]]:
+    """(title, SVG) for each measured column of the table that has figures of ours."""
+    return [
+        (column.title, dots(table.lines, index, column.unit, f"{table.name}-{column.key}"))
+        for index, column in enumerate(table.columns)
+        if column.unit != "text" and measured([line.cells[index] for line in table.lines])
+    ]
+
+
+def _svg(figure: Figure, axes: Axes) -> str:
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    figure.legend(unique.values(), unique.keys(), loc="outside upper left", ncols=3, fontsize=8)
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue()
+    for colour, variable in VARIABLES.items():
+        text = text.replace(colour, variable)
+    return text[text.index("<svg") :]

@@ -1,0 +1,245 @@
+"""The report: every table beside the paper's, plots, pictures and where it all came from, in one file."""
+
+import base64
+import importlib.metadata
+import io
+import json
+import platform
+import subprocess
+from collections import Counter
+from datetime import datetime
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rf_exp.ablation import formats, page, plots, tables
+from rf_exp.ablation.paper import paper
+from rf_exp.ablation.rows import Results, load
+from rf_exp.ablation.tables import Table, title_of
+from rf_exp.errors import RfError, StageError
+from rf_exp.store import Store
+
+PACKAGES = (
+    *("rf_exp", "mani-skill", "sapien", "torch", "diffusers", "hydra-core", "numpy", "zarr", "pin", "coal"),
+    *("toppra", "rerun-sdk"),
+)
+PICTURES, CURVES, RECORDINGS = 24, 24, 40  # at most so many in one report; more are counted
+PICTURE_WIDTH = 720  # pixels
+STRIP = 4  # frames of a demonstration
+
+
+def publish(out: Path) -> tuple[dict[str, Table], Path]:
+    """Tables and report from the result rows below `out`, from nothing else. Returns both."""
+    results = load(out)
+    built = tables.build(results)
+    for table in built.values():
+        formats.write(table, out / "tables")
+    return built, _write(out, results, built)
+
+
+def write_report(out: Path) -> Path:
+    """`out/report.html`: self-contained, no script, no network.
+
+    Raises StageError when it cannot be written.
+    """
+    results = load(out)
+    return _write(out, results, tables.build(results))
+
+
+def _write(out: Path, results: Results, built: dict[str, Table]) -> Path:
+    sections = [
+        ("summary", "Summary", _summary(results)),
+        *(
+            (name, table.title, _table_section(table))
+            for name, table in built.items()
+            if name != "comparison"
+        ),
+        ("failures", "Why attempts failed", _failures(results)),
+        ("training", "Training curves", _curves(out)),
+        ("data", "Demonstrations", _data(out)),
+        ("pictures", "Pictures", _pictures(out)),
+        ("comparison", built["comparison"].title, page.table_html(built["comparison"])),
+        ("recordings", "Recordings", _recordings(out)),
+        ("provenance", "Provenance", _provenance(out, results)),
+    ]
+    lead = (
+        '<p class="soft"><span class="key"></span> ours, strict success criteria, 95 % intervals &nbsp; '
+        f'<span class="key paper"></span> the paper: {escape(paper().source)}</p>'
+    )
+    text = page.document("RoboFactory experiments", [part for part in sections if part[2]], lead)
+    path = out / "report.html"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, "utf-8")
+    except OSError as error:
+        raise StageError(f"cannot write the report to {path}: {error.strerror or error}") from error
+    return path
+
+
+def _summary(results: Results) -> str:
+    made, tried = sum(row.success for row in results.generation), len(results.generation)
+    won, rolled = sum(row.success for row in results.evaluation), len(results.evaluation)
+    hours = sum(row.wall_s for row in results.generation) / 3600
+    policies = {(r.task, r.arch, r.constraints, r.demos, r.train_seed) for r in results.evaluation}
+    items = [
+        (f"{made} of {tried}", "scene seeds gave a demonstration, all rows of constraints together"),
+        (f"{made / hours:,.0f}" if hours else "missing", "demonstrations an hour of one worker's time"),
+        (f"{won} of {rolled}", f"rollouts of {len(policies)} policies succeeded"),
+        (str(len({row.task for row in (*results.generation, *results.evaluation)})), "tasks with results"),
+    ]
+    empty = "" if tried or rolled else "<p>No result rows yet: run <code>python -m rf_exp.run</code>.</p>"
+    return empty + page.tiles(items) + page.bullets(list(results.notes))
+
+
+def _table_section(table: Table) -> str:
+    if table.name == "benchmark":
+        drawn = [
+            (line.title, plots.over_demos(line, table.columns, f"{table.name}-{line.key}"))
+            for line in table.lines
+            if line.title != "Average" and plots.measured(line.cells)
+        ]
+    elif table.name == "tasks":
+        drawn = []  # its figures are drawn with the other tables
+    else:
+        drawn = plots.panels(table)
+    return page.table_html(table) + page.panels(drawn)
+
+
+def _failures(results: Results) -> str:
+    reasons: Counter[tuple[str, str, str]] = Counter()
+    tried: Counter[tuple[str, str]] = Counter()
+    for row in results.generation:
+        tried[row.task, row.constraints] += 1
+        if not row.success:
+            reasons[row.task, row.constraints, row.reason or "no reason given"] += 1
+    if not reasons:
+        return ""
+    lines = [
+        [title_of(task), constraints, reason, f"{count} of {tried[task, constraints]}"]
+        for (task, constraints, reason), count in reasons.most_common(30)
+    ]
+    rest = len(reasons) - len(lines)
+    more = page.bullets([f"{rest} rarer reasons are in the result rows."] if rest else [])
+    return page.plain_table(["Task", "Constraints", "Reason", "Seeds"], lines) + more
+
+
+def _curves(out: Path) -> str:
+    found = sorted((out / "policies").rglob("curves.csv"))
+    drawn, notes = [], []
+    for path in found[:CURVES]:
+        name = path.relative_to(out / "policies").parent.as_posix()
+        try:
+            drawn.append((name, plots.curves(plots.read_curves(path), name)))
+        except (ValueError, OSError) as error:
+            notes.append(f"{path}: cannot be drawn: {error}")
+    notes += [f"{len(found) - CURVES} more are below policies/."] if len(found) > CURVES else []
+    return page.panels(drawn) + page.bullets(notes)
+
+
+def _data(out: Path) -> str:
+    """Every data set with frames of its first episode."""
+    drawn, notes = [], []
+    for path in sorted((out / "data").glob("*/*/*.zarr")):
+        try:
+            store = Store.open(path)
+            name = path.relative_to(out / "data").as_posix()
+            text = f"{len(store)} episodes, {store.steps} control steps, {len(store.cameras)} cameras"
+            strip = ""
+            if len(store) and "global" in store.cameras:
+                steps = np.linspace(0, store.episode_ends[0] - 1, STRIP).round().astype(int)
+                frames = [_image(np.asarray(store.pictures["global"][int(step)]), 240) for step in steps]
+                strip = f'<div class="strip">{"".join(frames)}</div>'
+            drawn.append((name, f'{strip}<figcaption class="soft">{escape(text)}</figcaption>'))
+        except RfError as error:
+            notes.append(str(error))
+    return page.panels(drawn) + page.bullets(notes)
+
+
+def _pictures(out: Path) -> str:
+    found = sorted((out / "recordings").rglob("*.png"))
+    drawn, notes = [], []
+    for path in found[:PICTURES]:
+        try:
+            with Image.open(path) as image:
+                drawn.append((path.relative_to(out).as_posix(), _image(image, PICTURE_WIDTH)))
+        except OSError as error:
+            notes.append(f"{path}: no picture: {error}")
+    notes += [f"{len(found) - PICTURES} more are below recordings/."] if len(found) > PICTURES else []
+    return page.panels(drawn) + page.bullets(notes)
+
+
+def _recordings(out: Path) -> str:
+    found = [path.as_posix() for path in sorted((out / "recordings").rglob("*.rrd"))]
+    if not found:
+        return ""
+    lines = "\n".join(f"rerun {path}" for path in found[:RECORDINGS])
+    more = page.bullets([f"{len(found) - RECORDINGS} more."] if len(found) > RECORDINGS else [])
+    return (
+        "<p>Open a recording with the viewer that the suite installs, from the folder the experiment ran in:"
+        f"</p><pre>{escape(lines)}</pre>{more}"
+    )
+
+
+def _provenance(out: Path, results: Results) -> str:
+    versions = Counter((row.task, row.version) for row in (*results.generation, *results.evaluation))
+    criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
+    facts = [
+        ["Written", datetime.now().astimezone().isoformat(" ", "seconds")],
+        ["Code", _commit()],
+        ["Success criteria", criteria or "no rows"],
+        ["Packages", ", ".join(f"{name} {version}" for name, version in _versions().items())],
+        ["Machine", f"{platform.platform()}, {platform.machine()}"],
+        ["Made again by", f"python -m rf_exp.ablation --out {out.as_posix()}"],
+    ]
+    made = {
+        path.relative_to(out).as_posix(): path.read_text("utf-8", "replace")
+        for path in sorted((out / "runs").rglob(".hydra/config.yaml"))[-3:]
+    }
+    for path in sorted((out / "data").glob("*/*/*.zarr/zarr.json")):
+        try:
+            attributes = json.loads(path.read_text("utf-8"))["attributes"]
+        except (ValueError, KeyError, OSError):
+            continue  # a damaged store is reported with the data
+        made[path.parent.relative_to(out).as_posix()] = json.dumps(attributes, indent=1)
+    configurations = "".join(
+        f"<details><summary>{escape(name)}</summary><pre>{escape(text)}</pre></details>"
+        for name, text in made.items()
+    )
+    return page.plain_table(["", ""], facts) + configurations
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _commit() -> str:
+    """The commit of the code, and whether it was changed since."""
+    folder = Path(__file__).parent
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(folder), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+
+    try:
+        changed = " with local changes" if git("status", "--porcelain", "--", ".") else ""
+        return f"git {git('rev-parse', 'HEAD')}{changed}"
+    except (OSError, subprocess.SubprocessError):
+        return "not from a git checkout"
+
+
+def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:
+    """A picture as an inline JPEG of at most that width, px."""
+    picture = (Image.fromarray(image) if isinstance(image, np.ndarray) else image).convert("RGB")
+    picture.thumbnail((width, 4 * width))
+    buffer = io.BytesIO()
+    picture.save(buffer, "JPEG", quality=85)
+    return f'<img alt="" src="data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}">'

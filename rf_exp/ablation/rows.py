@@ -1,0 +1,228 @@
+"""Result rows: one line of JSON for each attempt, also for the failed ones.
+
+results/generate/<task>/<constraints>.jsonl                  GenerationRow
+results/evaluate/<task>/<arch>/<constraints>-<demos>.jsonl   EvaluationRow
+"""
+
+import fcntl
+import json
+import logging
+import math
+import os
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import ClassVar, TypeVar
+
+import numpy as np
+
+from rf_exp.errors import ArgumentError, StageError
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Checks its fields: exactly the declared types, finite and not negative numbers."""
+
+    key: ClassVar[tuple[str, ...]]  # fields that tell one attempt from another
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, np.generic):
+                object.__setattr__(self, item.name, value := value.item())
+            if item.type is float and type(value) is int:
+                object.__setattr__(self, item.name, value := float(value))
+            assert isinstance(item.type, type)
+            if type(value) is not item.type:
+                raise ArgumentError(
+                    f"{item.name} of a {type(self).__name__} is {value!r} ({type(value).__name__}); "
+                    f"expected {item.type.__name__}"
+                )
+            if isinstance(value, int | float) and not 0 <= value < math.inf:
+                raise ArgumentError(
+                    f"{item.name} of a {type(self).__name__} is {value!r}; expected a finite number >= 0"
+                )
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What was attempted: two rows with one identity are the same attempt, repeated."""
+        return tuple(getattr(self, name) for name in self.key)
+
+
+@dataclass(frozen=True)
+class GenerationRow(_Row):
+    """One scene seed for which a demonstration was tried."""
+
+    key: ClassVar = ("task", "constraints", "brain", "seed", "version")
+    task: str
+    constraints: str
+    brain: str
+    seed: int
+    success: bool  # strict criterion
+    success_paper: bool  # the paper's
+    steps: int  # control steps at 20 Hz
+    attempts: int  # proposals used
+    reason: str  # why it failed; empty when it did not
+    wall_s: float
+    version: str  # of the success criteria
+
+
+@dataclass(frozen=True)
+class EvaluationRow(_Row):
+    """One scene in which a trained policy acted."""
+
+    key: ClassVar = ("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version")
+    task: str
+    arch: str
+    constraints: str  # of the demonstrations it learnt from
+    demos: int
+    train_seed: int
+    scene_seed: int
+    success: bool  # strict criterion
+    success_paper: bool  # the paper's
+    steps: int  # control steps at 20 Hz
+    step_limit: int
+    violations: int  # control steps with a violation
+    wall_s: float
+    version: str  # of the success criteria
+
+
+R = TypeVar("R", bound=GenerationRow | EvaluationRow)
+
+
+@dataclass(frozen=True)
+class Results:
+    """All rows below an output folder, each attempt once, and what was odd about the files."""
+
+    generation: tuple[GenerationRow, ...] = ()
+    evaluation: tuple[EvaluationRow, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+def append(path: Path, row: GenerationRow | EvaluationRow) -> None:
+    """Add one row, durably. Any number of processes may append to one file at a time.
+
+    A line that a crash left unfinished is removed first. Raises StageError when the file cannot be
+    written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "a+b", buffering=0) as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            _mend(file.fileno())
+            line = json.dumps(asdict(row), ensure_ascii=False).encode() + b"\n"
+            if (written := os.write(file.fileno(), line)) != len(line):  # a full disk, part way
+                raise OSError(f"only {written} of {len(line)} bytes were written")
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise StageError(
+            f"cannot append a result row to {path}: {error.strerror or error}; "
+            "make room or choose another `out`"
+        ) from error
+
+
+def read(path: Path, kind: type[R]) -> tuple[R, ...]:
+    """The rows of one file, in the order they were written.
+
+    Raises StageError naming file and line of a bad row. An unfinished last line, left by a crash, is
+    left out with a warning in the log.
+    """
+    rows, torn = _read(path, kind)
+    if torn:
+        log.warning(torn)
+    return rows
+
+
+def load(out: Path) -> Results:
+    """Every row below `out/results`. Of an attempt that was repeated the last row counts."""
+    notes: list[str] = []
+
+    def gather(kind: type[R], pattern: str) -> tuple[R, ...]:
+        found: dict[tuple[object, ...], R] = {}
+        for path in sorted((out / "results").glob(pattern)):
+            rows, torn = _read(path, kind)
+            notes.extend([torn] if torn else [])
+            for row in rows:
+                before = found.pop(row.identity, None)
+                if before and (before.success, before.steps) != (row.success, row.steps):
+                    what = ", ".join(f"{name} {getattr(row, name)}" for name in row.key)
+                    notes.append(f"{path}: repeated with another result, the last one counts: {what}")
+                found[row.identity] = row
+        return tuple(found.values())
+
+    generation = gather(GenerationRow, "generate/*/*.jsonl")
+    return Results(generation, gather(EvaluationRow, "evaluate/*/*/*.jsonl"), tuple(notes))
+
+
+def newest(rows: Iterable[R]) -> tuple[tuple[R, ...], str]:
+    """The rows of the newest version of the success criteria, and a note that names the rest.
+
+    Versions are compared as people do: 2 before 10, 1.9 before 1.10.
+    """
+    by_version: dict[str, list[R]] = {}
+    for row in rows:
+        by_version.setdefault(row.version, []).append(row)
+    if not by_version:
+        return (), ""
+    latest = max(by_version, key=_version_order)
+    rest = sorted(by_version.keys() - {latest}, key=_version_order)
+    listed = ", ".join(f"{len(by_version[version])} of version {version}" for version in rest)
+    note = f"criteria version {latest}; left out: {listed}" if rest else ""
+    return tuple(by_version[latest]), note
+
+
+def _version_order(version: str) -> tuple[tuple[int, int, str], ...]:
+    parts = version.replace("-", ".").split(".")
+    return tuple((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts)
+
+
+def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
+    """The rows of a file and a note about an unfinished last line, empty without one."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise StageError(f"cannot read result rows from {path}: {error.strerror or error}") from error
+    *lines, tail = content.split(b"\n")
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            rows.append(_parse(line, kind))
+        except (ValueError, ArgumentError) as error:
+            raise StageError(
+                f"{path}, line {number}: no {kind.__name__}: {error}; mend or remove that line"
+            ) from error
+    if not tail:
+        return tuple(rows), ""
+    try:
+        return (*rows, _parse(tail, kind)), ""  # whole, only its line end is missing
+    except (ValueError, ArgumentError):
+        return tuple(rows), f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted"
+
+
+def _parse(line: bytes, kind: type[R]) -> R:
+    """Raises ValueError or ArgumentError for anything but exactly the fields of the row."""
+    value = json.loads(line)
+    if not isinstance(value, dict):
+        raise ValueError(f"found {type(value).__name__}, expected an object")
+    expected = {item.name for item in fields(kind)}
+    if missing := sorted(expected - value.keys()):
+        raise ValueError(f"fields missing: {', '.join(missing)}")
+    if unknown := sorted(value.keys() - expected):
+        raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")
+    return kind(**value)
+
+
+def _mend(descriptor: int) -> None:
+    """Finish or remove a last line without its end. The lock is held, so nobody is writing it."""
+    size = os.fstat(descriptor).st_size
+    if size == 0 or os.pread(descriptor, 1, size - 1) == b"\n":
+        return
+    content = os.pread(descriptor, size, 0)
+    tail_start = content.rfind(b"\n") + 1
+    try:
+        json.loads(content[tail_start:])
+        os.write(descriptor, b"\n")
+    except ValueError:
+        os.ftruncate(descriptor, tail_start)

@@ -1,0 +1,425 @@
+"""Rows in, tables out: the paper's tables with its figures beside ours. Pure functions.
+
+A cell counts every attempt it has, failed ones too, and only those of the newest version of the
+success criteria; what was left out is named in a note.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from rf_exp.ablation.paper import paper
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results, newest
+from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
+from rf_exp.errors import choices
+
+Unit = Literal["rate", "steps", "text"]
+BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
+BASELINE_CONSTRAINTS = "full"  # whose demonstrations the paper's policies learn from
+BASELINE_BRAIN = "scripted"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One figure of ours beside the paper's. `value` None means: nothing was measured yet."""
+
+    value: float | str | None = None  # rate in [0, 1], control steps, or text
+    n: int = 0  # attempts behind a rate, successes behind a length
+    interval: tuple[float, float] | None = None  # 95 %
+    paper: float | None = None  # the paper's figure, in the same unit
+    note: str = ""
+    success_paper: float | None = None  # rate by the paper's own criterion
+    version: str = ""  # of the success criteria
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The figure with its interval, where there is one."""
+        if not isinstance(self.value, float) or self.interval is None:
+            return None
+        return Estimate(self.value, *self.interval, self.n)
+
+
+@dataclass(frozen=True)
+class Column:
+    key: str
+    title: str
+    unit: Unit = "rate"
+
+
+@dataclass(frozen=True)
+class Line:
+    """One row of a table: a name and a cell for each column."""
+
+    key: str
+    title: str
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of the paper. `heading` is the title of the column of row titles."""
+
+    name: str
+    title: str
+    caption: str
+    heading: str
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+    notes: tuple[str, ...] = ()
+
+    def cell(self, line: str, column: str) -> Cell:
+        """The cell of a row and a column, by their keys. Raises ArgumentError naming what exists."""
+        lines = {item.key: item for item in self.lines}
+        columns = {item.key: index for index, item in enumerate(self.columns)}
+        if line not in lines:
+            raise choices(f"row of table {self.name}", line, lines)
+        if column not in columns:
+            raise choices(f"column of table {self.name}", column, columns)
+        return lines[line].cells[columns[column]]
+
+    @property
+    def measured(self) -> bool:
+        """Whether any figure of ours is in it."""
+        units = [column.unit for column in self.columns]
+        return any(
+            cell.value is not None
+            for line in self.lines
+            for unit, cell in zip(units, line.cells, strict=True)
+            if unit != "text"
+        )
+
+
+def title_of(task: str) -> str:
+    """The paper's name of a task; for further tasks their own in title case."""
+    known = paper().tasks.get(task)
+    return known.title if known else task.replace("_", " ").title()
+
+
+# Cells
+
+
+def rate_cell(rows: Iterable[GenerationRow | EvaluationRow], figure: float | None) -> Cell:
+    """The rate of strict success over every attempt, with Wilson's interval."""
+    kept, note = newest(rows)
+    if not kept:
+        return Cell(paper=figure)
+    estimate = wilson(sum(row.success for row in kept), len(kept))
+    seeds = {row.train_seed for row in kept if isinstance(row, EvaluationRow)}
+    pooled = f"{len(seeds)} training seeds together" if len(seeds) > 1 else ""
+    return Cell(
+        value=estimate.value,
+        n=len(kept),
+        interval=estimate.interval,
+        paper=figure,
+        note="; ".join(filter(None, [note, pooled])),
+        success_paper=sum(row.success_paper for row in kept) / len(kept),
+        version=kept[0].version,
+    )
+
+
+def length_cell(rows: Iterable[GenerationRow], figure: float | None) -> Cell:
+    """Mean control steps of the successful episodes, with Student's t interval."""
+    kept, note = newest(rows)
+    if not kept:
+        return Cell(paper=figure)
+    steps = [float(row.steps) for row in kept if row.success]
+    if not steps:
+        none = f"no success in {len(kept)} attempts"
+        return Cell(
+            "no success", 0, None, figure, "; ".join(filter(None, [none, note])), None, kept[0].version
+        )
+    estimate = mean(steps)
+    interval = estimate.interval if len(steps) > 1 else None
+    return Cell(estimate.value, len(steps), interval, figure, note, None, kept[0].version)
+
+
+def text_cell(value: object) -> Cell:
+    return Cell(str(value))
+
+
+# Tables
+
+
+def tasks(results: Results) -> Table:
+    """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
+    demos = _demos(results)
+    columns = [
+        Column("agents", "Agents", "text"),
+        Column("generated", "Data generation"),
+        Column("length", "Episode length", "steps"),
+        *(Column(f"demos_{count}", f"{count} demos") for count in demos),
+        Column("description", "Description", "text"),
+        Column("condition", "Target condition", "text"),
+    ]
+    lines = []
+    for task in _tasks(paper().tasks, (*results.generation, *results.evaluation)):
+        known = paper().tasks.get(task)
+        made = _generated(results, task, BASELINE_CONSTRAINTS, BASELINE_BRAIN)
+        cells = [
+            text_cell(known.agents if known else ""),
+            rate_cell(made, paper().ablation_success["full"].get(task)),
+            length_cell(made, paper().ablation_length["full"].get(task)),
+            *(_baseline_cell(results, task, count) for count in demos),
+            text_cell(known.description if known else ""),
+            text_cell(known.condition if known else ""),
+        ]
+        lines.append(Line(task, title_of(task), tuple(cells)))
+    caption = (
+        f"All tasks: demonstrations made under all constraints by the {BASELINE_BRAIN} brain, and "
+        f"{BASELINE_ARCH} policies that learnt from them."
+    )
+    notes = _left_out(results) + _mixed_versions(lines)
+    return Table("tasks", "Tasks", caption, "Task", tuple(columns), tuple(lines), notes)
+
+
+def benchmark(results: Results) -> Table:
+    """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline)."""
+    demos = _demos(results)
+    columns = (
+        Column("agents", "Agents", "text"),
+        *(Column(f"demos_{count}", f"{count} demos") for count in demos),
+    )
+    lines = []
+    names = _tasks(paper().tasks, results.evaluation)
+    for agents in (*paper().averages, None):
+        level = [name for name in names if _agents(name) == agents]
+        of_level = [
+            Line(
+                name,
+                title_of(name),
+                (text_cell(agents or ""), *(_baseline_cell(results, name, count) for count in demos)),
+            )
+            for name in level
+        ]
+        lines += of_level
+        if agents is not None:
+            figures = paper().averages[agents]
+            averages = (
+                _average([line.cells[index] for line in of_level], figures.get(count))
+                for index, count in enumerate(demos, start=1)
+            )
+            lines.append(Line(f"average_{agents}", "Average", (text_cell(agents), *averages)))
+    return Table(
+        "benchmark",
+        "Diffusion policy baseline",
+        f"Success rate of {BASELINE_ARCH} policies by number of demonstrations.",
+        "Task",
+        columns,
+        tuple(lines),
+        _left_out(results) + _mixed_versions(lines),
+    )
+
+
+def comparison(results: Results) -> Table:
+    """What embodied benchmarks cover (paper, comparison of benchmarks), and this suite by its rows."""
+    columns = (
+        Column("single", "Single-agent", "text"),
+        Column("multi", "Multi-agent", "text"),
+        Column("level", "Task level", "text"),
+    )
+    found = {_agents(row.task) for row in (*results.generation, *results.evaluation)} - {None}
+    levels = ["Plan" if results.generation else "", "Control" if results.evaluation else ""]
+    here = (1 in found, any(agents != 1 for agents in found), " & ".join(filter(None, levels)) or "missing")
+    entries = {**paper().comparison, "This suite": here}
+    lines = []
+    for name, (single, multi, level) in entries.items():
+        texts = ("yes" if single else "no", "yes" if multi else "no", level)
+        lines.append(Line(name, name, tuple(map(text_cell, texts))))
+    caption = "Embodied benchmarks. The last row says what the result rows at hand cover."
+    return Table("comparison", "Comparison of benchmarks", caption, "Benchmark", columns, tuple(lines))
+
+
+def architectures(results: Results) -> Table:
+    """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand."""
+    rows = [row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS]
+    names = _tasks(paper().architectures[BASELINE_ARCH], rows)
+    known = list(paper().architectures)
+    further = sorted({row.arch for row in rows} - set(known))
+    counts = sorted({row.demos for row in rows}) or [paper().demos[-1]]
+    columns = (
+        Column("policy", "Policy", "text"),
+        Column("view", "View", "text"),
+        Column("demos", "Demos", "text"),
+        *(Column(name, title_of(name)) for name in names),
+    )
+    lines, gaps = [], []
+    for count in counts:
+        for arch in known + further:
+            policy, _, view = arch.partition("_") if arch in known else ("", "", "")
+            cells = [
+                rate_cell(
+                    [r for r in rows if (r.arch, r.task, r.demos) == (arch, name, count)],
+                    paper().architectures.get(arch, {}).get(name),
+                )
+                for name in names
+            ]
+            texts = (text_cell(policy.title()), text_cell(view.title()), text_cell(count))
+            lines.append(Line(f"{arch}-{count}", arch, (*texts, *cells)))
+        for index, name in enumerate(names, start=len(columns) - len(names)):
+            same = {line.title: line.cells[index] for line in lines if line.key.endswith(f"-{count}")}
+            gaps += _gaps(f"{title_of(name)}, {count} demos", same, BASELINE_ARCH)
+    notes = [f"The paper's figures are with {paper().demos[-1]} demonstrations.", *gaps]
+    return Table(
+        "architectures",
+        "Architectures",
+        "Success rate of the four imitation learning architectures.",
+        "Architecture",
+        columns,
+        tuple(lines),
+        (*notes, *_left_out(results), *_mixed_versions(lines, by_column=columns)),
+    )
+
+
+def ablation_success(results: Results) -> Table:
+    """Success rate of data generation, seeds as denominators (paper, ablation)."""
+    columns, lines = _ablation(results, "rate", paper().ablation_success, rate_cell)
+    gaps = [
+        gap
+        for index, column in enumerate(columns)
+        for gap in _gaps(column.title, {line.key: line.cells[index] for line in lines}, "logical")
+    ]
+    return Table(
+        "ablation_success",
+        "Constraints and the success of data generation",
+        "Share of all tried scene seeds that gave a valid demonstration.",
+        "Constraints",
+        columns,
+        lines,
+        (*gaps, *_mixed_versions(lines, by_column=columns)),
+    )
+
+
+def ablation_length(results: Results) -> Table:
+    """Mean length of the valid demonstrations (paper, ablation)."""
+    columns, lines = _ablation(results, "steps", paper().ablation_length, length_cell)
+    return Table(
+        "ablation_length",
+        "Constraints and the length of episodes",
+        "Mean control steps (20 Hz) of the successful demonstrations; shorter is better.",
+        "Constraints",
+        columns,
+        lines,
+        _mixed_versions(lines, by_column=columns),
+    )
+
+
+TABLES: Mapping[str, Callable[[Results], Table]] = {
+    builder.__name__: builder
+    for builder in (tasks, comparison, benchmark, architectures, ablation_success, ablation_length)
+}
+
+
+def build(results: Results) -> dict[str, Table]:
+    """Every table, by name."""
+    return {name: builder(results) for name, builder in TABLES.items()}
+
+
+# What several tables need
+
+
+def _tasks(known: Iterable[str], rows: Iterable[GenerationRow | EvaluationRow]) -> list[str]:
+    """The paper's tasks in its order, then any further one that has rows."""
+    listed = list(known)
+    return listed + sorted({row.task for row in rows} - set(listed))
+
+
+def _agents(task: str) -> int | None:
+    known = paper().tasks.get(task)
+    return known.agents if known else None
+
+
+def _demos(results: Results) -> list[int]:
+    """The paper's numbers of demonstrations and any further one that has rows."""
+    used = {row.demos for row in results.evaluation if _is_baseline(row)}
+    return sorted({*paper().demos, *used})
+
+
+def _is_baseline(row: EvaluationRow) -> bool:
+    return (row.arch, row.constraints) == (BASELINE_ARCH, BASELINE_CONSTRAINTS)
+
+
+def _baseline_cell(results: Results, task: str, demos: int) -> Cell:
+    rows = [r for r in results.evaluation if _is_baseline(r) and (r.task, r.demos) == (task, demos)]
+    return rate_cell(rows, paper().baseline.get(task, {}).get(demos))
+
+
+def _generated(results: Results, task: str, constraints: str, brain: str) -> list[GenerationRow]:
+    wanted = (task, constraints, brain)
+    return [row for row in results.generation if (row.task, row.constraints, row.brain) == wanted]
+
+
+def _average(cells: Sequence[Cell], figure: float | None) -> Cell:
+    """The mean of the rates of a level; missing until every task of it was measured."""
+    values = [cell.value for cell in cells if isinstance(cell.value, float)]
+    if len(values) < len(cells):
+        note = f"{len(values)} of {len(cells)} tasks measured" if values else ""
+        return Cell(paper=figure, note=note)
+    return Cell(sum(values) / len(values), sum(cell.n for cell in cells), None, figure)
+
+
+def _ablation(
+    results: Results,
+    unit: Unit,
+    figures: Mapping[str, Mapping[str, float]],
+    cell: Callable[[Iterable[GenerationRow], float | None], Cell],
+) -> tuple[tuple[Column, ...], tuple[Line, ...]]:
+    """(constraints, task) over generation rows; other brains than the scripted one in rows of their own."""
+    names = _tasks(figures["full"], results.generation)
+    used = {(row.constraints, row.brain) for row in results.generation}
+    keys = [(constraints, BASELINE_BRAIN) for constraints in figures]
+    keys += sorted(used - set(keys), key=lambda key: (key[1], key[0]))
+    lines = []
+    for constraints, brain in keys:
+        own = brain == BASELINE_BRAIN
+        cells = [
+            cell(
+                _generated(results, name, constraints, brain),
+                figures.get(constraints, {}).get(name) if own else None,
+            )
+            for name in names
+        ]
+        title = constraints.replace("_", " + ") if constraints != "full" else "logical + spatial + temporal"
+        key = constraints if own else f"{constraints}-{brain}"
+        lines.append(Line(key, title if own else f"{title} ({brain} brain)", tuple(cells)))
+    return tuple(Column(name, title_of(name), unit) for name in names), tuple(lines)
+
+
+def _gaps(label: str, cells: Mapping[str, Cell], reference: str) -> list[str]:
+    """Differences to a reference in percentage points, with Newcombe's interval, as one note."""
+    base = cells[reference].estimate
+    if base is None:
+        return []
+    parts = []
+    for key, cell in cells.items():
+        if key != reference and (other := cell.estimate):
+            gap = difference(other, base)
+            low, high = 100 * gap.low, 100 * gap.high
+            parts.append(f"{key} {100 * gap.value:+.1f} points [{low:+.1f}, {high:+.1f}]")
+    return [f"{label}, against {reference}: {'; '.join(parts)}."] if parts else []
+
+
+def _left_out(results: Results) -> tuple[str, ...]:
+    """Policies that learnt from weaker data stay out of the paper's tables, but not unsaid."""
+    counts = Counter(r.constraints for r in results.evaluation if r.constraints != BASELINE_CONSTRAINTS)
+    return tuple(
+        f"{n} rollouts of policies that learnt from `{name}` data are not in this table."
+        for name, n in sorted(counts.items())
+    )
+
+
+def _mixed_versions(lines: Sequence[Line], by_column: Sequence[Column] = ()) -> tuple[str, ...]:
+    """Cells of one task that were judged by different criteria cannot be compared: say so.
+
+    A task is a row, or with `by_column` a column.
+    """
+    if by_column:
+        cells = {column.title: [line.cells[i] for line in lines] for i, column in enumerate(by_column)}
+    else:
+        cells = {line.title: list(line.cells) for line in lines}
+    notes = []
+    for task, group in cells.items():
+        versions = sorted({cell.version for cell in group} - {""})
+        if len(versions) > 1:
+            notes.append(f"{task}: cells of criteria versions {', '.join(versions)} cannot be compared.")
+    return tuple(notes)

@@ -1,0 +1,273 @@
+"""Exact clearance between bodies that move along paths.
+
+A body is a set of convex pieces with a pose at every path position. The answer for two bodies is
+their coordination diagram: which pairs of positions come closer than a margin. It is found coarse
+to fine: blocks of the diagram are settled as a whole by spheres round the pieces, or by one exact
+distance (coal) and the bound on how far the pieces move within the block; the rest is split.
+Nothing is sampled away: the diagram equals the exact test of every cell.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.shapes import Piece
+
+BLOCK = 32  # positions on the side of the first blocks
+EXACT_BLOCK = 8  # from this size on, an exact distance may settle a block
+SLACK_M = 1e-4  # coal's tolerance, well above it
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The closest pair of pieces of two bodies."""
+
+    distance_m: float  # negative: penetration depth
+    a: str
+    b: str
+    at: tuple[int, int] = (0, 0)  # path positions
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """Convex pieces of one body at P path positions, world frame."""
+
+    pieces: tuple[Piece, ...]
+    labels: tuple[str, ...]  # (L,) link or object that each piece belongs to
+    poses: NDArray[np.float64]  # (P, L, 4, 4) world_from_piece
+    objects: frozenset[str] = frozenset()  # the labels that are objects
+    carried: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it moves with the hand
+    touches: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) the gripper may touch it
+    rests: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) what is carried may touch it
+    gripper: frozenset[str] = frozenset()  # the labels that may touch
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @cached_property
+    def radii_m(self) -> NDArray[np.float64]:
+        """(L,) of the sphere round each piece."""
+        return np.array([piece.radius_m for piece in self.pieces])
+
+    @cached_property
+    def centres(self) -> NDArray[np.float64]:
+        """(P, L, 3) of the sphere round each piece."""
+        local = np.array([piece.centre for piece in self.pieces])
+        return np.einsum("plij,lj->pli", self.poses[..., :3, :3], local) + self.poses[..., :3, 3]
+
+    @cached_property
+    def cover_radii_m(self) -> NDArray[np.float64]:
+        """(L, K) of the spheres that cover each piece."""
+        return np.array([piece.cover[:, 3] for piece in self.pieces])
+
+    @cached_property
+    def cover_centres(self) -> NDArray[np.float64]:
+        """(P, L, K, 3) of the spheres that cover each piece."""
+        local = np.array([piece.cover[:, :3] for piece in self.pieces])
+        return np.einsum("plij,lkj->plki", self.poses[..., :3, :3], local) + self.poses[..., None, :3, 3]
+
+    @cached_property
+    def step_m(self) -> NDArray[np.float64]:
+        """(P - 1, L) bound on how far any point of a piece moves from one position to the next."""
+        delta = np.diff(self.poses, axis=0)
+        local = np.array([piece.corners for piece in self.pieces])
+        moved = np.einsum("plij,lkj->plki", delta[..., :3, :3], local) + delta[..., None, :3, 3]
+        return np.sqrt(np.max(np.sum(moved**2, axis=-1), axis=-1))
+
+    @cached_property
+    def travelled_m(self) -> NDArray[np.float64]:
+        """(P, L) the sum of `step_m` up to each position."""
+        return np.concatenate([np.zeros((1, len(self.pieces))), np.cumsum(self.step_m, axis=0)])
+
+    @cached_property
+    def stride_m(self) -> NDArray[np.float64]:
+        """(P, L) the longer one of the two steps beside each position."""
+        step = self.step_m
+        edge = np.zeros((1, len(self.pieces)))
+        return np.maximum(np.concatenate([edge, step]), np.concatenate([step, edge]))
+
+    @cached_property
+    def _placed(self) -> dict[tuple[int, int], coal.Transform3s]:
+        return {}
+
+    def placed(self, position: int, piece: int) -> coal.Transform3s:
+        """coal's transform of a piece."""
+        key = (position, piece)
+        found = self._placed.get(key)
+        if found is None:
+            pose = self.poses[position, piece]
+            found = self._placed[key] = coal.Transform3s(pose[:3, :3], pose[:3, 3])
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """Two pieces that must keep apart, where both masks hold."""
+
+    a: int
+    b: int
+    rows: Mask  # (P,)
+    columns: Mask  # (Q,)
+
+
+def _pairs(a: Swept, b: Swept) -> Iterator[_Pair]:
+    """The pairs of pieces that must keep apart, with the positions at which they must."""
+    everywhere_a, everywhere_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
+    for i, x in enumerate(a.labels):
+        for j, y in enumerate(b.labels):
+            rows, columns = everywhere_a, everywhere_b
+            if x in a.objects and y in b.objects:
+                if x == y:
+                    continue
+                rows = ~a.rests.get(y, ~everywhere_a)
+                columns = ~b.rests.get(x, ~everywhere_b)
+                moves_a, moves_b = a.carried.get(x, ~everywhere_a), b.carried.get(y, ~everywhere_b)
+                if (rows & moves_a).any():  # two things lying on the table are nobody's concern
+                    yield _Pair(i, j, rows & moves_a, columns)
+                if (columns & moves_b).any():
+                    yield _Pair(i, j, rows & ~moves_a, columns & moves_b)
+                continue
+            if y in b.objects and x in a.gripper:
+                rows = ~a.touches.get(y, ~everywhere_a)
+            if x in a.objects and y in b.gripper:
+                columns = ~b.touches.get(x, ~everywhere_b)
+            if rows.any() and columns.any():
+                yield _Pair(i, j, rows, columns)
+
+
+def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) -> Mask:
+    """The coordination diagram (P, Q): True where the bodies come closer than the margin.
+
+    With `between`, a cell also keeps half of what both bodies move to the neighbouring positions
+    free. Two free neighbours then prove that the motion between them keeps the margin as well:
+    along it the distance is at least (d0 + d1 - moved) / 2.
+    """
+    forbidden = np.zeros((len(a), len(b)), dtype=bool)
+    pairs = tuple(_pairs(a, b))
+    if not pairs:
+        return forbidden
+    first = np.array([pair.a for pair in pairs])
+    second = np.array([pair.b for pair in pairs])
+    need_a, need_b = (a.stride_m / 2, b.stride_m / 2) if between else (0 * a.centres[..., 0], 0 * b.centres[..., 0])
+
+    # blocks: pair, first and last row, first and last column
+    starts_a, starts_b = np.arange(0, len(a), BLOCK), np.arange(0, len(b), BLOCK)
+    pair, row, column = (grid.ravel() for grid in np.meshgrid(np.arange(len(pairs)), starts_a, starts_b, indexing="ij"))
+    blocks = np.stack(
+        [pair, row, np.minimum(row + BLOCK, len(a)) - 1, column, np.minimum(column + BLOCK, len(b)) - 1], axis=1
+    )
+    size = BLOCK
+    while len(blocks):
+        pair, r0, r1, c0, c1 = blocks.T
+        r, c = (r0 + r1) // 2, (c0 + c1) // 2
+        i, j = first[pair], second[pair]
+        moved = _within(a.travelled_m, r0, r, r1, i) + _within(b.travelled_m, c0, c, c1, j)
+        needs_a, needs_b = _block(need_a, r0, r1, i, size), _block(need_b, c0, c1, j, size)
+        most = margin_m + needs_a.max(axis=1) + needs_b.max(axis=1)
+        gap = np.linalg.norm(a.centres[r, i] - b.centres[c, j], axis=1) - a.radii_m[i] - b.radii_m[j]
+        near = np.flatnonzero(gap - moved < most)
+        near = near[_cover_gap(a, b, r[near], c[near], i[near], j[near]) - moved[near] < most[near]]
+        if size > EXACT_BLOCK:
+            blocks = _split(blocks[near])
+            size //= 2
+            continue
+        undecided = []
+        least = margin_m + needs_a.min(axis=1) + needs_b.min(axis=1)
+        for k in near.tolist():
+            rows, columns = slice(r0[k], r1[k] + 1), slice(c0[k], c1[k] + 1)
+            active = pairs[pair[k]].rows[rows, None] & pairs[pair[k]].columns[None, columns]
+            if not active.any() or forbidden[rows, columns][active].all():
+                continue
+            distance = _distance(a, b, int(r[k]), int(c[k]), int(i[k]), int(j[k]))
+            if distance - moved[k] - SLACK_M >= most[k]:
+                continue
+            if size == 1 or distance + moved[k] + SLACK_M < least[k]:
+                forbidden[rows, columns] |= active
+            else:
+                undecided.append(k)
+        blocks = _split(blocks[undecided])
+        size //= 2
+    return forbidden
+
+
+def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest | None:
+    """The smallest exact distance of the pairs that must keep apart, over cells `at` (T, 2).
+
+    Without `at` over all cells. None when no pair has to keep apart there.
+    """
+    if at is None:
+        at = np.stack(np.meshgrid(np.arange(len(a)), np.arange(len(b)), indexing="ij"), axis=-1).reshape(-1, 2)
+    at = np.unique(at, axis=0)
+    best: Nearest | None = None
+    candidates = []
+    for pair in _pairs(a, b):
+        cells = at[pair.rows[at[:, 0]] & pair.columns[at[:, 1]]]
+        if len(cells):
+            i, j = np.full(len(cells), pair.a), np.full(len(cells), pair.b)
+            candidates.append((_cover_gap(a, b, cells[:, 0], cells[:, 1], i, j), cells, i, j))
+    if not candidates:
+        return None
+    gaps, cells, i, j = (np.concatenate(column) for column in zip(*candidates, strict=True))
+    for k in np.argsort(gaps, kind="stable").tolist():
+        if best is not None and gaps[k] >= best.distance_m:
+            break
+        distance = _distance(a, b, int(cells[k, 0]), int(cells[k, 1]), int(i[k]), int(j[k]))
+        if best is None or distance < best.distance_m:
+            best = Nearest(distance, a.labels[i[k]], b.labels[j[k]], (int(cells[k, 0]), int(cells[k, 1])))
+    return best
+
+
+_REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
+
+
+def _distance(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
+    _RESULT.clear()
+    return coal.distance(
+        a.pieces[i].shape, a.placed(row, i), b.pieces[j].shape, b.placed(column, j), _REQUEST, _RESULT
+    )
+
+
+def _cover_gap(a: Swept, b: Swept, rows, columns, i, j) -> NDArray[np.float64]:
+    """(M,) lower bound on the distance of the pieces, from the spheres that cover them."""
+    if not len(rows):
+        return np.zeros(0)
+    x, y = a.cover_centres[rows, i], b.cover_centres[columns, j]  # (M, K, 3)
+    squared = np.sum(x**2, axis=2)[:, :, None] + np.sum(y**2, axis=2)[:, None] - 2 * x @ y.swapaxes(1, 2)
+    gaps = np.sqrt(np.maximum(squared, 0.0)) - a.cover_radii_m[i][:, :, None] - b.cover_radii_m[j][:, None]
+    return gaps.min(axis=(1, 2))
+
+
+def _within(travelled, low, middle, high, piece) -> NDArray[np.float64]:
+    """How far a piece may be from where it is in the middle of a block."""
+    return np.maximum(
+        travelled[high, piece] - travelled[middle, piece], travelled[middle, piece] - travelled[low, piece]
+    )
+
+
+def _block(values, low, high, piece, size: int) -> NDArray[np.float64]:
+    """(M, size) values of the rows low..high of each block."""
+    return values[np.minimum(low[:, None] + np.arange(size), high[:, None]), piece[:, None]]
+
+
+def _split(blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Each block in (up to) four."""
+    pair, r0, r1, c0, c1 = blocks.T
+    r, c = (r0 + r1) // 2, (c0 + c1) // 2
+    quarters = np.concatenate(
+        [
+            np.stack(quarter, axis=1)
+            for quarter in (
+                (pair, r0, r, c0, c),
+                (pair, r0, r, c + 1, c1),
+                (pair, r + 1, r1, c0, c),
+                (pair, r + 1, r1, c + 1, c1),
+            )
+        ]
+    )
+    return quarters[(quarters[:, 1] <= quarters[:, 2]) & (quarters[:, 3] <= quarters[:, 4])]

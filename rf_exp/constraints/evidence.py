@@ -1,0 +1,133 @@
+"""What a check looks at, and what it answers with."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.clearance import Mask, Swept, closer_than
+from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.tasks import Task
+from rf_exp.types import CONTROL_DT_S, Kind, Row, Scene, Schedule, Segment, Trajectory, Violation
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The answer of a check: never a bare bool."""
+
+    ok: bool
+    value: float  # what was found, in the unit of the check
+    bound: float  # what is allowed
+    reason: str  # a sentence that a person and a model can act on
+    time_s: float = 0.0  # since the start of the plan
+
+
+class Check(Protocol):
+    """One compiled constraint. Every implementation is a small frozen class."""
+
+    kind: ClassVar[Kind]
+    name: ClassVar[str]  # of the paper's validation function
+
+    @property
+    def agents(self) -> tuple[int, ...]: ...
+
+    @property
+    def text(self) -> str:
+        """The constraint as it was stated."""
+        ...
+
+    def planned(self, plan: "Plan") -> Evidence:
+        """Judge trajectories and schedule before anything moves."""
+        ...
+
+    def measured(self, scene: Scene, plan: "Plan") -> Evidence | None:
+        """Judge the real state at one control step; None when there is nothing to judge now."""
+        ...
+
+
+def violation(check: Check, evidence: Evidence) -> Violation:
+    """The failed check as feedback."""
+    return Violation(check.name, check.agents, evidence.time_s, evidence.value, evidence.bound, evidence.reason)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What is about to be executed, from `scene` on; the frame of every check."""
+
+    task: Task
+    row: Row
+    scene: Scene
+    trajectories: tuple[Trajectory, ...]  # one an agent, in the order of the agents
+    schedule: Schedule | None = None
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        return Bodies(self.task, self.scene, self.trajectories)
+
+    @cached_property
+    def swept(self) -> tuple[Swept, ...]:
+        """Every agent along its trajectory with what it moves."""
+        return tuple(self.bodies.along(trajectory) for trajectory in self.trajectories)
+
+    @cached_property
+    def diagrams(self) -> Mapping[tuple[int, int], Mask]:
+        """Coordination diagrams (P_i, P_j) of all pairs of agents i < j: True = too close."""
+        agents = self.task.agents
+        return {
+            (i, j): closer_than(self.swept[i - 1], self.swept[j - 1], AGENT_MARGIN_M)
+            for i in agents
+            for j in agents
+            if i < j
+        }
+
+    @cached_property
+    def blocked(self) -> tuple[Mask, ...]:
+        """(P,) for each agent: too close to an object that nobody moves, or in the table."""
+        still = self.bodies.standing()
+        return tuple(
+            closer_than(body, still, OBJECT_MARGIN_M)[:, 0] | self.bodies.below_table(body) for body in self.swept
+        )
+
+    def trajectory(self, agent: int) -> Trajectory:
+        return self.trajectories[agent - 1]
+
+    def positions(self, agent: int) -> NDArray[np.int64]:
+        """(T + 1,) path position of an agent at each control step; without a schedule its own pace."""
+        if self.schedule is None:
+            return np.arange(len(self.trajectory(agent)) + 1)
+        return self.schedule.positions[:, agent - 1]
+
+    def position_now(self, agent: int, scene: Scene) -> int:
+        """Path position that the agent was sent to in the step before this scene was measured."""
+        positions = self.positions(agent)
+        return int(positions[np.clip(scene.step - self.scene.step, 0, len(positions) - 1)])
+
+    def time_s(self, agent: int, position: int) -> float:
+        """When an agent first is at a path position."""
+        return float(np.searchsorted(self.positions(agent), position)) * CONTROL_DT_S
+
+    def segment_at(self, agent: int, position: int) -> Segment | None:
+        """The segment that ends at or after a path position; None without segments."""
+        trajectory = self.trajectory(agent)
+        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+            if position <= end:
+                return segment
+        return trajectory.segments[-1] if trajectory.segments else None
+
+
+def agent_name(agent: int) -> str:
+    return f"Agent_{agent}"
+
+
+def names(agents: tuple[int, ...]) -> str:
+    """`Agent_1` or `[Agent_1, Agent_2]`, as the paper prints check code."""
+    listed = ", ".join(agent_name(agent) for agent in agents)
+    return listed if len(agents) == 1 else f"[{listed}]"
+
+
+def doing(segment: Segment | None) -> str:
+    """What an agent is about in a segment, in words."""
+    return "standing still" if segment is None else f"to {segment.subgoal.text} ({segment.primitive})"

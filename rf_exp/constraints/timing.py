@@ -1,0 +1,323 @@
+"""From rest-to-rest trajectories to a schedule: who is where at which control step.
+
+All constraints on time become cells of coordination diagrams (`Demands`), which one exact search
+serves (`search.solve`). Agents wait only at knots, where they stand still anyway, so the motion of
+a schedule has the accelerations of its trajectories.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations, groupby
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import search
+from rf_exp.constraints.clearance import Mask
+from rf_exp.errors import ArgumentError
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Proposal, Schedule, Segment, Subgoal, Trajectory, Violation
+
+CHECK = "ValidateScheduling"
+
+
+class Rule(Protocol):
+    """A constraint on time that knows what it asks of a schedule."""
+
+    def demand(self, demands: "Demands") -> None:
+        """Add what this constraint forbids."""
+        ...
+
+
+class Demands:
+    """What the rules ask of a schedule of trajectories. Agents from 1; positions on their paths."""
+
+    def __init__(self, trajectories: Sequence[Trajectory]) -> None:
+        self.trajectories = tuple(trajectories)
+        self.cells: dict[tuple[int, int], Mask] = {}
+        self.dwells: dict[tuple[int, int], int] = {}  # (agent, position) -> steps to stay there
+        self.after_dwell: list[tuple[int, int, int, int, bool]] = []
+        self.deadlines: list[tuple[int, int, int]] = []
+
+    def trajectory(self, agent: int) -> Trajectory:
+        return self.trajectories[agent - 1]
+
+    def forbid(self, a: int, rows: slice, b: int, columns: slice) -> None:
+        """Agents a and b may not be at these positions at the same time."""
+        i, j = sorted((a, b))
+        mask = self.cells.setdefault(
+            (i, j), np.zeros((len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1), dtype=bool)
+        )
+        (mask if a < b else mask.T)[rows, columns] = True
+
+    def before(self, a: int, end: int, b: int, start: int) -> None:
+        """b leaves position `start` only once a has reached `end`."""
+        self.forbid(a, slice(0, end), b, slice(start + 1, None))
+
+    def together(self, a: int, start_a: int, b: int, start_b: int, within_steps: int) -> None:
+        """a and b leave their positions at most `within_steps` apart.
+
+        Counted in positions, so the bound is cut to the length of the first segments: there nobody waits.
+        """
+        for first, start, other, other_start in ((a, start_a, b, start_b), (b, start_b, a, start_a)):
+            knots = self.trajectory(first).knots
+            run = min((knot for knot in knots if knot > start), default=start + 1) - start
+            apart = max(0, min(within_steps, run - 1))
+            self.forbid(first, slice(start + apart + 1, None), other, slice(0, other_start + 1))
+
+    def lockstep(self, a: int, start_a: int, b: int, start_b: int, steps: int) -> None:
+        """a and b run `steps` positions side by side, never one ahead of the other."""
+        i, j = sorted((a, b))
+        start = {a: start_a, b: start_b}
+        done_i, done_j = (
+            np.clip(np.arange(len(self.trajectory(agent)) + 1) - start[agent], 0, steps) for agent in (i, j)
+        )
+        self.forbid(i, slice(0), j, slice(0))
+        self.cells[i, j] |= done_i[:, None] != done_j[None, :]
+
+    def delay(self, a: int, end: int, b: int, start: int, steps: int) -> None:
+        """b leaves `start` at the earliest `steps` after a has reached `end`.
+
+        The time is spent as a dwell: of a, where its path ends there anyway, otherwise of b.
+        """
+        at_end = end == len(self.trajectory(a))
+        agent, position = (a, end) if at_end else (b, start)
+        self.dwells[agent, position] = max(steps, self.dwells.get((agent, position), 0))
+        self.after_dwell.append((a, end, b, start, at_end))
+
+    def deadline(self, agent: int, position: int, steps: int) -> None:
+        """The agent reaches a position at the latest after `steps`."""
+        self.deadlines.append((agent, position, steps))
+
+
+def joint_runs(trajectories: Sequence[Trajectory]) -> list[tuple[str, list[tuple[int, int, int]]]]:
+    """Label of joined segments -> (agent, first position, length) of each agent that has it."""
+    found: dict[str, list[tuple[int, int, int]]] = {}
+    for trajectory in trajectories:
+        for label, start, length in _labelled(trajectory):
+            found.setdefault(label, []).append((trajectory.agent, start, length))
+    return sorted(found.items())
+
+
+def _labelled(trajectory: Trajectory) -> Iterable[tuple[str, int, int]]:
+    start = 0
+    for label, run in groupby(trajectory.segments, key=lambda segment: segment.joined):
+        length = sum(map(len, run))
+        if label is not None:
+            yield label, start, length
+        start += length
+
+
+def schedule(
+    trajectories: Sequence[Trajectory],
+    diagrams: Mapping[tuple[int, int], Mask] | None = None,
+    rules: Sequence[Rule] = (),
+    *,
+    budget: int = search.BUDGET,
+) -> Schedule | Violation:
+    """The shortest schedule of all agents that obeys diagrams, rules and joined segments.
+
+    `diagrams[i, j]` (i < j, agents from 1) forbids pairs of path positions. Where no schedule exists, a
+    Violation says which pair and what to change. Raises ArgumentError for trajectories that are not those
+    of agents 1 to N, or for diagrams of another shape.
+    """
+    _agents(trajectories)
+    diagrams = diagrams or {}
+    _shapes(trajectories, diagrams)
+    demands = Demands(trajectories)
+    for rule in rules:
+        rule.demand(demands)
+    for label, runs in joint_runs(trajectories):
+        for (a, start_a, length_a), (b, start_b, length_b) in combinations(runs, 2):
+            if length_a != length_b:
+                return Violation(
+                    CHECK, (a, b), 0.0, abs(length_a - length_b) * CONTROL_DT_S, 0.0,
+                    f"Agent_{a} and Agent_{b} move {label!r} together but their motions take "
+                    f"{length_a * CONTROL_DT_S:g} s and {length_b * CONTROL_DT_S:g} s; give both the same length",
+                )  # fmt: skip
+            demands.lockstep(a, start_a, b, start_b, length_a)
+    problem, real = _problem(demands, diagrams)
+    answer = search.solve(problem, budget)
+    if isinstance(answer, search.Impossible):
+        return _explain(answer, problem, real, demands, diagrams)
+    columns = [real[k][answer.positions[:, k]] for k in range(len(trajectories))]
+    return Schedule(np.stack(columns, axis=1), answer.bound)
+
+
+def _problem(
+    demands: Demands, diagrams: Mapping[tuple[int, int], Mask]
+) -> tuple[search.Problem, tuple[NDArray[np.int64], ...]]:
+    """The search problem, in which dwells are extra positions, and the real position of each of them."""
+    real: list[NDArray[np.int64]] = []
+    knots: list[frozenset[int]] = []
+    for trajectory in demands.trajectories:
+        repeats = np.ones(len(trajectory) + 1, dtype=int)
+        for (agent, position), steps in demands.dwells.items():
+            if agent == trajectory.agent:
+                repeats[position] += steps
+        last = np.cumsum(repeats) - 1  # where each real position is left
+        first = last - repeats + 1
+        real.append(np.repeat(np.arange(len(repeats)), repeats))
+        knots.append(frozenset(int(at) for knot in trajectory.knots for at in (first[knot], last[knot])))
+    forbidden: dict[tuple[int, int], Mask] = {}
+    for i, j in {*diagrams, *demands.cells}:
+        rows, columns = real[i - 1], real[j - 1]
+        mask = np.zeros((len(rows), len(columns)), dtype=bool)
+        for source in (diagrams, demands.cells):
+            if (i, j) in source:
+                mask |= source[i, j][np.ix_(rows, columns)]
+        forbidden[i - 1, j - 1] = mask
+    for a, end, b, start, at_end in demands.after_dwell:
+        i, j = sorted((a, b))
+        shape = len(real[i - 1]), len(real[j - 1])
+        mask = forbidden.setdefault((i - 1, j - 1), np.zeros(shape, dtype=bool))
+        side = "right" if at_end else "left"
+        until = int(np.searchsorted(real[a - 1], end, side)) - at_end
+        begin = int(np.searchsorted(real[b - 1], start, "right" if at_end else "left")) - at_end
+        (mask if a < b else mask.T)[:until, begin + 1 :] = True
+    deadlines = tuple(
+        (agent - 1, int(np.searchsorted(real[agent - 1], position)), steps)
+        for agent, position, steps in demands.deadlines
+    )
+    lengths = tuple(len(each) - 1 for each in real)
+    return search.Problem(tuple(knots), lengths, forbidden, deadlines), tuple(real)
+
+
+def serial(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
+    """Agents take turns, subgoal by subgoal in the order of the plan: a schedule without a model of time."""
+    _agents(trajectories)
+    waiting = {trajectory.agent: subgoal_runs(trajectory) for trajectory in trajectories}
+    turns: list[tuple[int, int]] = []  # agent, steps
+    for subgoal in proposal.subgoals:
+        runs = waiting.get(subgoal.agent, [])
+        if runs and runs[0][0] == subgoal:
+            turns.append((subgoal.agent, len_of(runs.pop(0)[1])))
+    for agent, runs in waiting.items():  # what the plan does not name comes last
+        turns += [(agent, len_of(segments)) for _, segments in runs]
+    position = np.zeros(len(trajectories), dtype=np.int64)
+    rows = [position.copy()]
+    for agent, steps in turns:
+        for _ in range(steps):
+            position[agent - 1] += 1
+            rows.append(position.copy())
+    return Schedule(np.array(rows), max(map(len, trajectories)))
+
+
+def subgoal_runs(trajectory: Trajectory) -> list[tuple[Subgoal, list[Segment]]]:
+    """The segments of each subgoal, in order."""
+    return [(goal, list(run)) for goal, run in groupby(trajectory.segments, key=lambda segment: segment.subgoal)]
+
+
+def len_of(segments: Iterable[Segment]) -> int:
+    """Control steps of some segments."""
+    return sum(map(len, segments))
+
+
+def actions(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.float64]:
+    """(T, N, 8) joint targets rad and gripper command: the action of step t leads to row t + 1."""
+    _agents(trajectories)
+    paths = [trajectory.path() for trajectory in trajectories]
+    return np.stack([path[timed.positions[1:, k]] for k, path in enumerate(paths)], axis=1)
+
+
+def _agents(trajectories: Sequence[Trajectory]) -> None:
+    found = [trajectory.agent for trajectory in trajectories]
+    if found != list(range(1, len(found) + 1)):
+        raise ArgumentError(f"trajectories are of agents {found}; expected one for each agent 1 to N, in order")
+
+
+def _shapes(trajectories: Sequence[Trajectory], diagrams: Mapping[tuple[int, int], Mask]) -> None:
+    for (i, j), diagram in diagrams.items():
+        if not 1 <= i < j <= len(trajectories):
+            raise ArgumentError(f"diagram of agents {(i, j)}; expected i < j of agents 1 to {len(trajectories)}")
+        expected = len(trajectories[i - 1]) + 1, len(trajectories[j - 1]) + 1
+        if diagram.shape != expected:
+            raise ArgumentError(f"diagram of agents {(i, j)} has shape {diagram.shape}; expected {expected}")
+
+
+def _explain(
+    answer: search.Impossible,
+    problem: search.Problem,
+    real: tuple[NDArray[np.int64], ...],
+    demands: Demands,
+    diagrams: Mapping[tuple[int, int], Mask],
+) -> Violation:
+    """Why there is no schedule, and what would help."""
+    everyone = tuple(trajectory.agent for trajectory in demands.trajectories)
+    if not answer.proven:
+        return Violation(CHECK, everyone, 0.0, 0.0, 0.0, "no schedule was found within the search budget; "
+                         "plan fewer subgoals at once or in turns")  # fmt: skip
+    if answer.pair is not None:
+        i, j = answer.pair[0] + 1, answer.pair[1] + 1
+        a, b = demands.trajectory(i), demands.trajectory(j)
+        collision = diagrams.get((i, j))
+        if collision is not None:
+            reason = _collision_reason(a, b, collision)
+            if reason is not None:
+                return Violation(CHECK, (i, j), 0.0, float(collision.mean()), 0.0, reason)
+        row, column = search.blocked_region(
+            problem.diagrams[answer.pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
+        )
+        where = (
+            f"Agent_{i} {_at(a, int(real[i - 1][row]))} and Agent_{j} {_at(b, int(real[j - 1][column]))}"
+        )
+        return Violation(
+            CHECK, (i, j), 0.0, 0.0, 0.0,
+            f"the constraints on the order of Agent_{i} and Agent_{j} contradict one another"
+            f"{' or their way past each other' if collision is not None and collision.any() else ''}: "
+            f"they get no further than {where}; drop or change one of them",
+        )  # fmt: skip
+    if problem.deadlines:
+        free = search.solve(search.Problem(problem.knots, problem.lengths, problem.diagrams))
+        if isinstance(free, search.Found):
+            late = []
+            for agent, position, latest in problem.deadlines:
+                reached = int(np.searchsorted(free.positions[:, agent], position))
+                late.append((reached - latest, agent + 1, reached * CONTROL_DT_S, latest * CONTROL_DT_S))
+            _, agent, needed_s, allowed_s = max(late)
+            return Violation(
+                CHECK, (agent,), needed_s, needed_s, allowed_s,
+                f"Agent_{agent} cannot be done within {allowed_s:g} s; the shortest schedule needs {needed_s:g} s",
+            )  # fmt: skip
+    return Violation(
+        CHECK, everyone, 0.0, 0.0, 0.0,
+        "every pair of agents could pass, but not all together; let some of them finish first",
+    )  # fmt: skip
+
+
+def _collision_reason(a: Trajectory, b: Trajectory, collision: Mask) -> str | None:
+    """Why collisions alone leave no way; None when they do leave one."""
+    i, j = a.agent, b.agent
+    if search.remaining(collision, frozenset(a.knots), frozenset(b.knots))[0, 0] < search.UNREACHABLE:
+        return None
+    if collision[0, 0]:
+        return f"Agent_{i} and Agent_{j} already stand too close to each other; move one of them away first"
+    if collision[-1, -1]:
+        return (
+            f"Agent_{i} and Agent_{j} would end too close to each other "
+            f"(Agent_{i} {_at(a, len(a))}, Agent_{j} {_at(b, len(b))}); timing cannot help, "
+            "choose another end or retreat"
+        )
+    for x, y, diagram in ((a, b, collision), (b, a, collision.T)):
+        walls = np.flatnonzero(diagram.all(axis=1))
+        if not len(walls):
+            walls = np.flatnonzero(diagram[:, 0] & diagram[:, -1])
+        if len(walls):
+            return (
+                f"where Agent_{y.agent} stands before and after its motion blocks Agent_{x.agent} "
+                f"{_at(x, int(walls[0]))}; timing cannot help, Agent_{x.agent} needs another path "
+                f"or Agent_{y.agent} must make room"
+            )
+    row, column = search.blocked_region(collision, a.knots, b.knots)
+    return (
+        f"Agent_{i} and Agent_{j} block each other: they get no further than Agent_{i} {_at(a, row)} and "
+        f"Agent_{j} {_at(b, column)}; one of them needs another path or a place to wait"
+    )
+
+
+def _at(trajectory: Trajectory, position: int) -> str:
+    """Where on its path an agent is, in words."""
+    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+        if position <= end:
+            when_s = position / CONTROL_HZ
+            return f"{when_s:.2f} s along its own way, to {segment.subgoal.text} ({segment.primitive})"
+    return "where it stands"

@@ -1,0 +1,297 @@
+"""What fills space: arms, fingers, held objects, objects and the table, as convex pieces.
+
+`Bodies` turns a task and the measured scene into `Swept` bodies, the currency of every spatial
+question: the arm of an agent along joint positions, an agent along its trajectory together with
+the objects it moves, and the objects that nobody moves. World frame, metres, radians.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, nearest
+from rf_exp.constraints.shapes import Piece, arm_pieces
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.robots.panda import LINKS, Panda
+from rf_exp.tasks import Task
+from rf_exp.tasks import assets
+from rf_exp.tasks.base import FINGERS_OPEN_M
+from rf_exp.transforms import Matrix
+from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
+
+AGENT_MARGIN_M = 0.01  # between two arms: tracking errors of both
+OBJECT_MARGIN_M = 0.003  # between an arm and what it may not touch
+TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
+RESTS_M = 0.005  # things this near to one another lie on or against one another
+CLOSING_STEPS = 8  # control steps that fingers may need to close
+GRIPPER = frozenset({"panda_hand", "panda_leftfinger", "panda_rightfinger"})
+
+
+@cache
+def asset_pieces(asset: str) -> tuple[Piece, ...]:
+    """The pieces of an asset, in its frame. None for a mark on the table, which nothing can touch."""
+    return tuple(Piece.of(hull) for hull in assets.load(asset).hulls)
+
+
+class Bodies:
+    """The bodies of a task as they stand in a scene."""
+
+    def __init__(self, task: Task, scene: Scene, trajectories: Sequence[Trajectory] = ()) -> None:
+        self.task, self.scene = task, scene
+        self.arms = tuple(Panda(robot.world_from_base) for robot in task.robots)
+        self.trajectories = {trajectory.agent: trajectory for trajectory in trajectories}
+        moved = {segment.carries for each in trajectories for segment in each.segments}
+        self.moved = frozenset(name for name in moved if name)
+        unknown = self.moved - set(task.objects)
+        if unknown:
+            raise choices("carried object", min(unknown), task.objects)
+
+    # bodies
+
+    def arm(
+        self,
+        agent: int,
+        qpos: NDArray[np.float64],
+        *,
+        carries: str | None = None,
+        tcp_from_object: Matrix | None = None,
+        touches: Iterable[str] = (),
+    ) -> Swept:
+        """An arm at joint positions (P, 9) rad and metres, or (P, 7) with open fingers.
+
+        `carries` adds the object that moves with the TCP; `touches` names objects the gripper may touch.
+        """
+        qpos = np.atleast_2d(qpos)
+        if qpos.shape[1] == ARM_JOINTS:
+            qpos = np.hstack([qpos, np.full((len(qpos), 2), FINGERS_OPEN_M)])
+        everywhere = np.ones(len(qpos), dtype=bool)
+        moved, carried = {}, {}
+        if carries is not None:
+            if tcp_from_object is None:
+                raise ArgumentError(f"agent {agent} carries {carries!r}, but tcp_from_object is missing")
+            moved = {carries: self.arms[agent - 1].tcp(qpos) @ tcp_from_object}
+            carried = {carries: everywhere}
+        allowed = {name: everywhere for name in {*touches, *moved}}
+        return self._body(agent, qpos, moved, carried, allowed, {})
+
+    def along(self, trajectory: Trajectory) -> Swept:
+        """An agent along its trajectory, with every object it moves.
+
+        Path position p lies in the segment that ends at or after p. An object stands where the scene
+        has it until it is carried, and where it is released afterwards, so that it blocks others there.
+        """
+        agent, path = trajectory.agent, trajectory.path()
+        arm = self.arms[agent - 1]
+        segments = self._segment_of(trajectory)
+        qpos = np.hstack([path[:, :ARM_JOINTS], self._openings_m(trajectory)[:, None].repeat(2, axis=1)])
+        tcp = arm.tcp(path[:, :ARM_JOINTS])
+        moved: dict[str, NDArray[np.float64]] = {}
+        carried: dict[str, Mask] = {}
+        for name in dict.fromkeys(segment.carries for segment in trajectory.segments if segment.carries):
+            poses = np.tile(self.scene.poses[name], (len(path), 1, 1))
+            mask = np.zeros(len(path), dtype=bool)
+            begin = 0
+            for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+                if segment.carries == name:
+                    if segment.tcp_from_object is None:
+                        raise ArgumentError(
+                            f"agent {agent}, segment {segment.primitive!r} carries {name!r}, "
+                            "but tcp_from_object is missing"
+                        )
+                    mask[begin : end + 1] = True
+                    poses[begin:] = tcp[begin:] @ segment.tcp_from_object
+                    poses[end:] = poses[end]
+                begin = end
+            moved[name], carried[name] = poses, mask
+        touches = {
+            name: np.array([any(name in s.touches or name == s.carries for s in at) for at in segments])
+            for name in self.task.objects
+        }
+        held = self.scene.held[agent - 1]
+        if held is not None:  # until the end of the segment that lets go
+            touches[held] = touches[held] | (np.arange(len(path)) <= self._let_go(trajectory))
+        return self._body(agent, qpos, moved, carried, touches, self._rests(trajectory, moved, carried, segments))
+
+    def standing(self, names: Iterable[str] | None = None) -> Swept:
+        """Objects as they stand in the scene (P = 1); without names, those that no trajectory moves."""
+        names = [name for name in self.task.objects if name not in self.moved] if names is None else list(names)
+        pieces, labels, poses = [], [], []
+        for name in names:
+            for piece in asset_pieces(self._asset(name)):
+                pieces.append(piece)
+                labels.append(name)
+                poses.append(self.scene.poses[name])
+        stacked = np.array(poses).reshape(1, -1, 4, 4)
+        return Swept(tuple(pieces), tuple(labels), stacked, objects=frozenset(labels))
+
+    # questions
+
+    def clear(
+        self,
+        agent: int,
+        qpos: NDArray[np.float64],
+        *,
+        carries: str | None = None,
+        tcp_from_object: Matrix | None = None,
+        touches: Iterable[str] = (),
+        agents: bool = True,
+        objects: bool = True,
+        margin_m: float = AGENT_MARGIN_M,
+        between: bool = True,
+    ) -> Mask:
+        """(P,) True where an arm at (P, 7 or 9) keeps clear of everything as it stands now.
+
+        For planners. Table always; `agents`, `objects` choose the rest. With `between` the rows are
+        successive points of a path and the motion between them is proven clear as well.
+        """
+        body = self.arm(agent, qpos, carries=carries, tcp_from_object=tcp_from_object, touches=touches)
+        blocked = self.below_table(body)
+        if objects:
+            others = [name for name in self.task.objects if name != carries]
+            blocked |= closer_than(body, self.standing(others), OBJECT_MARGIN_M, between=between)[:, 0]
+        if agents:
+            for other in self.task.agents:
+                if other != agent:
+                    still = self.arm(other, self.scene.qpos[other - 1])
+                    blocked |= closer_than(body, still, margin_m, between=between)[:, 0]
+        return ~blocked
+
+    def between(self, a: int, b: int) -> Nearest:
+        """The exact distance of two arms as they stand in the scene."""
+        found = nearest(self.arm(a, self.scene.qpos[a - 1]), self.arm(b, self.scene.qpos[b - 1]))
+        assert found is not None  # two arms always have pieces that must keep apart
+        return found
+
+    @staticmethod
+    def below_table(body: Swept, margin_m: float = TABLE_MARGIN_M) -> Mask:
+        """(P,) True where a link other than the bolted base, or something carried, is inside the table."""
+        return lowest_m(body) < margin_m
+
+    # parts
+
+    def _asset(self, name: str) -> str:
+        if name not in self.task.objects:
+            raise choices("object", name, self.task.objects)
+        return self.task.objects[name].asset
+
+    def _body(
+        self,
+        agent: int,
+        qpos: NDArray[np.float64],
+        moved: Mapping[str, NDArray[np.float64]],
+        carried: Mapping[str, Mask],
+        touches: Mapping[str, Mask],
+        rests: Mapping[str, Mask],
+    ) -> Swept:
+        pieces, labels = list(arm_pieces()), list(LINKS)
+        poses = [self.arms[agent - 1].links(qpos)]
+        for name, along in moved.items():
+            for piece in asset_pieces(self._asset(name)):
+                pieces.append(piece)
+                labels.append(name)
+                poses.append(along[:, None])
+        return Swept(
+            tuple(pieces),
+            tuple(labels),
+            np.concatenate(poses, axis=1),
+            objects=frozenset(moved),
+            carried=carried,
+            touches=touches,
+            rests=rests,
+            gripper=GRIPPER,
+        )
+
+    @staticmethod
+    def _segment_of(trajectory: Trajectory) -> list[tuple[Segment, ...]]:
+        """The segments of every path position; a knot between two belongs to both."""
+        found: list[tuple[Segment, ...]] = [() for _ in range(len(trajectory) + 1)]
+        begin = 0
+        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+            for position in range(begin, end + 1):
+                found[position] = (*found[position], segment)
+            begin = end
+        return found
+
+    @staticmethod
+    def _let_go(trajectory: Trajectory) -> int:
+        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+            if (segment.gripper > 0).any():
+                return end
+        return len(trajectory)
+
+    def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
+        """(P,) of each finger. Never narrower than it really is while the fingers close."""
+        command = trajectory.path()[:, ARM_JOINTS]
+        opening = FINGERS_OPEN_M * (np.clip(command, -1.0, 1.0) + 1.0) / 2.0
+        for end, begin, segment in zip(
+            trajectory.knots[1:], trajectory.knots[:-1], trajectory.segments, strict=True
+        ):
+            if segment.carries:
+                rows = slice(begin + 1, end + 1)
+                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.carries))
+        opening[0] = max(opening[0], float(self.scene.qpos[trajectory.agent - 1, ARM_JOINTS:].max()))
+        return maximum_filter1d(opening, CLOSING_STEPS + 1, origin=CLOSING_STEPS // 2, mode="nearest")
+
+    def _grip_m(self, trajectory: Trajectory, name: str) -> float:
+        """Half of the width between fingers that hold an object."""
+        agent = trajectory.agent
+        if self.scene.held[agent - 1] == name:
+            return float(self.scene.qpos[agent - 1, ARM_JOINTS:].max())
+        points = self.task.asset(name).points
+        for segment in trajectory.segments:
+            if segment.subgoal.object == name and segment.subgoal.point in points:
+                return points[segment.subgoal.point].width_m / 2
+        return FINGERS_OPEN_M
+
+    def _rests(
+        self,
+        trajectory: Trajectory,
+        moved: Mapping[str, NDArray[np.float64]],
+        carried: Mapping[str, Mask],
+        segments: list[tuple[Segment, ...]],
+    ) -> dict[str, Mask]:
+        """What carried objects may touch: what a segment names, and what they lie on at either end.
+
+        A lid may scrape the pot while the segment that lifts it off runs, a cube the cube it is set on.
+        """
+        rests = {name: np.array([any(name in s.touches for s in at) for at in segments]) for name in self.task.objects}
+        knots = np.array(trajectory.knots)
+        for name, poses in moved.items():
+            others = [other for other in self.task.objects if other != name]
+            places = np.flatnonzero(carried[name])
+            for first, position in ((True, int(places[0])), (False, int(places[-1]))):
+                end = knots[knots > position].min() if first else position
+                begin = position if first else knots[knots < position].max()
+                here = self._object(name, poses[position])
+                for other in others:
+                    gap = nearest(here, self.standing([other]))
+                    if gap is not None and gap.distance_m < RESTS_M:
+                        rests[other][begin : end + 1] = True
+        return rests
+
+    def _object(self, name: str, pose: Matrix) -> Swept:
+        pieces = asset_pieces(self._asset(name))
+        poses = np.tile(pose, (1, len(pieces), 1, 1))
+        return Swept(pieces, (name,) * len(pieces), poses, objects=frozenset({name}), carried={name: np.ones(1, bool)})
+
+
+def lowest_m(body: Swept) -> NDArray[np.float64]:
+    """(P,) lowest point of what must stay above the table: all links but the bolted base, and loads.
+
+    A load may lie on the table, so it counts as low only where it is pressed more than `RESTS_M` in.
+    """
+    lowest = np.full(len(body), np.inf)
+    for column, (piece, label) in enumerate(zip(body.pieces, body.labels, strict=True)):
+        if label == LINKS[0] or (label in body.objects and not body.carried[label].any()):
+            continue
+        poses = body.poses[:, column]
+        sphere = poses[:, 2, :3] @ piece.centre + poses[:, 2, 3] - piece.radius_m
+        rows = np.flatnonzero(sphere < lowest)
+        height = (poses[rows, 2, :3] @ piece.vertices.T).min(axis=1) + poses[rows, 2, 3]
+        if label in body.objects:
+            height = np.where(body.carried[label][rows], height + RESTS_M, np.inf)
+        lowest[rows] = np.minimum(lowest[rows], height)
+    return lowest

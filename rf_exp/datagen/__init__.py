@@ -1,0 +1,1 @@
+"""Generation of checked demonstrations: RoboBrain, motion, the loop."""

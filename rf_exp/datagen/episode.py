@@ -1,0 +1,266 @@
+"""The generation loop of one episode: propose, plan, check, execute, explain, propose again.
+
+Paper, section 3.1. Every proposal starts from the scene as it is measured then, so a violation
+half-way through costs what is left, not what is done.
+"""
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import CheckCode, RoboChecker
+from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json, to_json
+from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
+from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import Judge, Task
+from rf_exp.types import (
+    CONTROL_DT_S,
+    Episode,
+    Proposal,
+    Row,
+    Scene,
+    Schedule,
+    Subgoal,
+    Trajectory,
+    Violation,
+    World,
+)
+
+_ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
+_SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How episodes are made. All of it decides the bytes of the result, together with the seed."""
+
+    task: Task
+    row: Row
+    brain: str
+    limits: JointLimits = JointLimits()
+    attempts: int = 4
+
+    def __post_init__(self) -> None:
+        if self.attempts < 1:
+            raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one seed. `episode` is there for successes only."""
+
+    seed: int
+    success: bool
+    success_paper: bool
+    steps: int
+    attempts: int  # proposals that ended in a violation, plus the last one
+    reason: str  # empty for a success
+    wall_s: float
+    episode: Episode | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A proposal that has become motion and has passed its checks."""
+
+    proposal: Proposal
+    code: CheckCode
+    trajectories: tuple[Trajectory, ...]
+    schedule: Schedule
+
+
+class Observer(Protocol):
+    """Looks on while an episode is made, e.g. to record it. Must not change anything."""
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None: ...
+
+    def rejected(self, violation: Violation) -> None: ...
+
+    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]) -> None: ...
+
+
+class Nobody:
+    """The observer that looks away."""
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        pass
+
+    def rejected(self, violation: Violation) -> None:
+        pass
+
+    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        pass
+
+
+class EpisodeMaker:
+    """Makes one episode of `settings` in a world. One object for one seed."""
+
+    def __init__(self, settings: Settings, world: World, brain: Brain, observer: Observer | None = None) -> None:
+        self._settings, self._world, self._brain = settings, world, brain
+        self._observer: Observer = observer or Nobody()
+        self._frames: list[tuple[Scene, NDArray[np.float64], dict[str, NDArray[np.uint8]]]] = []
+        self._rounds: list[dict[str, object]] = []
+
+    def make(self, seed: int) -> Outcome:
+        """Runs the loop from the scene of `seed` to success or to the end of the budget."""
+        began = time.perf_counter()
+        settings = self._settings
+        scene = self._world.reset(seed)
+        self._judge = Judge(settings.task, scene)
+        self._verdict = self._judge(scene)
+        self._paper = False
+        rng = np.random.default_rng([seed, 1])  # stream 1 of the episode: planning
+        feedback: tuple[Violation, ...] = ()
+        done: tuple[Subgoal, ...] = ()
+        failures, reason = 0, ""
+        for _ in range(_ROUNDS):
+            if failures >= settings.attempts or self._verdict.success:
+                break
+            question = Question(settings.task, scene, self._world.pictures() if self._world.cameras else {}, done, feedback)
+            result = self._plan(question, rng)
+            if result is None:  # the brain has nothing left to do
+                break
+            if isinstance(result, Plan):
+                scene, violation = self._execute(result, scene)
+            else:
+                violation = result
+            if violation is None:
+                feedback, done = (), done + (result.proposal.subgoals if isinstance(result, Plan) else ())
+                continue
+            failures += 1
+            feedback, reason = (violation,), violation.reason
+            self._rounds.append({"violation": _violation_json(violation)})
+            self._observer.rejected(violation)
+        if not self._verdict.success:
+            scene = self._settle(scene)
+        success = self._verdict.success
+        return Outcome(
+            seed,
+            success,
+            self._paper,
+            len(self._frames),
+            failures + int(success or failures < settings.attempts),
+            "" if success else self._why(reason, failures),
+            time.perf_counter() - began,
+            self._episode(seed) if success else None,
+        )
+
+    # -- planning --------------------------------------------------------------------------------
+
+    def _plan(self, question: Question, rng: np.random.Generator) -> Plan | Violation | None:
+        task, row, scene = self._settings.task, self._settings.row, question.scene
+        try:
+            proposal = from_json(self._brain.answer(question), task)
+        except BadAnswer as error:
+            return _refused("RoboBrain", scene, str(error))
+        if not proposal.subgoals:
+            return None
+        checker = RoboChecker(task, proposal, row)
+        if isinstance(checker.code, Violation):
+            return checker.code
+        obstacles = Obstacles(task, scene, row)
+        violation: Violation | None = None
+        for avoid_parked in (False, True) if row.spatial and row.temporal else (row.spatial,):
+            try:
+                trajectories, _ = plan_motion(
+                    task,
+                    proposal,
+                    scene,
+                    blocked=obstacles.blocked(avoid_arms=avoid_parked),
+                    limits=self._settings.limits,
+                    lockstep=checker.lockstep,
+                    rng=rng,
+                )
+            except Unreachable as error:
+                violation = _refused("Motion", scene, str(error))
+                continue
+            schedule = checker.schedule(trajectories, scene)
+            if isinstance(schedule, Violation):
+                violation = schedule
+                continue
+            violations = checker.check(trajectories, schedule, scene)
+            if violations:
+                violation = violations[0]
+                continue
+            plan = Plan(proposal, checker.code, trajectories, schedule)
+            self._checker = checker
+            self._rounds.append(
+                {"proposal": json.loads(to_json(proposal)), "check_code": str(checker.code), **checker.certificate()}
+            )
+            self._observer.planned(plan, checker)
+            return plan
+        return violation
+
+    # -- execution -------------------------------------------------------------------------------
+
+    def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
+        paths = [trajectory.path() for trajectory in plan.trajectories]
+        for positions in plan.schedule.positions[1:]:
+            action = np.stack([path[position] for path, position in zip(paths, positions, strict=True)])
+            scene = self._step(scene, action)
+            if self._verdict.success:
+                break
+            violation = self._checker.monitor(scene)
+            if violation is not None:
+                return scene, violation
+        return scene, None
+
+    def _settle(self, scene: Scene) -> Scene:
+        """Holds still for a while: what was put down may need a moment to come to rest."""
+        if not self._frames:
+            return scene
+        action = self._frames[-1][1]
+        for _ in range(_SETTLE_STEPS):
+            if self._verdict.success:
+                break
+            scene = self._step(scene, action)
+        return scene
+
+    def _step(self, scene: Scene, action: NDArray[np.float64]) -> Scene:
+        pictures = self._world.pictures() if self._world.cameras else {}
+        self._frames.append((scene, action, pictures))
+        self._observer.stepped(scene, action, pictures)
+        scene = self._world.step(action)
+        self._verdict = self._judge(scene)
+        self._paper = self._paper or self._verdict.success_paper
+        return scene
+
+    # -- the result ------------------------------------------------------------------------------
+
+    def _why(self, reason: str, failures: int) -> str:
+        missing = [name for name, holds in self._verdict.evidence.items() if not holds]
+        physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
+        return f"{physical}; last violation of {failures}: {reason}" if reason else physical
+
+    def _episode(self, seed: int) -> Episode:
+        scenes, actions, pictures = zip(*self._frames, strict=True)
+        return Episode(
+            self._settings.task.name,
+            seed,
+            np.stack([scene.qpos for scene in scenes]).astype(np.float32),
+            np.stack([scene.qvel for scene in scenes]).astype(np.float32),
+            np.stack(actions).astype(np.float32),
+            {name: np.stack([frame[name] for frame in pictures]) for name in self._world.cameras},
+            {"rounds": self._rounds, "evidence": dict(self._verdict.evidence)},
+        )
+
+
+def _violation_json(violation: Violation) -> dict[str, object]:
+    return {
+        "check": violation.check,
+        "agents": list(violation.agents),
+        "time_s": violation.time_s,
+        "value": violation.value,
+        "bound": violation.bound,
+        "reason": violation.reason,
+    }
+
+
+def _refused(check: str, scene: Scene, reason: str) -> Violation:
+    return Violation(check, (), scene.step * CONTROL_DT_S, 0.0, 0.0, reason)

@@ -1,0 +1,99 @@
+"""From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation)."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from rf_exp.datagen.motion.primitives import Blocked, Primitives, State, Unreachable
+from rf_exp.datagen.motion.timing import JointLimits, parameterise
+from rf_exp.robots import Panda
+from rf_exp.tasks import Task
+from rf_exp.transforms import inverse
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Scene, Segment, Subgoal, Trajectory
+
+Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
+
+
+def present_state(task: Task, scene: Scene, arms: dict[int, Panda]) -> State:
+    """What planning starts from: the measured scene."""
+    held = {
+        agent: (name, inverse(arms[agent].tcp(scene.qpos[agent - 1])) @ scene.poses[name])
+        for agent, name in zip(task.agents, scene.held, strict=True)
+        if name is not None
+    }
+    return State(
+        qpos={agent: scene.qpos[agent - 1, :7].copy() for agent in task.agents},
+        gripper={agent: GRIPPER_CLOSED if agent in held else GRIPPER_OPEN for agent in task.agents},
+        held=held,
+        poses=dict(scene.poses),
+        places=task.places(scene),
+    )
+
+
+def plan_motion(
+    task: Task,
+    proposal: Proposal,
+    scene: Scene,
+    *,
+    blocked: Blocked,
+    limits: JointLimits,
+    lockstep: Lockstep,
+    rng: np.random.Generator,
+) -> tuple[tuple[Trajectory, ...], State]:
+    """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
+
+    Subgoals named in `lockstep` are timed as one motion of all their agents. Raises Unreachable.
+    """
+    arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
+    state = present_state(task, scene, arms)
+    start = {agent: (state.qpos[agent].copy(), state.gripper[agent]) for agent in task.agents}
+    primitives = Primitives(task, arms, limits, blocked, rng)
+    segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
+    waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
+    while any(waiting.values()):
+        ready = next((q for q in waiting.values() if q and _group(q[0], lockstep) is None), None)
+        if ready is not None:
+            subgoal = ready.pop(0)
+            segments[subgoal.agent] += primitives.plan(subgoal, state)
+            continue
+        for segment in _joint_lift(_next_group(waiting, lockstep), primitives, state):
+            segments[segment.agent].append(segment)
+    trajectories = tuple(
+        Trajectory(agent, *start[agent], tuple(s for s in segments[agent] if len(s))) for agent in task.agents
+    )
+    return trajectories, state
+
+
+def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
+    """The agents that carry out this subgoal as one motion, if it is such a one."""
+    for agents, verb, name in lockstep:
+        if subgoal.agent in agents and (subgoal.verb, subgoal.object) == (verb, name) and verb == "lift":
+            return agents
+    return None
+
+
+def _next_group(waiting: dict[int, list[Subgoal]], lockstep: Lockstep) -> list[Subgoal]:
+    """The joint subgoal that all its agents have come to; taken off their lists."""
+    fronts = [queue[0] for queue in waiting.values() if queue]
+    for first in fronts:
+        agents = _group(first, lockstep) or frozenset()
+        members = [s for s in fronts if s.agent in agents and (s.verb, s.object) == (first.verb, first.object)]
+        if {s.agent for s in members} == agents:
+            for member in members:
+                waiting[member.agent].pop(0)
+            return members
+    names = "; ".join(f"Agent_{s.agent}: {s.text}" for s in fronts)
+    raise Unreachable(f"subgoals that must be done together are in conflicting orders ({names})")
+
+
+def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -> list[Segment]:
+    """Lifts one object with several arms: the lines share one time scale, so the object stays level."""
+    lines = [primitives.lift_line(subgoal, state) for subgoal in subgoals]
+    if len({len(line) for line in lines}) > 1:
+        raise Unreachable(f"agents lift {subgoals[0].object} by different heights")
+    timed = parameterise(np.hstack(lines), primitives.limits)  # (T, 7 * agents)
+    label = f"{subgoals[0].verb} {subgoals[0].object}"
+    return [
+        primitives.commit(subgoal, subgoal.verb, timed[:, 7 * k : 7 * k + 7], state, label)
+        for k, subgoal in enumerate(subgoals)
+    ]

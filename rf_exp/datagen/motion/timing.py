@@ -1,0 +1,91 @@
+"""From a joint path to joint targets on the control grid, within velocity and acceleration limits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import toppra
+import toppra.algorithm
+import toppra.constraint
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.types import CONTROL_DT_S
+
+toppra.setup_logging("ERROR")
+
+SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Bounds on every joint of executed motion. Defaults: those of the authors' release."""
+
+    velocity_rad_s: float = 0.9
+    acceleration_rad_s2: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("velocity_rad_s", "acceleration_rad_s2"):
+            if getattr(self, name) <= 0:
+                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be positive")
+
+
+def densify(waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (M, D) about SPACING_RAD apart along the polyline of waypoints (K, D)."""
+    gaps = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
+    waypoints = waypoints[np.concatenate([[True], gaps > 1e-9])]
+    if len(waypoints) < 2:
+        return waypoints
+    s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(waypoints, axis=0)).max(axis=1))])
+    grid = np.linspace(0.0, s[-1], max(2, int(np.ceil(s[-1] / SPACING_RAD)) + 1))
+    return np.column_stack([np.interp(grid, s, joint) for joint in waypoints.T])
+
+
+def blend(points: NDArray[np.float64], radius_rad: float) -> NDArray[np.float64]:
+    """Dense points (M, D) with corners rounded over +- radius; both ends stay exactly where they are.
+
+    A motion that need not stop at a corner is much shorter in time than two that do. The moving
+    average shrinks towards the ends, so a straight end stays straight.
+    """
+    half = min(int(radius_rad / SPACING_RAD), (len(points) - 1) // 2)
+    if half < 1:
+        return points
+    # Reflecting through the end points makes the average exact there.
+    head = 2 * points[0] - points[half:0:-1]
+    tail = 2 * points[-1] - points[-2 : -half - 2 : -1]
+    padded = np.concatenate([head, points, tail])
+    smooth = uniform_filter1d(padded, 2 * half + 1, axis=0, mode="nearest")
+    smooth = uniform_filter1d(smooth, 2 * (half // 2) + 1, axis=0, mode="nearest")[half:-half]
+    smooth[0], smooth[-1] = points[0], points[-1]
+    return smooth
+
+
+def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np.float64]:
+    """Fastest rest-to-rest motion along points (M, D) rad, sampled at the control rate: (T, D).
+
+    The first sample is one control step after the start, the last lies exactly on the end. The
+    duration is rounded up to whole control steps. Uses TOPP-RA (Pham and Pham 2018, `toppra`).
+    Raises StageError when no parameterisation exists.
+    """
+    points = densify(points)
+    if len(points) < 2:
+        return np.empty((0, points.shape[1]))
+    dimensions = points.shape[1]
+    s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points, axis=0)).max(axis=1))])
+    path = toppra.SplineInterpolator(s, points)
+    bound = np.ones((dimensions, 1)) * np.array([[-1.0, 1.0]])
+    problem = toppra.algorithm.TOPPRA(
+        [
+            toppra.constraint.JointVelocityConstraint(limits.velocity_rad_s * bound),
+            toppra.constraint.JointAccelerationConstraint(limits.acceleration_rad_s2 * bound),
+        ],
+        path,
+        gridpoints=np.linspace(0.0, s[-1], int(np.clip(len(points), 101, 301))),
+        parametrizer="ParametrizeConstAccel",
+        solver_wrapper="seidel",
+    )
+    motion = problem.compute_trajectory(0.0, 0.0)
+    if motion is None:
+        raise StageError(f"no time parameterisation within {limits} exists for a path of {len(points)} points")
+    steps = int(np.ceil(motion.duration / CONTROL_DT_S - 1e-6))
+    return motion(np.arange(1, steps + 1) * (motion.duration / steps))

@@ -1,0 +1,66 @@
+"""What a planned motion must not run into, as far as the row of constraints lets the planner see."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.clearance import Swept, closer_than
+from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.datagen.motion.primitives import Blocked, State
+from rf_exp.tasks import Task
+from rf_exp.tasks.base import FINGERS_OPEN_M
+from rf_exp.types import Row, Scene
+
+
+class Obstacles:
+    """The static world of a planner: objects, table and arms where the predicted state has them.
+
+    Without spatial constraints the planner is blind to everything but the table it is bolted to.
+    """
+
+    def __init__(self, task: Task, scene: Scene, row: Row) -> None:
+        self._task, self._scene, self._row = task, scene, row
+
+    def blocked(self, *, avoid_arms: bool) -> Blocked:
+        """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
+
+        def test(agent: int, points: NDArray[np.float64], state: State, touches: frozenset[str]) -> str | None:
+            bodies = self._bodies(state)
+            body = self._body(bodies, agent, points, state, touches)
+            hit = bodies.below_table(body)
+            for name, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
+                near = closer_than(body, other, margin_m, between=False)[:, 0]
+                if near.any():
+                    return name
+            return "the table" if hit.any() else None
+
+        return test
+
+    def _bodies(self, state: State) -> Bodies:
+        qpos = self._scene.qpos.copy()
+        for agent, joints in state.qpos.items():
+            qpos[agent - 1] = [*joints, FINGERS_OPEN_M, FINGERS_OPEN_M]
+        return Bodies(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses)))
+
+    def _body(
+        self, bodies: Bodies, agent: int, points: NDArray[np.float64], state: State, touches: frozenset[str]
+    ) -> Swept:
+        carries, tcp_from_object = state.held.get(agent, (None, None))
+        return bodies.arm(agent, points, carries=carries, tcp_from_object=tcp_from_object, touches=touches)
+
+    def _others(
+        self, bodies: Bodies, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
+    ) -> Iterator[tuple[str, Swept, float]]:
+        if not self._row.spatial:
+            return
+        carries = state.held[agent][0] if agent in state.held else None
+        for name in self._task.objects:
+            # What is carried may touch what it is taken from or put on; an empty gripper may only
+            # touch with its fingers, which `touches` of the body says.
+            if name != carries and not (carries and name in touches):
+                yield name, bodies.standing([name]), OBJECT_MARGIN_M
+        for other in self._task.agents if avoid_arms else ():
+            if other != agent:
+                yield f"Agent_{other}", bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M

@@ -1,0 +1,224 @@
+"""`python -m rf_exp.doctor`: what this machine can do, and how to mend what it cannot.
+
+One line a check. Exit code 0 only if the main job (`python -m rf_exp.run`) can run here. Needs
+nothing but the standard library, so that it can also speak where nothing is installed yet.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+SET_UP = "scripts/setup.sh"  # not `make setup`: that one trusts its stamp
+PYTHONS = ((3, 11), (3, 12))
+# Those with native code, where installed does not yet mean that it can be imported.
+MODULES = ("numpy", "cv2", "torch", "pinocchio", "coal", "toppra", "sapien", "mani_skill", "rerun")
+IMPORT_TIMEOUT_S = 300.0
+QUICK_GB, PAPER_GB = 2.0, 40.0  # free space: the main job; all demonstrations of one task, profile=paper
+
+State = Literal["ok", "note", "missing"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """The answer to one question. Only `missing` keeps the main job from running."""
+
+    name: str
+    state: State
+    found: str
+    costs: str = ""  # what cannot be done, or only slowly
+    mend: str = ""  # the command
+
+    def __str__(self) -> str:
+        parts = [self.found]
+        parts += [f"costs: {self.costs}"] if self.costs else []
+        parts += [f"mend: {self.mend}"] if self.mend else []
+        return f"{self.state:8}{self.name:10}{'; '.join(parts)}"
+
+
+def python() -> Check:
+    """The interpreter that runs this."""
+    version = sys.version.split()[0]
+    where = f"{version} at {sys.executable}"
+    if sys.version_info[:2] in PYTHONS:
+        return Check("python", "ok", where)
+    return Check(
+        "python",
+        "missing",
+        f"{where}; 3.11 or 3.12 is needed",
+        "everything",
+        f"install Python 3.11, then PYTHON=python3.11 {SET_UP}",
+    )
+
+
+def packages(distribution: str = "rf_exp") -> Check:
+    """Whether everything that `distribution` requires is installed, in a version it accepts."""
+    try:
+        required = metadata.requires(distribution) or []
+    except metadata.PackageNotFoundError:
+        return Check("packages", "missing", f"{distribution} is not installed", "everything", SET_UP)
+    wanted = [text for text in required if "extra ==" not in text]
+    wrong = [problem for text in wanted if (problem := _unmet(text))]
+    if wrong:
+        return Check("packages", "missing", ", ".join(wrong), "everything that uses them", SET_UP)
+    try:
+        found = f"opencv-python {metadata.version('opencv-python')} lies over the headless build"
+        return Check("packages", "note", found, "cv2 on machines without libGL", SET_UP)
+    except metadata.PackageNotFoundError:
+        pass
+    return Check("packages", "ok", f"{len(wanted)} required, all there")
+
+
+def _unmet(requirement: str) -> str:
+    """What is wrong with one requirement, or nothing. Understands `name>=1.2,<3` and `==`."""
+    match = re.match(r"([A-Za-z0-9._-]+)(?:\[[^]]*])?\s*([^;]*)", requirement)
+    if match is None:
+        return f"{requirement} (not understood)"
+    name, bounds = match.groups()
+    try:
+        version = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return f"{name} is not installed"
+    have = _numbers(version)
+    for operator, bound in re.findall(r"(==|>=|<)\s*([0-9.]+)", bounds):
+        want = _numbers(bound)
+        met = {"==": have[: len(want)] == want, ">=": have >= want, "<": have < want}[operator]
+        if not met:
+            return f"{name} is {version}, needed is {bounds.strip()}"
+    return ""
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The release part: `2.13.0+cpu` is (2, 13, 0)."""
+    return tuple(int(part) for part in re.findall(r"\d+", re.split(r"[^0-9.]", version)[0]))
+
+
+def imports(modules: Iterable[str] = MODULES) -> tuple[Check, Check]:
+    """Import the native modules in a process of its own, and ask torch for a GPU.
+
+    Returns the checks `imports` and `gpu`. A module that ends the process is the one named.
+    """
+    wanted = tuple(modules)
+    code = (
+        "import importlib, sys\n"
+        "for name in sys.argv[1:]:\n"
+        "    print('try', name, flush=True)\n"
+        "    importlib.import_module(name)\n"
+        "    print('got', name, flush=True)\n"
+        "if 'torch' in sys.argv[1:]:\n"
+        "    import torch\n"
+        "    for k in range(torch.cuda.device_count()):\n"
+        "        free, total = torch.cuda.mem_get_info(k)\n"
+        "        print('gpu', torch.cuda.get_device_name(k) + f', {total / 1e9:.0f} GB', flush=True)\n"
+    )
+    try:
+        child = subprocess.run(
+            [sys.executable, "-c", code, *wanted], capture_output=True, text=True, timeout=IMPORT_TIMEOUT_S
+        )
+        output, trouble = child.stdout, child.stderr.strip().splitlines()
+        trouble = trouble or [f"the process ended with {child.returncode}"]
+    except subprocess.TimeoutExpired as error:
+        output = error.stdout.decode() if isinstance(error.stdout, bytes) else error.stdout or ""
+        trouble = [f"no answer in {IMPORT_TIMEOUT_S:g} s"]
+    said: dict[str, list[str]] = {"try": [], "got": [], "gpu": []}
+    for line in output.splitlines():
+        key, _, value = line.partition(" ")
+        said.get(key, []).append(value)
+    broken = [name for name in said["try"] if name not in said["got"]]
+    if broken:
+        imported = Check(
+            "imports", "missing", f"{broken[0]}: {trouble[-1]}", "every stage that uses it", SET_UP
+        )
+    else:
+        imported = Check("imports", "ok", " ".join(said["got"]))
+    return imported, _gpu(said["gpu"])
+
+
+def _gpu(names: list[str]) -> Check:
+    if names:
+        return Check("gpu", "ok", "; ".join(names))
+    costs = "nothing for profile=quick; training with profile=paper is slow"
+    if Path("/dev/nvidiactl").exists():
+        mend = "install a CUDA build of torch and an NVIDIA driver that fits it"
+        return Check("gpu", "note", "an NVIDIA GPU is there, but torch cannot use it", costs, mend)
+    return Check(
+        "gpu", "note", f"none; {os.cpu_count()} CPU cores", costs, "use a machine with an NVIDIA GPU"
+    )
+
+
+def vulkan() -> Check:
+    """Draw a picture with SAPIEN."""
+    try:
+        from rf_exp.sim.vulkan import COSTS, render_probe
+    except ImportError as error:
+        return Check("vulkan", "missing", f"not tried: {error}", "pictures", SET_UP)
+    probe = render_probe()
+    if probe.ok:
+        drawn = f"drew a picture on {probe.device} in {probe.seconds:.1f} s ({probe.driver.words})"
+        return Check("vulkan", "ok", drawn)
+    return Check("vulkan", "missing", f"{probe.reason} (driver: {probe.driver.words})", COSTS, probe.mend)
+
+
+def disk(out: Path = Path("outputs")) -> Check:
+    """Room for results where they are written."""
+    folder = out.absolute()
+    while not folder.exists():
+        folder = folder.parent
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        return Check(
+            "disk", "missing", f"{folder} cannot be written to", "all results", "choose another: out=FOLDER"
+        )
+    free_gb = shutil.disk_usage(folder).free / 1e9
+    found = f"{free_gb:.1f} GB free for {out}"
+    if free_gb < QUICK_GB:
+        needed = f"{found}, {QUICK_GB:g} GB are needed"
+        return Check(
+            "disk", "missing", needed, "all results", "free some, or choose another disk: out=FOLDER"
+        )
+    if free_gb < PAPER_GB:
+        return Check(
+            "disk",
+            "note",
+            found,
+            f"profile=paper may want {PAPER_GB:g} GB a task",
+            "out=FOLDER on another disk",
+        )
+    return Check("disk", "ok", found)
+
+
+def examine(out: Path) -> Iterator[Check]:
+    """All checks, each as soon as it is known."""
+    yield python()
+    yield packages()
+    yield from imports()
+    yield vulkan()
+    yield disk(out)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print a line a check; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m rf_exp.doctor", description=__doc__)
+    parser.add_argument(
+        "--out", type=Path, default=Path("outputs"), help="where results go (default: outputs)"
+    )
+    out = parser.parse_args(arguments).out
+    missing = []
+    for check in examine(out):
+        print(check, flush=True)
+        missing += [check.name] if check.state == "missing" else []
+    if missing:
+        print(f"The main job cannot run here; mend first: {', '.join(missing)}.")
+        return 1
+    print("The main job can run: python -m rf_exp.run")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

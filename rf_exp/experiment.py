@@ -1,0 +1,93 @@
+"""An experiment as plain, checked values: what `conf/` says, before any work begins."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import dacite
+
+from rf_exp.datagen.brain import make_brain
+from rf_exp.datagen.episode import Settings
+from rf_exp.datagen.generate import Pictures
+from rf_exp.datagen.motion import JointLimits
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import load_task
+from rf_exp.types import Arch, Row
+
+STAGES = ("generate", "train", "evaluate", "report")
+EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One job: tasks x rows x architectures, and what is done with them."""
+
+    tasks: tuple[Task, ...]
+    rows: tuple[Row, ...]
+    archs: tuple[Arch, ...]
+    brain: str
+    stages: tuple[str, ...]
+    out: Path
+    name: str
+    seed: int
+    episodes: int | None
+    demos: int
+    workers: int
+    pictures: Pictures
+    attempts: int
+    limits: JointLimits
+    recordings: int
+    policy: PolicyConfig
+    training: TrainConfig
+    train_seed: int
+    wandb: str
+    scenes: int
+
+    def __post_init__(self) -> None:
+        unknown = [stage for stage in self.stages if stage not in STAGES]
+        if unknown:
+            raise ArgumentError(f"unknown stage {unknown[0]!r}; available: {', '.join(STAGES)}")
+        lowest = {"seed": 0, "demos": 1, "workers": 1, "attempts": 1, "recordings": 0, "scenes": 1, "train_seed": 0}
+        lowest |= {"episodes": 1} if self.episodes is not None else {}
+        for key, low in lowest.items():
+            if getattr(self, key) < low:
+                raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
+        if self.seed + (self.episodes or self.demos) >= EVALUATION_SEED:
+            raise ArgumentError(
+                f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, where the seeds of evaluation begin"
+            )
+        if not self.pictures.render and {"train", "evaluate"} & set(self.stages):
+            raise ArgumentError("render=false makes no pictures to learn from; use it with stages=[generate]")
+        make_brain(self.brain)
+
+    def settings(self, task: Task, row: Row) -> Settings:
+        """What decides the episodes of a task under a row of constraints."""
+        return Settings(task, row, self.brain, self.limits, self.attempts)
+
+
+def read_experiment(node: Mapping[str, Any]) -> Experiment:
+    """The experiment in a resolved configuration. Raises ArgumentError that names the key."""
+    for group in ("task", "constraints", "arch"):
+        if not node.get(group):
+            raise ArgumentError(f"no {group} chosen; use {group}=NAME or {group}=all")
+    picture = node["picture"]
+    try:
+        plain: dict[str, Any] = {
+            key: node[key]
+            for key in Experiment.__dataclass_fields__
+            if key not in {"tasks", "rows", "archs", "pictures", "brain", "out"}
+        }
+        plain |= {
+            "tasks": tuple(load_task(name, task) for name, task in node["task"].items()),
+            "rows": tuple(Row(name, **row) for name, row in node["constraints"].items()),
+            "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
+            "brain": node["brain"]["name"],
+            "out": Path(node["out"]),
+            "pictures": {**picture, "render": node["render"]},
+        }
+        return dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple], strict=True))
+    except (dacite.DaciteError, TypeError) as error:
+        raise ArgumentError(f"configuration: {error}") from error

@@ -1,0 +1,135 @@
+"""What a policy is and how it is trained, as frozen values that check themselves.
+
+Defaults are the paper's (section 4, supplementary "Implementation details") where it states them and
+the authors' release where it does not. `PolicyConfig.compact()` and `TrainConfig.compact()` are sized for two CPU cores.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.policy.encoder import ENCODERS
+
+SAMPLERS = ("ddpm", "ddim")
+PREDICTIONS = ("epsilon", "sample", "v_prediction")
+
+
+def _require(holds: bool, field: str, got: object, expected: str) -> None:
+    if not holds:
+        raise ArgumentError(f"{field} is {got!r}; expected {expected}")
+
+
+def _positive(config: object, *fields: str) -> None:
+    for name in fields:
+        value = getattr(config, name)
+        _require(value > 0, name, value, "a number above 0")
+
+
+def _one_of(config: object, name: str, available: object) -> None:
+    if getattr(config, name) not in available:  # pyright: ignore[reportOperatorIssue]
+        raise choices(name, getattr(config, name), available)
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """The networks and the diffusion process. Pictures must come in `height` x `width` pixels."""
+
+    encoder: str = "resnet18"  # resnet18 | compact
+    unet_channels: tuple[int, ...] = (256, 512, 1024)
+    horizon: int = 8  # actions predicted, the first at the oldest observation
+    observation_steps: int = 3
+    action_steps: int = 6  # executed before the next prediction
+    train_diffusion_steps: int = 100
+    inference_diffusion_steps: int = 100
+    sampler: str = "ddpm"  # ddpm | ddim
+    prediction: str = "epsilon"  # epsilon | sample | v_prediction
+    crop: float = 0.9  # side of the crop, as a part of the picture's
+    height: int = 240  # pixels
+    width: int = 320
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "unet_channels", tuple(self.unet_channels))
+        _one_of(self, "encoder", ENCODERS)
+        _one_of(self, "sampler", SAMPLERS)
+        _one_of(self, "prediction", PREDICTIONS)
+        _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
+        _positive(self, "train_diffusion_steps", "inference_diffusion_steps")
+        _require(0.0 < self.crop <= 1.0, "crop", self.crop, "a number above 0, at most 1")
+        halvings = 2 ** (len(self.unet_channels) - 1)
+        _require(self.horizon % halvings == 0, "horizon", self.horizon, f"a multiple of {halvings}")
+        longest = self.horizon - self.observation_steps + 1
+        _require(self.action_steps <= longest, "action_steps", self.action_steps, f"at most {longest}")
+        most = self.train_diffusion_steps
+        steps = self.inference_diffusion_steps
+        _require(steps <= most, "inference_diffusion_steps", steps, f"at most {most}")
+        if self.sampler == "ddpm":
+            _require(steps == most, "inference_diffusion_steps", steps, f"{most} with sampler ddpm")
+
+    @classmethod
+    def compact(cls, **changes: Any) -> "PolicyConfig":
+        """Small networks for the quick profile: the paper's windows, trained in minutes on a CPU."""
+        values = {
+            "encoder": "compact",
+            "unet_channels": (64, 128),
+            "sampler": "ddim",
+            "inference_diffusion_steps": 10,
+            "prediction": "sample",
+            "height": 96,
+            "width": 128,
+        }
+        return cls(**(values | changes))
+
+    @property
+    def crop_size(self) -> tuple[int, int]:
+        """Height and width of the crop the encoder sees, pixels."""
+        return round(self.crop * self.height), round(self.crop * self.width)
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How a policy is trained. Exactly one of `epochs` and `steps` is the budget."""
+
+    epochs: int | None = 300
+    steps: int | None = None
+    batch_size: int = 128  # windows
+    run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
+    noise_draws: int = 1  # for each window in a batch
+    learning_rate: float = 1e-4
+    betas: tuple[float, float] = (0.95, 0.999)
+    epsilon: float = 1e-8
+    weight_decay: float = 1e-6
+    warmup_steps: int = 500
+    ema_power: float = 0.75
+    ema_max_decay: float = 0.9999
+    proprio_noise: float = 0.0  # standard deviation on normalised joint positions, one draw a window
+    seed: int = 0
+    device: str = "auto"  # auto | cpu | cuda
+    log_every: int = 20  # steps between rows of the curves
+    checkpoint_every: int = 1000  # steps between resumable states
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "betas", tuple(self.betas))
+        budgets = {name: getattr(self, name) for name in ("epochs", "steps")}
+        given = {name: value for name, value in budgets.items() if value is not None}
+        _require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
+        _positive(self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "epsilon")
+        _positive(self, "log_every", "checkpoint_every", "ema_power")
+        for name in ("weight_decay", "warmup_steps", "proprio_noise", "seed"):
+            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")
+        _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
+        _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")
+        _one_of(self, "device", ("auto", "cpu", "cuda"))
+
+    @classmethod
+    def compact(cls, **changes: Any) -> "TrainConfig":
+        """Two minutes on two CPU cores: smaller batches, many noise draws, a larger learning rate."""
+        values = {
+            "epochs": None,
+            "steps": 800,
+            "batch_size": 32,
+            "run_length": 4,
+            "noise_draws": 8,
+            "learning_rate": 1e-3,
+            "warmup_steps": 50,
+        }
+        return cls(**(values | changes))

@@ -1,0 +1,162 @@
+"""Windows of a store as training batches, with every picture in memory once and encoded once a batch.
+
+A window at time t holds `observation_steps` frames t - O + 1 .. t and `horizon` actions from the oldest
+of these frames on (Chi et al. 2023). Frames before an episode's start repeat its first, actions beyond
+either end repeat the nearest. Batches are made of runs of consecutive windows, so that most frames of a
+batch serve several windows; each window comes exactly once in an epoch all the same.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.normaliser import Normaliser
+from rf_exp.policy.views import View
+from rf_exp.types import ARM_JOINTS
+
+if TYPE_CHECKING:
+    from rf_exp.store import Store
+
+
+def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Measured joint positions (..., N, 9) -> (..., 8N): seven joints (rad) and the opening (m) an agent.
+
+    Both fingers of the gripper keep the same width (paper, supplementary), so their sum says it all.
+    """
+    opening = qpos[..., ARM_JOINTS:].sum(axis=-1, keepdims=True)
+    joined = np.concatenate([qpos[..., :ARM_JOINTS], opening], axis=-1)
+    return joined.reshape(*qpos.shape[:-2], -1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B windows of U different frames."""
+
+    pictures: Tensor  # (U, h, w, 3) uint8, cropped
+    frames: Tensor  # (B, O) int64 index into `pictures`
+    proprio: Tensor  # (B, O, P) raw
+    action: Tensor  # (B, T, A) raw
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+
+class Windows:
+    """All windows of all streams of a view, on one device. Index w is the window at frame w."""
+
+    def __init__(self, store: "Store", view: View, config: PolicyConfig, device: torch.device) -> None:
+        """Raises ArgumentError when the store lacks a camera of the view or has another picture size."""
+        self._config, self._device = config, device
+        ends = np.asarray(store.episode_ends[:], dtype=np.int64)
+        if len(ends) == 0:
+            raise ArgumentError("the store holds no episode; expected at least one to train on")
+        lengths = np.diff(ends, prepend=0)
+        starts = ends - lengths
+        offsets = np.arange(len(view.streams))[:, None] * ends[-1]
+        self._spans = np.stack([(offsets + starts).ravel(), (offsets + ends).ravel()], axis=1)  # (S * E, 2)
+        repeats = np.tile(lengths, len(view.streams))
+        self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
+        self._last = np.repeat(self._spans[:, 1] - 1, repeats)
+
+        qpos, action = np.asarray(store.qpos[:]), np.asarray(store.action[:], dtype=np.float32)
+        columns = [np.array(stream.agents) - 1 for stream in view.streams]
+        self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])
+        self.action = self._stack([action[:, agents].reshape(len(action), -1) for agents in columns])
+        pictures = [_pictures(store, stream.camera, config) for stream in view.streams]
+        self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
+
+    def _stack(self, arrays: list[NDArray]) -> Tensor:
+        return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(self._device)
+
+    def __len__(self) -> int:
+        return len(self._first)
+
+    def normaliser(self) -> Normaliser:
+        """Fitted to these windows."""
+        normaliser = Normaliser(self.proprio.shape[1], self.action.shape[1]).to(self._device)
+        within = torch.from_numpy(self._first[1:] == self._first[:-1]).to(self._device)
+        normaliser.fit(self.proprio, self.action, within)
+        return normaliser
+
+    def batches(self, batch_size: int) -> int:
+        """Number of batches of an epoch."""
+        return -(-len(self) // batch_size)
+
+    def epoch(self, batch_size: int, run_length: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:
+        """Window indices of each batch of an epoch: shuffled runs; sizes differ by at most one."""
+        runs = [run for start, end in self._spans for run in _runs(start, end, run_length, rng)]
+        order = np.concatenate([runs[k] for k in rng.permutation(len(runs))])
+        return np.array_split(order, self.batches(batch_size))
+
+    def batch(self, windows: NDArray[np.int64], rng: np.random.Generator | None) -> Batch:
+        """The batch of window indices (B,). With `rng` every run has its own random crop, else the centre's.
+
+        Frames of one run share a crop, so that what moves between them has moved in the world.
+        """
+        config = self._config
+        first, last = self._first[windows], self._last[windows]
+        oldest = windows[:, None] - (config.observation_steps - 1)
+        frames = np.maximum(oldest + np.arange(config.observation_steps), first[:, None])  # (B, O)
+        actions = np.clip(oldest + np.arange(config.horizon), first[:, None], last[:, None])  # (B, T)
+        breaks = (np.diff(windows, prepend=windows[0]) != 1) | (np.diff(first, prepend=first[0]) != 0)
+        run = np.cumsum(breaks)
+        keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
+        run_of_frame, unique = np.divmod(keys, len(self))
+        height, width = config.crop_size
+        slack = np.array([config.height - height, config.width - width])
+        corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
+        if rng is not None:
+            corners = rng.integers(0, slack + 1, size=corners.shape)
+        return Batch(
+            crop(self._pictures, unique, corners[run_of_frame], (height, width)),
+            self._index(inverse.reshape(frames.shape)),
+            self.proprio[self._index(frames)],
+            self.action[self._index(actions)],
+        )
+
+    def _index(self, values: NDArray[np.int64]) -> Tensor:
+        return torch.from_numpy(values).to(self._device)
+
+
+def crop(
+    pictures: Tensor, frames: NDArray[np.int64], corners: NDArray[np.int64], size: tuple[int, int]
+) -> Tensor:
+    """Copies of pictures (K, H, W, 3) by index (U,), cut to size (h, w) at upper left corners (U, 2).
+
+    Neighbouring frames with one corner are cut in one slice: whole runs are cheaper to copy than a gather.
+    """
+    height, width = size
+    cut = np.flatnonzero((np.diff(frames) != 1) | (np.diff(corners, axis=0) != 0).any(axis=1)) + 1
+    parts = []
+    for piece in np.split(np.arange(len(frames)), cut):
+        first, (top, left) = frames[piece[0]], corners[piece[0]]
+        parts.append(pictures[first : first + len(piece), top : top + height, left : left + width])
+    return torch.cat(parts)
+
+
+def _runs(start: int, end: int, length: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
+    """Cut [start, end) into runs of `length` at a random phase; the first and the last may be shorter."""
+    cuts = np.arange(start + rng.integers(1, length + 1), end, length)
+    yield from np.split(np.arange(start, end), cuts - start)
+
+
+def _pictures(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np.uint8]:
+    if camera not in store.cameras:
+        raise ArgumentError(
+            f"the view needs camera {camera!r}, but the store has {', '.join(store.cameras) or 'none'}; "
+            "generate with render=true"
+        )
+    pictures = np.asarray(store.pictures[camera][:])
+    if pictures.shape[1:3] != (config.height, config.width):
+        raise ArgumentError(
+            f"pictures of camera {camera!r} are {pictures.shape[1]} x {pictures.shape[2]} pixels; "
+            f"the policy expects {config.height} x {config.width}"
+        )
+    return pictures

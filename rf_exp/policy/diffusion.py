@@ -1,0 +1,112 @@
+"""The diffusion policy: pictures and joint positions in, a chunk of actions out (Chi et al. 2023).
+
+The observation vector is [features, joint positions] of each observed frame, oldest first. Sampling
+computes what stays the same once: the FiLM table over the diffusion steps and the projection of the
+observation.
+"""
+
+import torch
+from diffusers.schedulers.scheduling_ddim import DDIMScheduler
+from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
+from diffusers.utils.torch_utils import randn_tensor
+from torch import Tensor, nn
+from torch.nn import functional
+
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.dataset import Batch
+from rf_exp.policy.encoder import encoder
+from rf_exp.policy.normaliser import Normaliser
+from rf_exp.policy.unet import ConditionalUNet1D
+
+
+class DiffusionPolicy(nn.Module):
+    """One policy for actions of size A from proprioception of size P in each of O frames."""
+
+    def __init__(self, config: PolicyConfig, proprio_size: int, action_size: int) -> None:
+        super().__init__()
+        self.config, self.action_size = config, action_size
+        self.encoder = encoder(config.encoder)
+        observation = config.observation_steps * (self.encoder.features + proprio_size)
+        self.unet = ConditionalUNet1D(action_size, observation, config.unet_channels)
+        self.normaliser = Normaliser(proprio_size, action_size)
+        kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
+        # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
+        self.scheduler = kind(
+            config.train_diffusion_steps,
+            beta_schedule="squaredcos_cap_v2",
+            clip_sample=True,
+            prediction_type=config.prediction,
+            timestep_spacing="trailing",
+        )
+        self.scheduler.set_timesteps(config.inference_diffusion_steps)
+        self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
+
+    def train(self, mode: bool = True) -> "DiffusionPolicy":
+        self._film_table = None  # weights may change: what was derived from them is no longer valid
+        return super().train(mode)
+
+    def encode(self, pictures: Tensor) -> Tensor:
+        """Cropped uint8 pictures (U, h, w, 3) -> features (U, F)."""
+        # (U, h, w, 3) seen as (U, 3, h, w) is already channels_last: no copy, the fast layout on CPUs.
+        return self.encoder(pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0))
+
+    def encode_whole(self, pictures: Tensor) -> Tensor:
+        """Uncropped uint8 pictures (U, H, W, 3) -> features (U, F) of their centres."""
+        height, width = self.config.crop_size
+        top, left = (self.config.height - height) // 2, (self.config.width - width) // 2
+        return self.encode(pictures[:, top : top + height, left : left + width])
+
+    def observation(self, features: Tensor, proprio: Tensor) -> Tensor:
+        """Features (B, O, F) and normalised proprioception (B, O, P) -> observation (B, O * (F + P))."""
+        return torch.cat([features, proprio], dim=2).flatten(1)
+
+    def loss(
+        self, batch: Batch, generator: torch.Generator, noise_draws: int = 1, proprio_noise: float = 0.0
+    ) -> Tensor:
+        """Mean squared error of the prediction over `noise_draws` draws of step and noise a window.
+
+        `proprio_noise` is the standard deviation of a shift of the normalised joint positions, one for
+        each window: it makes the policy look at the pictures rather than infer the goal from its own pose.
+        """
+        device = batch.action.device
+        proprio = self.normaliser.proprio.normalise(batch.proprio)
+        if proprio_noise:
+            shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
+            proprio = proprio + proprio_noise * shift
+        observation = self.observation(self.encode(batch.pictures)[batch.frames], proprio)
+        clean = self.normaliser.action.normalise(batch.action).repeat_interleave(noise_draws, dim=0)
+        noise = torch.randn(clean.shape, generator=generator, device=device)
+        count = self.config.train_diffusion_steps
+        steps = torch.randint(count, (len(clean),), generator=generator, device=device)
+        noisy = self.scheduler.add_noise(clean, noise, steps)  # pyright: ignore[reportArgumentType]
+        # The observation is projected once for all its draws, every diffusion step once for the batch.
+        table = self.unet.film_of_steps(torch.arange(count, device=device))
+        film = table[steps] + self.unet.film_of_observations(observation).repeat_interleave(noise_draws, 0)
+        prediction = self.unet.modulated(noisy, film)
+        return functional.mse_loss(prediction.float(), self._target(clean, noise, steps))
+
+    def _target(self, clean: Tensor, noise: Tensor, steps: Tensor) -> Tensor:
+        if self.config.prediction == "epsilon":
+            return noise
+        if self.config.prediction == "sample":
+            return clean
+        return self.scheduler.get_velocity(clean, noise, steps)  # pyright: ignore[reportArgumentType]
+
+    @torch.inference_mode()
+    def act(self, features: Tensor, proprio: Tensor, generators: list[torch.Generator]) -> Tensor:
+        """Sample actions: features (B, O, F), raw proprioception (B, O, P) -> (B, horizon, A) raw.
+
+        All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
+        """
+        shape = (len(features), self.config.horizon, self.action_size)
+        film = self.unet.film_of_observations(
+            self.observation(features, self.normaliser.proprio.normalise(proprio))
+        )
+        sample = randn_tensor(shape, generator=generators, device=features.device, dtype=features.dtype)
+        steps = self.scheduler.timesteps
+        if self._film_table is None:
+            self._film_table = self.unet.film_of_steps(steps.to(features.device))
+        for step, film_of_step in zip(steps, self._film_table, strict=True):
+            prediction = self.unet.modulated(sample, film + film_of_step)
+            sample = self.scheduler.step(prediction, step, sample, generator=generators).prev_sample  # pyright: ignore[reportArgumentType]
+        return self.normaliser.action.restore(sample)

@@ -1,0 +1,93 @@
+"""Picture encoders: the paper's ResNet-18 with GroupNorm, and a compact one for a CPU.
+
+Both take pictures (B, 3, H, W) in [-1, 1] and give features (B, F); neither uses pretrained weights.
+"""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from rf_exp.errors import choices
+
+CHANNELS_PER_GROUP = 16  # of ResNet-18's GroupNorm (Diffusion Policy)
+
+
+def _norm(channels: int) -> nn.GroupNorm:
+    return nn.GroupNorm(channels // CHANNELS_PER_GROUP, channels)
+
+
+def _conv(inputs: int, outputs: int, kernel: int, stride: int = 1) -> nn.Conv2d:
+    return nn.Conv2d(inputs, outputs, kernel, stride, padding=kernel // 2, bias=False)
+
+
+class BasicBlock(nn.Module):
+    """ResNet's block of two 3x3 convolutions (He et al. 2016) with GroupNorm (Wu and He 2018)."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int) -> None:
+        super().__init__()
+        self.conv1, self.norm1 = _conv(inputs, outputs, 3, stride), _norm(outputs)
+        self.conv2, self.norm2 = _conv(outputs, outputs, 3), _norm(outputs)
+        self.skip: nn.Module = nn.Identity()
+        if stride != 1 or inputs != outputs:
+            self.skip = nn.Sequential(_conv(inputs, outputs, 1, stride), _norm(outputs))
+
+    def forward(self, x: Tensor) -> Tensor:
+        hidden = functional.relu(self.norm1(self.conv1(x)))
+        return functional.relu(self.norm2(self.conv2(hidden)) + self.skip(x))
+
+
+class ResNet18(nn.Sequential):
+    """ResNet-18 from scratch with GroupNorm and without its classifier: 11,176,512 parameters."""
+
+    features = 512
+
+    def __init__(self) -> None:
+        stages = [(64, 64, 1), (64, 128, 2), (128, 256, 2), (256, 512, 2)]
+        super().__init__(
+            nn.Sequential(_conv(3, 64, 7, 2), _norm(64), nn.ReLU(), nn.MaxPool2d(3, 2, padding=1)),
+            *(nn.Sequential(BasicBlock(a, b, stride), BasicBlock(b, b, 1)) for a, b, stride in stages),
+            nn.AdaptiveAvgPool2d(1),
+            nn.Flatten(),
+        )
+
+
+class SpatialSoftmax(nn.Module):
+    """Expected picture coordinates of each channel (Levine et al. 2016): (B, C, H, W) -> (B, 2C)."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        _, _, height, width = x.shape
+        attention = x.flatten(2).softmax(dim=2)
+        rows = torch.linspace(-1.0, 1.0, height, device=x.device, dtype=x.dtype)
+        columns = torch.linspace(-1.0, 1.0, width, device=x.device, dtype=x.dtype)
+        grid = torch.cartesian_prod(rows, columns)  # (H * W, 2)
+        return (attention @ grid).flatten(1)
+
+
+class Compact(nn.Sequential):
+    """Five small convolutions and a spatial softmax: where things are, at a hundredth of ResNet's cost."""
+
+    features = 128
+
+    def __init__(self) -> None:
+        def layer(inputs: int, outputs: int, kernel: int, stride: int) -> nn.Sequential:
+            return nn.Sequential(_conv(inputs, outputs, kernel, stride), nn.GroupNorm(4, outputs), nn.ReLU())
+
+        super().__init__(
+            layer(3, 16, 5, 2),
+            layer(16, 32, 3, 2),
+            layer(32, 32, 3, 1),
+            layer(32, 64, 3, 1),
+            nn.Conv2d(64, 48, 1),
+            SpatialSoftmax(),
+            nn.Linear(96, self.features),
+        )
+
+
+ENCODERS: dict[str, type[ResNet18] | type[Compact]] = {"resnet18": ResNet18, "compact": Compact}
+
+
+def encoder(name: str) -> ResNet18 | Compact:
+    """A freshly initialised encoder by name. Raises ArgumentError naming the known ones."""
+    if name not in ENCODERS:
+        raise choices("encoder", name, ENCODERS)
+    return ENCODERS[name]()

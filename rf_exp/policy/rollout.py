@@ -1,0 +1,155 @@
+"""The one rollout loop: policies act in a world at the control rate, judged at every step.
+
+Observations have the history of training: consecutive control steps. A predicted chunk is executed one
+target a control step; a target further away than the demonstrations ever moved in a step is approached
+by linear interpolation in joint space (paper, supplementary "Evaluation details"), so that a jump
+between two chunks becomes a motion at the demonstrations' speed.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy.dataset import proprioception
+from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.saved import MODEL, load_policy
+from rf_exp.policy.views import ACTION_SIZE, View
+from rf_exp.types import ARM_JOINTS, Rollout, Scene, Verdict, Violation, World
+
+
+class Actor:
+    """One policy acting through all streams of its view, batched: each stream is a row.
+
+    Keeps the last observations already encoded, so every picture is encoded at most once, and only
+    those are taken that an observation will hold.
+    """
+
+    def __init__(self, policy: DiffusionPolicy, view: View) -> None:
+        self.view, self._policy, self._config = view, policy.eval(), policy.config
+        fastest = policy.normaliser.fastest.cpu().double().numpy().reshape(-1, ACTION_SIZE)
+        self._fastest = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
+        self._device = policy.normaliser.fastest.device
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode. All noise of the next comes from its seed and the agents."""
+        self._features: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, F)
+        self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
+        self._targets: deque[NDArray[np.float64]] = deque()  # of (agents, 8)
+        self._last: NDArray[np.float64] | None = None  # (agents, 7) arm targets given last
+        self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
+
+    @property
+    def looks(self) -> bool:
+        """Whether the present frame is part of the observation of the next prediction."""
+        return not self._features or len(self._targets) < self._config.observation_steps
+
+    def __call__(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.float64]:
+        """Commands (agents of the view, 8) for this control step; `pictures` matter when it looks."""
+        if self.looks:
+            self._observe(scene, pictures)
+        if not self._targets:
+            self._predict()
+        return self._bounded(self._targets.popleft(), scene)
+
+    @torch.inference_mode()
+    def _observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        seen = np.stack([self._picture(pictures, stream.camera) for stream in self.view.streams])
+        qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
+        features = self._policy.encode_whole(torch.from_numpy(seen).to(self._device))
+        proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
+        # Before an episode's start its first frame repeats, as in training.
+        for _ in range(1 if self._features else self._config.observation_steps):
+            self._features.append(features)
+            self._proprio.append(proprio)
+
+    def _predict(self) -> None:
+        features, proprio = torch.stack([*self._features], dim=1), torch.stack([*self._proprio], dim=1)
+        actions = self._policy.act(features, proprio, self._generators).cpu().double().numpy()  # (S, T, A)
+        now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
+        chunk = actions[:, now : now + self._config.action_steps]
+        chunk = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
+        self._targets.extend(chunk)
+
+    def _bounded(self, target: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
+        if self._last is None:
+            self._last = scene.qpos[np.array(self.view.agents) - 1, :ARM_JOINTS]
+        change = target[:, :ARM_JOINTS] - self._last
+        fastest = np.tile(self._fastest, len(self.view.streams))
+        part = fastest / np.maximum(np.abs(change).max(axis=1), fastest + 1e-12)  # at most 1
+        self._last = self._last + part[:, None] * change
+        return np.column_stack([self._last, np.clip(target[:, ARM_JOINTS], -1.0, 1.0)])
+
+    def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
+        if camera not in pictures:
+            known = ", ".join(sorted(pictures)) or "none"
+            raise StageError(f"policy {self.view.name!r} needs camera {camera!r}; the world has {known}")
+        expected = (self._config.height, self._config.width, 3)
+        if pictures[camera].shape != expected:
+            raise StageError(
+                f"camera {camera!r} gives pictures {pictures[camera].shape}; "
+                f"policy {self.view.name!r} was trained on {expected}"
+            )
+        return pictures[camera]
+
+
+def load_actors(folder: Path, device: str = "auto") -> tuple[Actor, ...]:
+    """The actors of an architecture: one for each policy in the subfolders of `folder`."""
+    found = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
+    if not found:
+        raise StageError(f"no trained policies in {folder}; train them first (stages=[train])")
+    return tuple(Actor(*load_policy(path, device)) for path in found)
+
+
+def rollout(
+    world: World,
+    judge: Callable[[Scene], Verdict],
+    actors: Sequence[Actor],
+    seed: int,
+    step_limit: int,
+    monitor: Callable[[Scene], Violation | None] | None = None,
+    on_step: Callable[[Scene], None] | None = None,
+    start: Scene | None = None,
+) -> Rollout:
+    """Let the actors act in the scene of `seed` until strict success or for `step_limit` control steps.
+
+    `judge` and `monitor` see the scene after every step. `success_paper` is whether the paper's
+    criterion held at any step. `start` is the scene of `world.reset(seed)` where the caller has just
+    done that (a judge needs it). Raises ArgumentError unless the actors command each agent exactly once.
+    """
+    if step_limit < 1:
+        raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
+    scene = world.reset(seed) if start is None else start
+    commanded = sorted(agent for actor in actors for agent in actor.view.agents)
+    expected = list(range(1, len(scene.qpos) + 1))
+    if commanded != expected:
+        raise ArgumentError(f"the policies command agents {commanded}; expected each of {expected} once")
+    for actor in actors:
+        actor.reset(seed)
+
+    action = np.zeros((len(scene.qpos), ACTION_SIZE))
+    success_paper, violations = False, 0
+    for step in range(1, step_limit + 1):
+        pictures = world.pictures() if any(actor.looks for actor in actors) else {}
+        for actor in actors:
+            action[np.array(actor.view.agents) - 1] = actor(scene, pictures)
+        scene = world.step(action.copy())
+        verdict = judge(scene)
+        success_paper |= verdict.success_paper
+        violations += monitor is not None and monitor(scene) is not None
+        if on_step is not None:
+            on_step(scene)
+        if verdict.success:
+            return Rollout(seed, True, success_paper, step, violations)
+    return Rollout(seed, False, success_paper, step_limit, violations)
+
+
+def _generator(seed: int, agent: int) -> torch.Generator:
+    """On the CPU, so that the noise does not depend on the device."""
+    state = np.random.SeedSequence([seed, agent]).generate_state(1)[0]
+    return torch.Generator().manual_seed(int(state))

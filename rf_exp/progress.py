@@ -1,0 +1,68 @@
+"""Progress of long work: a bar on a terminal, a line now and then elsewhere.
+
+Both show the rate and, where things can fail, the success so far.
+"""
+
+import sys
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn, TimeRemainingColumn
+
+LINE_EVERY_S = 20.0
+
+console = Console(stderr=False, highlight=False, soft_wrap=True)
+
+
+class Progress:
+    """`with Progress("generate", 50, "episodes") as p: p.advance(note="49/50 succeeded")`."""
+
+    def __init__(self, title: str, total: int, unit: str, done: int = 0) -> None:
+        self._title, self._total, self._unit = title, total, unit
+        self._done = self._at_start = done
+        self._began = self._said = time.perf_counter()
+        self._note = ""
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        if sys.stdout.isatty():
+            columns = (
+                TextColumn("{task.description}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.fields[note]}"),
+                TimeRemainingColumn(),
+            )
+            self._bar = Bar(*columns, console=console)
+            self._task = self._bar.add_task(self._title, total=self._total, completed=self._done, note="")
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+        if kind is None:
+            self._say()
+
+    def advance(self, steps: int = 1, note: str = "") -> None:
+        """Some more work is done; `note` replaces the last one."""
+        self._done += steps
+        self._note = note or self._note
+        if self._bar is not None:
+            text = f"{self._rate():.3g} {self._unit}/s  {self._note}"
+            self._bar.update(self._task, completed=self._done, note=text)
+        elif time.perf_counter() - self._said > LINE_EVERY_S:
+            self._say()
+
+    def _rate(self) -> float:
+        return (self._done - self._at_start) / max(time.perf_counter() - self._began, 1e-9)
+
+    def _say(self) -> None:
+        self._said = time.perf_counter()
+        note = f", {self._note}" if self._note else ""
+        if self._bar is None or self._done >= self._total:
+            console.print(f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}")

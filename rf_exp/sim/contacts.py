@@ -1,0 +1,79 @@
+"""What touches what: grasps and collisions between arms, read from PhysX's contact list."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import sapien
+from numpy.typing import NDArray
+from sapien import physx
+
+LEFT, RIGHT = "panda_leftfinger", "panda_rightfinger"
+GRASP_FORCE_N = 0.5  # on each finger, ManiSkill's is_grasping
+GRASP_ANGLE_DEG = 85.0  # between that force and the direction the finger opens in
+
+Vector = NDArray[np.float64]
+
+
+class Contacts:
+    """Knows which body is a link of which arm and which is an object, for one scene."""
+
+    def __init__(self, robots: Sequence[physx.PhysxArticulation], objects: Mapping[str, sapien.Entity]) -> None:
+        # The scene hands out the same Python object for a body as long as one is kept: these maps do.
+        self._agent_of = {link: agent for agent, robot in enumerate(robots, 1) for link in robot.links}
+        self._fingers = [
+            tuple(next(link for link in robot.links if link.name.endswith(name)) for name in (LEFT, RIGHT))
+            for robot in robots
+        ]
+        self._finger_of = {finger for pair in self._fingers for finger in pair}
+        self._object_of = {
+            entity.find_component_by_type(physx.PhysxRigidBaseComponent): name for name, entity in objects.items()
+        }
+
+    def held(self, contacts: Sequence[physx.PhysxContact], timestep_s: float) -> tuple[str | None, ...]:
+        """The object between the fingers of each arm, now."""
+        on_finger: dict[tuple, Vector] = defaultdict(lambda: np.zeros(3))  # N, world frame
+        for contact in contacts:
+            a, b = contact.bodies
+            if a in self._finger_of and b in self._object_of:
+                on_finger[a, self._object_of[b]] += _impulse(contact) / timestep_s
+            elif b in self._finger_of and a in self._object_of:
+                on_finger[b, self._object_of[a]] -= _impulse(contact) / timestep_s
+        return tuple(self._held(fingers, on_finger) for fingers in self._fingers)
+
+    def between_arms(
+        self, contacts: Sequence[physx.PhysxContact], timestep_s: float
+    ) -> dict[tuple[int, int], float]:
+        """(agent, agent) -> force in N, of the arms that press on one another; agents from 1."""
+        forces: dict[tuple[int, int], float] = defaultdict(float)
+        for contact in contacts:
+            a, b = (self._agent_of.get(body) for body in contact.bodies)
+            if a is not None and b is not None and a != b:
+                impulse = sum(float(np.linalg.norm(point.impulse)) for point in contact.points)
+                forces[min(a, b), max(a, b)] += impulse / timestep_s
+        return {pair: force for pair, force in forces.items() if force > 0}
+
+    @staticmethod
+    def _held(fingers: tuple, on_finger: Mapping[tuple, Vector]) -> str | None:
+        """The object that presses both fingers of an arm apart, if any; the hardest pressed of several."""
+        pinched = {}
+        for (finger, name), force in on_finger.items():
+            if finger is fingers[0]:
+                opposite = on_finger.get((fingers[1], name))
+                if opposite is not None and _opens(fingers[0], force, 1) and _opens(fingers[1], opposite, -1):
+                    pinched[name] = float(np.linalg.norm(force) + np.linalg.norm(opposite))
+        return max(pinched, key=pinched.__getitem__, default=None)
+
+
+def _impulse(contact: physx.PhysxContact) -> Vector:
+    """Impulse (3,) in N s that the second body gives the first."""
+    return np.sum([point.impulse for point in contact.points], axis=0, dtype=float)
+
+
+def _opens(finger: physx.PhysxArticulationLinkComponent, force_n: Vector, side: int) -> bool:
+    """Whether the force is strong enough and pushes the finger open (along side times its y axis)."""
+    size = float(np.linalg.norm(force_n))
+    if size < GRASP_FORCE_N:
+        return False
+    opening = side * finger.entity_pose.to_transformation_matrix()[:3, 1]
+    return float(opening @ force_n) >= size * np.cos(np.deg2rad(GRASP_ANGLE_DEG))

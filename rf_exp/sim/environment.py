@@ -1,0 +1,134 @@
+"""The one ManiSkill environment: any number of Pandas on a table, set up by a task.
+
+Physics runs at 100 Hz and control at 20 Hz for every task. The scene is rebuilt at every reset:
+PhysX keeps contact caches and the order of its bodies, so only a new scene makes the same seed
+give the same bytes whatever ran before.
+"""
+
+import gc
+from functools import cache
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.structs.types import SceneConfig, SimConfig
+from sapien import physx
+
+from rf_exp.sim import objects
+from rf_exp.sim.agent import GRIPPER_M, UID
+from rf_exp.sim.room import build_room, light_room
+from rf_exp.tasks.base import CameraSpec, Start, Task
+from rf_exp.transforms import Matrix, from_axes
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ
+
+PHYSICS_HZ = 100
+NEAR_M, FAR_M = 0.01, 10.0
+# Hand frame: z along the fingers, y between them. The camera sits beside the hand and looks at the tips.
+WRIST_EYE_M, WRIST_TARGET_M = (0.07, 0.0, 0.02), (0.0, 0.0, 0.12)
+
+
+def world_from_camera(camera: CameraSpec) -> Matrix:
+    """(4, 4) of a camera that stands in the world: x right, y down, z forward (OpenCV)."""
+    forward = np.subtract(camera.target_m, camera.eye_m)
+    upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
+    return from_axes(camera.eye_m, z=forward, y=upright)
+
+
+def hand_from_camera() -> Matrix:
+    """(4, 4) of a wrist camera in the frame of panda_hand, OpenCV axes."""
+    return from_axes(WRIST_EYE_M, z=np.subtract(WRIST_TARGET_M, WRIST_EYE_M), y=(-1, 0, 0))
+
+
+@cache
+def _freeze_modules() -> None:
+    """ManiSkill collects garbage at every reset; what is imported by now need not be searched each time."""
+    gc.collect()
+    gc.freeze()
+
+
+def _sapien_camera_pose(parent_from_camera: Matrix) -> sapien.Pose:
+    """SAPIEN's cameras look along x with y to the left and z up."""
+    opencv_from_sapien = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+    return objects.sapien_pose(parent_from_camera @ opencv_from_sapien)
+
+
+class TableEnv(BaseEnv):
+    """Robots, objects, cameras and light of one task. A seed fixes the whole start."""
+
+    SUPPORTED_ROBOTS = None
+    SUPPORTED_OBS_MODES = ("none", "state", "rgb")
+    SUPPORTED_REWARD_MODES = ("none",)
+
+    def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render_backend: str) -> None:
+        _freeze_modules()
+        self.task = task
+        self.start: Start
+        self._assets = {name: (task.asset(name), objects.surfaces(task.asset(name))) for name in task.objects}
+        self._size_px = (width_px, height_px)
+        super().__init__(
+            obs_mode="none",
+            reward_mode="none",
+            control_mode="pd_joint_pos",
+            robot_uids=tuple(UID for _ in task.robots),  # pyright: ignore[reportArgumentType]
+            sim_backend="physx_cpu",
+            render_backend=render_backend,
+            reconfiguration_freq=1,
+            enable_shadow=True,
+        )
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return SimConfig(sim_freq=PHYSICS_HZ, control_freq=CONTROL_HZ, scene_config=SceneConfig())
+
+    @property
+    def _default_sensor_configs(self) -> list[CameraConfig]:
+        configs = []
+        for name, camera in self.task.cameras.items():
+            mounted = camera.mount == "wrist"
+            configs.append(
+                CameraConfig(
+                    uid=name,
+                    pose=_sapien_camera_pose(hand_from_camera() if mounted else world_from_camera(camera)),
+                    width=self._size_px[0],
+                    height=self._size_px[1],
+                    fov=float(np.deg2rad(camera.fov_deg)),
+                    near=NEAR_M,
+                    far=FAR_M,
+                    shader_pack="minimal",
+                    mount=self.hand(int(name.removeprefix("agent"))) if mounted else None,
+                )
+            )
+        return configs
+
+    @property
+    def arms(self) -> list:
+        """ManiSkill's agents, in the order of the task."""
+        return self.agent.agents if len(self.task.robots) > 1 else [self.agent]
+
+    def hand(self, agent: int):
+        """ManiSkill's link of the hand of an agent."""
+        return self.arms[agent - 1].robot.links_map["panda_hand"]
+
+    def _load_agent(self, options: dict, *_: object, **__: object) -> None:
+        self.start = self.task.start(int(self._episode_seed[0]))
+        bases = [objects.sapien_pose(robot.world_from_base) for robot in self.task.robots]
+        super()._load_agent(options, bases)
+
+    def _load_scene(self, options: dict) -> None:
+        build_room(self.scene)
+        self.actors = {
+            name: objects.build(self.scene, name, *self._assets[name], self.start.poses[name])
+            for name in self.task.objects
+        }
+
+    def _load_lighting(self, options: dict) -> None:
+        light_room(self.scene, self.start.light, shadow=self.enable_shadow)
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
+        for arm, qpos in zip(self.arms, self.start.qpos, strict=True):
+            robot: physx.PhysxArticulation = arm.robot._objs[0]
+            robot.set_qpos(qpos.astype(np.float32))
+            for joint, value in zip(robot.active_joints, qpos, strict=True):
+                joint.set_drive_target(value)  # else it would start towards zero

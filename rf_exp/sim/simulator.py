@@ -1,0 +1,210 @@
+"""The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import TracebackType
+
+import numpy as np
+import sapien
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError
+from rf_exp.sim.agent import GRIPPER_M
+from rf_exp.sim.contacts import Contacts
+from rf_exp.sim.environment import PHYSICS_HZ, TableEnv, hand_from_camera, world_from_camera
+from rf_exp.sim.vulkan import require_rendering
+from rf_exp.tasks.base import Task
+from rf_exp.transforms import Matrix
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Scene
+
+LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
+GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole camera: square pixels, principal point in the middle."""
+
+    width_px: int
+    height_px: int
+    fov_y_rad: float
+    world_from_camera: Matrix  # (4, 4), OpenCV axes: x right, y down, z forward
+
+    @property
+    def intrinsics(self) -> NDArray[np.float64]:
+        """(3, 3) pixels from camera coordinates."""
+        focal = self.height_px / 2 / np.tan(self.fov_y_rad / 2)
+        return np.array([[focal, 0, self.width_px / 2], [0, focal, self.height_px / 2], [0, 0, 1.0]])
+
+
+class Simulator:
+    """A task in simulation; implements `rf_exp.types.World`. A context manager.
+
+    Physics at 100 Hz, control at 20 Hz. Arms go to absolute joint targets and keep the last one
+    they were given. Raises StageError when pictures are asked for and no Vulkan device draws.
+    """
+
+    def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render: bool = True) -> None:
+        for name, value in (("width_px", width_px), ("height_px", height_px)):
+            if value < 1:
+                raise ArgumentError(f"{name}={value}: a picture has at least 1 pixel each way; expected 1 or more")
+        if render:
+            _require_rendering_once()
+        self.task = task
+        self._size_px = (width_px, height_px)
+        self._render = render
+        self._env = TableEnv(
+            task, width_px=width_px, height_px=height_px, render_backend=_renderer()[0] if render else "none"
+        )
+        self.reset(0)
+
+    def reset(self, seed: int) -> Scene:
+        """Begin the episode of a seed: a pure function of task and seed, whatever ran before."""
+        if not 0 <= seed <= LARGEST_SEED:
+            raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
+        self._env.reset(seed=int(seed))
+        self._robots = [arm.robot._objs[0] for arm in self._env.arms]
+        self._joints = [robot.active_joints for robot in self._robots]
+        self._bodies = {name: actor._objs[0] for name, actor in self._env.actors.items()}
+        self._contacts = Contacts(self._robots, self._bodies)
+        self._command = np.hstack([self._env.start.qpos[:, :ARM_JOINTS], np.ones((len(self._robots), 1))])
+        self._physics = self._env.scene.px
+        self._cameras = (
+            {name: self._env._sensors[name].camera._render_cameras[0] for name in self.task.cameras}
+            if self._render
+            else {}
+        )
+        self._drawn_at = -1
+        self._step = 0
+        return self._scene({})
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        """Apply (N, 8) joint targets in rad and gripper commands in [-1, 1] for one control step."""
+        action = np.asarray(action, dtype=float)
+        if action.shape != self._command.shape or not np.isfinite(action).all():
+            raise ArgumentError(
+                f"action of shape {action.shape}"
+                f"{'' if np.isfinite(action).all() else ' with values that are not finite'}; "
+                f"expected finite numbers of shape {self._command.shape}: joint targets in rad, gripper"
+            )
+        self._command = action.copy()
+        low, high = GRIPPER_M
+        fingers = low + (np.clip(action[:, ARM_JOINTS], -1.0, 1.0) + 1) / 2 * (high - low)
+        targets = np.column_stack([action[:, :ARM_JOINTS], fingers, fingers])
+        for joints, row in zip(self._joints, targets.tolist(), strict=True):
+            for joint, value in zip(joints, row, strict=True):
+                joint.set_drive_target(value)
+        pressed: dict[tuple[int, int], float] = {}
+        for _ in range(PHYSICS_HZ // CONTROL_HZ):
+            self._physics.step()
+            # A knock can be over within one control step: keep the hardest push of the physics steps.
+            now = self._contacts.between_arms(self._physics.get_contacts(), self._physics.timestep)
+            pressed = {pair: max(force, pressed.get(pair, 0.0)) for pair, force in (pressed | now).items()}
+        self._step += 1
+        return self._scene(pressed)
+
+    @property
+    def command(self) -> NDArray[np.float64]:
+        """(N, 8) what the arms were last told; at the start their own joint positions, grippers open."""
+        return self._command.copy()
+
+    def _scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
+        return Scene(
+            step=self._step,
+            qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
+            qvel=np.stack([robot.qvel for robot in self._robots]).astype(float),
+            poses={
+                name: body.pose.to_transformation_matrix().astype(float) for name, body in self._bodies.items()
+            },
+            speeds={name: _speed_m_s(body) for name, body in self._bodies.items()},
+            held=self._contacts.held(self._physics.get_contacts(), self._physics.timestep),
+            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
+        )
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Camera names: `global`, `agent1`, ...; empty without rendering."""
+        return tuple(self.task.cameras) if self._render else ()
+
+    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+        """Camera -> (H, W, 3) RGB of the present step, all drawn in one pass."""
+        return {name: picture[..., :3].copy() for name, picture in self._drawn("Color").items()}
+
+    def segmentation(self) -> dict[str, NDArray[np.int32]]:
+        """Camera -> (H, W) number of the body seen at each pixel, see `bodies`; 0 is nothing."""
+        return {name: image[..., 3].astype(np.int32) for name, image in self._drawn(GEOMETRY).items()}
+
+    def depth(self) -> dict[str, NDArray[np.float32]]:
+        """Camera -> (H, W) distance along the viewing direction in metres, to the millimetre; 0 is nothing."""
+        return {name: image[..., 2].astype(np.float32) / -1000 for name, image in self._drawn(GEOMETRY).items()}
+
+    def bodies(self) -> dict[str, tuple[int, ...]]:
+        """Numbers that `segmentation` uses: each object, `table`, and `agent<k>` with all of its links."""
+        numbers = {
+            name: (actor._objs[0].per_scene_id,)
+            for name, actor in self._env.scene.actors.items()
+            if name in self._bodies or name == "table"
+        }
+        for agent, robot in zip(self.task.agents, self._robots, strict=True):
+            numbers[f"agent{agent}"] = tuple(link.entity.per_scene_id for link in robot.links)
+        return numbers
+
+    def camera_models(self) -> dict[str, CameraModel]:
+        """Camera -> its model at the present step; a wrist camera moves with its hand."""
+        models = {}
+        for name in self.cameras:
+            spec = self.task.cameras[name]
+            if spec.mount == "wrist":
+                hand = self._env.hand(int(name.removeprefix("agent")))._objs[0]
+                pose = hand.entity_pose.to_transformation_matrix().astype(float) @ hand_from_camera()
+            else:
+                pose = world_from_camera(spec)
+            models[name] = CameraModel(*self._size_px, float(np.deg2rad(spec.fov_deg)), pose)
+        return models
+
+    def _drawn(self, texture: str) -> dict[str, NDArray]:
+        if not self._render:
+            raise ArgumentError("this simulator draws no pictures; it was made with render=False, expected True")
+        if self._drawn_at != self._step:
+            self._env.scene.sub_scenes[0].update_render()
+            for camera in self._cameras.values():
+                camera.take_picture()
+            self._drawn_at = self._step
+        return {name: camera.get_picture(texture) for name, camera in self._cameras.items()}
+
+    def close(self) -> None:
+        """Free the scene. The simulator cannot be used afterwards."""
+        self._robots, self._joints, self._bodies, self._cameras = [], [], {}, {}
+        self._env.close()
+
+    def __enter__(self) -> "Simulator":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _speed_m_s(body: sapien.Entity) -> float:
+    dynamic = body.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+    return float(np.linalg.norm(dynamic.linear_velocity)) if dynamic else 0.0
+
+
+_require_rendering_once = cache(require_rendering)
+
+
+@cache
+def _renderer() -> tuple[str, sapien.render.RenderSystem]:
+    """ManiSkill's name of the render backend, and a render system that is never used.
+
+    As long as one render system lives SAPIEN keeps its compiled shaders, which take seconds to make.
+    """
+    try:
+        device = sapien.Device("cuda")
+        if device.can_render():
+            return "gpu", sapien.render.RenderSystem(device)
+    except RuntimeError:  # there is no such device
+        pass
+    return "cpu", sapien.render.RenderSystem(sapien.Device("cpu"))

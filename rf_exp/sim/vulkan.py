@@ -1,0 +1,161 @@
+"""Which Vulkan driver draws the pictures, and whether it really draws one.
+
+SAPIEN takes whatever the Vulkan loader offers. Without a GPU that is a list of drivers for hardware
+that is not there, so the software driver (Mesa's lavapipe) is named before SAPIEN is imported; with
+a GPU the loader is left alone. This file also runs by itself, before anything is set up:
+`python rf_exp/sim/vulkan.py` draws one picture and exits 0 if that worked.
+"""
+
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+VARIABLES = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")  # the loader obeys the first before the second
+MANIFESTS = ("etc/vulkan/icd.d", "usr/local/share/vulkan/icd.d", "usr/share/vulkan/icd.d")
+NVIDIA_DRIVERS = (
+    "usr/lib*/libGLX_nvidia.so.*",
+    "usr/lib*/*/libGLX_nvidia.so.*",
+    "usr/local/nvidia/lib*/*GLX*",
+)
+COSTS = "no pictures; render=false still makes states and actions"
+
+
+@dataclass(frozen=True)
+class Driver:
+    """The Vulkan driver that will be used, and why."""
+
+    words: str
+    manifest: Path | None = None  # of the software driver, where it has to be named
+    variable: str | None = None  # set by the user, who then decides alone
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What happened when one picture was asked for. `reason` is empty when there is one."""
+
+    driver: Driver
+    device: str
+    seconds: float
+    reason: str
+
+    @property
+    def ok(self) -> bool:
+        return not self.reason
+
+    @property
+    def mend(self) -> str:
+        """What to do about it: a command."""
+        if self.driver.variable:
+            return f"unset {self.driver.variable}, then python -m rf_exp.doctor"
+        software = software_manifest()
+        if software and not self.driver.manifest:
+            return f"export VK_DRIVER_FILES={software}"
+        return "scripts/setup.sh (installs Mesa's software Vulkan)"
+
+
+def software_manifest(root: Path = Path("/")) -> Path | None:
+    """The loader's manifest of Mesa's software driver, or None where it is not installed."""
+    for folder in MANIFESTS:
+        for name in ("lvp_icd.json", f"lvp_icd.{platform.machine()}.json"):
+            if (root / folder / name).is_file():
+                return root / folder / name
+    return None
+
+
+def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Driver:
+    """Decide which driver to use. Reads `environment` and the files under `root`, changes nothing.
+
+    A variable set by the user wins; then a GPU that has a Vulkan driver; then the software driver.
+    """
+    for variable in VARIABLES:
+        if value := environment.get(variable):
+            return Driver(f"{variable}={value}, set by you", variable=variable)
+    # An NVIDIA GPU in a container often comes without the part of its driver that draws.
+    nvidia = (root / "dev/nvidiactl").exists() and any(
+        path for pattern in NVIDIA_DRIVERS for path in root.glob(pattern)
+    )
+    render_nodes = [node for node in root.glob("dev/dri/renderD*") if os.access(node, os.R_OK | os.W_OK)]
+    if nvidia:
+        return Driver("the driver of the NVIDIA GPU")
+    if render_nodes and not (root / "dev/nvidiactl").exists():
+        return Driver(f"the driver of the GPU at {render_nodes[0]}")
+    if manifest := software_manifest(root):
+        return Driver(f"software, {manifest}", manifest=manifest)
+    return Driver("none found: no GPU with a Vulkan driver, no Mesa software driver")
+
+
+def select_driver() -> str:
+    """Name the Vulkan driver to the loader, before SAPIEN is imported; returns the choice in words."""
+    driver = find_driver(os.environ)
+    if driver.manifest:
+        os.environ["VK_DRIVER_FILES"] = str(driver.manifest)
+    return driver.words
+
+
+def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
+    """Ask SAPIEN for a device and, with `picture`, draw 32 x 32 pixels on it.
+
+    Runs in a process of its own, because a bad driver can end the process. About half a second for
+    the device; the first picture of the software driver takes 1 to 4 s.
+    """
+    # -P: this folder must not shadow the standard library in the child.
+    command = [sys.executable, "-P", __file__, *([] if picture else ["--device-only"])]
+    driver = find_driver(os.environ)
+    begin = time.perf_counter()
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        return Probe(driver, "", timeout_s, f"no answer from the driver in {timeout_s:g} s")
+    seconds = time.perf_counter() - begin
+    if child.returncode < 0:
+        name = signal.Signals(-child.returncode).name
+        return Probe(driver, "", seconds, f"the driver ended the process with {name}")
+    if child.returncode > 0:
+        last = (child.stderr.strip() or child.stdout.strip() or "no message").splitlines()[-1]
+        return Probe(driver, "", seconds, last)
+    return Probe(driver, json.loads(child.stdout.splitlines()[-1])["device"], seconds, "")
+
+
+def require_rendering() -> None:
+    """Stop before any work is lost: StageError where SAPIEN finds no device to draw with."""
+    from rf_exp.errors import StageError  # not above: the rest runs before rf_exp is installed
+
+    probe = render_probe(picture=False)
+    if not probe.ok:
+        raise StageError(
+            f"rendering was asked for, but SAPIEN has no Vulkan device: {probe.reason} "
+            f"(driver: {probe.driver.words}). Mend: {probe.mend}; or go without pictures: render=false"
+        )
+
+
+def _draw(picture: bool) -> str:
+    """Draw a lit box on an empty background; returns the name of the device."""
+    import sapien
+
+    scene = sapien.Scene()
+    device = scene.render_system.device.name
+    if picture:
+        builder = scene.create_actor_builder()
+        builder.add_box_visual(half_size=(0.5, 0.5, 0.5))
+        builder.build_static(name="box")
+        scene.set_ambient_light([1.0, 1.0, 1.0])
+        camera = scene.add_camera("probe", 32, 32, fovy=1.0, near=0.1, far=10.0)
+        camera.set_local_pose(sapien.Pose([-2.0, 0.0, 0.0]))
+        scene.update_render()
+        camera.take_picture()
+        pixels = camera.get_picture("Color")  # (32, 32, 4), alpha 0 where nothing is
+        if not pixels[16, 16, :3].mean() > 0.1 or pixels[0, 0, 3] != 0.0:
+            raise RuntimeError(f"the picture of {device} does not show the box in front of the camera")
+    return device
+
+
+if __name__ == "__main__":
+    words = select_driver()
+    print(json.dumps({"device": _draw("--device-only" not in sys.argv), "driver": words}))

@@ -1,0 +1,85 @@
+"""Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
+
+from dataclasses import asdict
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import GenerationRow
+from rf_exp.datagen.episode import Outcome
+from rf_exp.datagen.generate import generate
+from rf_exp.errors import StageError
+from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.progress import Progress, console
+from rf_exp.stages.artifacts import data_path, generation_path, owned, plain
+from rf_exp.store import Store
+from rf_exp.tasks import Task
+from rf_exp.types import Row
+
+HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
+
+
+def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
+    """`demos` successes, or all of `episodes` consecutive seeds; continues where it stopped.
+
+    Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
+    """
+    title = f"generate {task.name}/{row.name}"
+    settings, pictures = experiment.settings(task, row), experiment.pictures
+    made_of = plain({**asdict(settings), "task": task.name, "scene": asdict(task), "version": task.version})
+    path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
+    with owned(rows_path, made_of), owned(path), _store(experiment, task, row, made_of) as store:
+        known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
+        failed = {seed for seed, r in known.items() if not r.success}
+        stored = set(store.seeds.tolist())
+        goal = experiment.episodes or HOPELESS * experiment.demos
+        span = range(experiment.seed, min(experiment.seed + goal, EVALUATION_SEED))
+        enough = len(span) if experiment.episodes else experiment.demos
+        tried = [seed for seed in span if seed in stored or seed in failed]
+        made = len(stored)
+
+        if made >= enough or len(tried) == len(span):
+            console.print(f"{title}: {made} demonstrations are there, nothing to do")
+        else:
+            by_seed = experiment.episodes is not None
+            unit, total = ("seeds", len(span)) if by_seed else ("demonstrations", enough)
+            with Progress(title, total, unit, len(tried) if by_seed else made) as progress:
+                for outcome in generate(settings, pictures, [s for s in span if s not in tried], experiment.workers):
+                    if outcome.episode is not None:
+                        store.append(outcome.episode)
+                    if outcome.seed not in known:
+                        rows.append(rows_path, _row(task, row, settings.brain, outcome))
+                    tried.append(outcome.seed)
+                    made += outcome.success
+                    progress.advance(int(by_seed or outcome.success), f"{made} of {len(tried)} seeds succeeded")
+                    if made >= enough:
+                        break
+        if made < enough and experiment.episodes is None:
+            raise StageError(
+                f"{title}: only {made} of {len(tried)} seeds succeeded, {experiment.demos} demonstrations were "
+                f"wanted; the reasons are in {rows_path}"
+            )
+
+
+def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
+    path, pictures = data_path(experiment, task, row), experiment.pictures
+    cameras = ("global", *(f"agent{k}" for k in task.agents)) if pictures.render else ()
+    size = (pictures.height, pictures.width) if pictures.render else (0, 0)
+    identity = {**made_of, "first_seed": experiment.seed, "cameras": list(cameras), "picture": list(size)}
+    if path.exists():
+        return Store.open(path, identity, writable=True)
+    return Store.create(path, identity, len(task.agents), cameras, *size)
+
+
+def _row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
+    return GenerationRow(
+        task=task.name,
+        constraints=row.name,
+        brain=brain,
+        seed=outcome.seed,
+        success=outcome.success,
+        success_paper=outcome.success_paper,
+        steps=outcome.steps,
+        attempts=outcome.attempts,
+        reason=outcome.reason,
+        wall_s=round(outcome.wall_s, 3),
+        version=task.version,
+    )

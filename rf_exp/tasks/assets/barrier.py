@@ -1,0 +1,57 @@
+"""A striped road barrier: a long board on two feet, gripped near both ends (length along x)."""
+
+import numpy as np
+
+from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.transforms import from_axes, transform
+
+LENGTH_M = 0.60
+THICKNESS_M = 0.026  # along y, well inside the 0.08 m that the hand spans
+BOTTOM_M, TOP_M = 0.046, 0.096  # of the board
+GRIP_X_M, GRIP_Z_M = 0.222, 0.074
+FOOT_X_M, FOOT_LENGTH_M, FOOT_HEIGHT_M = 0.13, 0.16, 0.016
+STRIPES, SLANT_M, PROUD_M = 5, 0.03, 0.0005  # a stripe stands a little proud, or it would flicker
+
+WHITE, RED, STEEL = (0.85, 0.84, 0.80), (0.72, 0.04, 0.03), (0.10, 0.11, 0.13)
+
+
+def build() -> Asset:
+    """The barrier with grasp points `left` (x < 0) and `right` (x > 0)."""
+    board = Part.box(
+        (LENGTH_M / 2, THICKNESS_M / 2, (TOP_M - BOTTOM_M) / 2), transform((0, 0, (TOP_M + BOTTOM_M) / 2)), WHITE
+    )
+    feet = [part for side in (-1, 1) for part in _foot(side * FOOT_X_M)]
+    pitch = LENGTH_M / STRIPES
+    stripes = [_stripe((i + 0.5) * pitch - LENGTH_M / 2, pitch / 4) for i in range(STRIPES)]
+    return Asset(
+        "barrier",
+        parts=(board, *feet, *stripes),
+        points={"left": _grip(-GRIP_X_M), "right": _grip(GRIP_X_M)},
+        mass_kg=0.1,
+        friction=1.2,
+    )
+
+
+def _foot(x_m: float) -> tuple[Part, Part]:
+    """A post under the board and a beam across it that keeps the board from tipping over."""
+    beam = Part.box((0.02, FOOT_LENGTH_M / 2, FOOT_HEIGHT_M / 2), transform((x_m, 0, FOOT_HEIGHT_M / 2)), STEEL)
+    half = (BOTTOM_M - FOOT_HEIGHT_M) / 2
+    post = Part.box((0.012, 0.01, half), transform((x_m, 0, FOOT_HEIGHT_M + half)), STEEL)
+    return beam, post
+
+
+def _stripe(x_m: float, half_width_m: float) -> Part:
+    """A slanted red band around the board; paint, so the fingers feel a flat board."""
+    corners = [
+        (x_m + side * half_width_m + slant, y, z)
+        for side in (-1, 1)
+        for z, slant in ((BOTTOM_M - PROUD_M, -SLANT_M / 2), (TOP_M + PROUD_M, SLANT_M / 2))
+        for y in (-THICKNESS_M / 2 - PROUD_M, THICKNESS_M / 2 + PROUD_M)
+    ]
+    return Part.hull(np.array(corners), RED, solid=False)
+
+
+def _grip(x_m: float) -> InteractionPoint:
+    """From straight above, the fingers closing on the two faces of the board."""
+    pose = from_axes((x_m, 0, GRIP_Z_M), z=(0, 0, -1), y=(0, 1, 0))
+    return InteractionPoint(pose, "grasp", width_m=THICKNESS_M)

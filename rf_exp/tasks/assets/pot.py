@@ -1,0 +1,51 @@
+"""An open stewing pot: a ring of convex wall pieces on a floor, two small handles along x."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.transforms import transform
+
+INNER_M, OUTER_M = 0.085, 0.100  # radii at the corners of the wall pieces
+HEIGHT_M, FLOOR_M = 0.096, 0.010
+WALLS = 16
+INSIDE_Z_M = 0.052  # where food is let go: the hand stays above the rim, the food falls 4 cm
+
+ENAMEL, RIM, IRON = (0.10, 0.24, 0.42), (0.55, 0.58, 0.62), (0.05, 0.05, 0.06)
+RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
+
+
+def build() -> Asset:
+    """The pot with place point `inside`.
+
+    Of a place point, `object_from_tcp` is the pose of the placed object's own frame, z up: what is
+    put in ends up upright over the middle of the pot, and half a turn serves as well.
+    """
+    floor = Part.cylinder(INNER_M, FLOOR_M, transform((0, 0, FLOOR_M / 2)), ENAMEL, roughness=0.3)
+    walls = [Part.hull(piece, ENAMEL, roughness=0.3) for piece in _ring(INNER_M, OUTER_M, 0.0, HEIGHT_M)]
+    handles = [
+        Part.box((0.017, 0.028, 0.006), transform((side * (OUTER_M + 0.014), 0, 0.07)), IRON) for side in (-1, 1)
+    ]
+    # Only seen: a bright rim, a little proud of the wall it stands in.
+    band = _ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M)
+    rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
+    inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "place", standoff_m=0.10, slack_m=0.03)
+    return Asset(
+        "pot", parts=(floor, *walls, *handles, *rim), points={"inside": inside}, mass_kg=0.8, friction=1.2
+    )
+
+
+def _ring(inner_m: float, outer_m: float, low_m: float, high_m: float) -> list[NDArray[np.float64]]:
+    """Corners (8, 3) of the convex pieces that together are a tube about z between two heights."""
+    angles = np.linspace(0, 2 * np.pi, WALLS + 1)
+    return [
+        np.array(
+            [
+                (radius * np.cos(angle), radius * np.sin(angle), z)
+                for angle in edges
+                for radius in (inner_m, outer_m)
+                for z in (low_m, high_m)
+            ]
+        )
+        for edges in zip(angles[:-1], angles[1:], strict=True)
+    ]

@@ -1,0 +1,45 @@
+"""Turns the configuration of a task, as plain values, into a checked Task."""
+
+from collections.abc import Mapping
+
+import dacite
+
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import assets
+from rf_exp.tasks.base import Task
+
+
+def load_task(name: str, node: Mapping) -> Task:
+    """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
+
+    Raises ArgumentError naming the field for what is missing, unknown, or of another type, for an
+    asset that does not exist, and for an object that stands on one not listed before it.
+    """
+    try:
+        task = dacite.from_dict(Task, dict(node), config=dacite.Config(cast=[tuple], strict=True))
+    except dacite.UnexpectedDataError as error:
+        unknown = ", ".join(sorted(map(str, error.keys)))
+        hint = "; YAML reads a bare `on` as true: write it in quotes" if True in error.keys else ""
+        raise ArgumentError(f"task {name!r}: unknown field {unknown}{hint}") from error
+    except dacite.MissingValueError as error:
+        raise ArgumentError(f"task {name!r}: field {error.field_path} is missing") from error
+    except dacite.WrongTypeError as error:
+        raise ArgumentError(
+            f"task {name!r}: field {error.field_path} is {error.value!r}; expected {error.field_type}"
+        ) from error
+    except ArgumentError as error:
+        raise ArgumentError(f"task {name!r}: {error}") from error
+    if task.name != name:
+        raise ArgumentError(f"task {name!r}: field name is {task.name!r}; expected {name!r}, as file and module")
+    seen: list[str] = []
+    for key, spec in task.objects.items():
+        try:
+            assets.load(spec.asset)
+        except ArgumentError as error:
+            raise ArgumentError(f"task {name!r}: object {key!r}: {error}") from error
+        if spec.on is not None and spec.on not in seen:
+            raise ArgumentError(
+                f"task {name!r}: object {key!r} stands on {spec.on!r}; expected one listed before it: {seen}"
+            )
+        seen.append(key)
+    return task

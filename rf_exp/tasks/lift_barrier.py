@@ -1,0 +1,47 @@
+"""Lift Barrier: two arms grasp both ends of a long barrier and lift it level."""
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import holders, risen_m, still, tilt_deg
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+GRIPS = {1: "left", 2: "right"}  # the end nearest to each arm
+LIFT_M = 0.17  # of both grippers: the required rise and a little to spare
+TOGETHER_S = 0.1
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Grasp both ends; once both are held, lift them at the same time."""
+    spatial = [say.avoid_agents(agent) for agent in task.agents] + [say.avoid_objects(agent) for agent in task.agents]
+    if len(holders(scene, "barrier")) < len(task.agents):
+        return Proposal(
+            tuple(Subgoal(agent, "grasp", "barrier", point) for agent, point in GRIPS.items()),
+            (
+                *(say.grasp_at(agent, "barrier", point) for agent, point in GRIPS.items()),
+                *(say.perpendicular(agent, "barrier") for agent in GRIPS),
+                say.together(1, 2, "grasp", "barrier", 2.0),
+                *spatial,
+            ),
+        )
+    return Proposal(
+        tuple(Subgoal(agent, "lift", "barrier", height_m=LIFT_M) for agent in GRIPS),
+        (say.same_height(1, 2), say.together(1, 2, "lift", "barrier", TOGETHER_S), *spatial),
+    )
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """Both arms hold the barrier, it is up, level and at rest."""
+    limits = task.success
+    return {
+        "held by both arms": holders(scene, "barrier") == task.agents,
+        "lifted": risen_m(scene, start, "barrier") > limits["lift_m"],
+        "level": tilt_deg(scene.poses["barrier"]) < limits["level_deg"],
+        "at rest": still(scene, "barrier", limits["still_m_s"]),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the centre is higher than its start by the threshold."""
+    return risen_m(scene, start, "barrier") > task.success["lift_m"]

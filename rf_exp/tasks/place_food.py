@@ -1,0 +1,76 @@
+"""Place Food: one arm takes the lid off the pot, the other puts the food in."""
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import distance_xy_m, height_m, holders, still, tilt_deg
+from rf_exp.transforms import Matrix, planar
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+COOK, HELPER = 1, 2  # the agents: one brings the food, the other opens the pot
+LID_LIFT_M = 0.12
+ASIDE_M = 0.27  # from the pot to where the lid is put, towards the helper
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """Named places on the table: world_from_object (4, 4) of what is put there."""
+    pot = scene.poses["pot"]
+    return {"aside": planar(pot[0, 3], pot[1, 3] + ASIDE_M, 0.0)}
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Lid up and aside while the steak is fetched; the steak goes in once the lid is up."""
+    subgoals: list[Subgoal] = []
+    constraints = []
+    if not _lid_off(scene, task) or holders(scene, "lid"):
+        subgoals += [
+            Subgoal(HELPER, "grasp", "lid", "knob"),
+            Subgoal(HELPER, "lift", "lid", height_m=LID_LIFT_M),
+            Subgoal(HELPER, "place", "lid", target="aside"),
+        ]
+        constraints += [say.grasp_at(HELPER, "lid", "knob"), say.perpendicular(HELPER, "lid")]
+    if not _inside(scene, task) or holders(scene, "steak"):
+        subgoals += [
+            Subgoal(COOK, "grasp", "steak", "center"),
+            Subgoal(COOK, "place", "steak", target="pot", target_point="inside"),
+        ]
+        constraints += [
+            say.grasp_at(COOK, "steak", "center"),
+            say.perpendicular(COOK, "steak"),
+        ]
+    if len({subgoal.agent for subgoal in subgoals}) == 2:
+        constraints += [say.before(HELPER, "lift", "lid", COOK, "place", "steak"), say.share_space(HELPER, COOK)]
+    constraints += [say.avoid_agents(agent) for agent in task.agents]
+    constraints += [say.avoid_objects(agent) for agent in task.agents]
+    return Proposal(tuple(subgoals), tuple(constraints))
+
+
+def _inside(scene: Scene, task: Task) -> bool:
+    rim_m = height_m(scene, "pot") + float(task.asset("pot").bounds_m[1, 2])
+    near = distance_xy_m(scene.poses["steak"], scene.poses["pot"]) < task.success["inside_m"]
+    return near and height_m(scene, "steak") < rim_m
+
+
+def _lid_off(scene: Scene, task: Task) -> bool:
+    return distance_xy_m(scene.poses["lid"], scene.poses["pot"]) > task.success["lid_off_m"]
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The steak lies in the upright pot, the lid beside it, nothing is held, nothing moves."""
+    limits = task.success
+    return {
+        "steak inside the pot": _inside(scene, task),
+        "lid off": _lid_off(scene, task),
+        "lid upright on the table": tilt_deg(scene.poses["lid"]) < limits["upright_deg"]
+        and height_m(scene, "lid") < limits["lid_down_m"],
+        "pot upright": tilt_deg(scene.poses["pot"]) < limits["upright_deg"],
+        "released": not holders(scene, "steak") and not holders(scene, "lid"),
+        "at rest": all(still(scene, name, limits["still_m_s"]) for name in task.objects),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the steak is low and near the pot."""
+    near = distance_xy_m(scene.poses["steak"], scene.poses["pot"]) < task.success["paper_distance_m"]
+    return near and height_m(scene, "steak") < task.success["paper_height_m"]

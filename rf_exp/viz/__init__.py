@@ -1,0 +1,11 @@
+"""Rerun recordings of generation and rollouts. Nothing else imports rerun.
+
+One `Recorder` writes one file that `rerun FILE` opens well laid out: the layout (blueprint) is in
+the file. All geometry is handed in as arrays; world frame, metres, radians. What the entities are
+called and how to look at a file: docs/recordings.md.
+"""
+
+from rf_exp.viz.layout import agent_colour, camera_entity, link_entity, object_entity
+from rf_exp.viz.recorder import CameraModel, Mesh, Recorder
+
+__all__ = ["CameraModel", "Mesh", "Recorder", "agent_colour", "camera_entity", "link_entity", "object_entity"]

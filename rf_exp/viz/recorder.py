@@ -1,0 +1,382 @@
+"""Writes one recording: what happened at each control step, and why."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+from uuid import uuid4
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import ArrayLike, NDArray
+from rerun.components import FillMode
+
+from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.transforms import Matrix
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Violation
+from rf_exp.viz.layout import (
+    HOLDS,
+    JOINT_COLOURS,
+    OBJECT,
+    VIOLATED,
+    Rgb,
+    agent_colour,
+    blueprint,
+    camera_entity,
+    shade,
+)
+from rf_exp.viz.shading import creased, srgb
+
+rr.set_strict_mode(True)  # else rerun drops what it cannot take, with a warning
+
+JPEG_QUALITY = 80
+FLUSH_S = 5.0  # rows are written in batches; few large ones load faster than many small
+MARK_STEPS = 10  # control steps that the mark of a violation stays in the scene: half a second
+MARK_RADIUS_M = 0.02
+OPEN_MM = 80.0  # between the Panda's fingers when fully open
+FRUSTUM_M = 0.07  # length of the drawn cameras
+VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
+VOXEL_EDGE_M = 0.0004
+FAINT = 110  # alpha of commanded curves, next to measured ones
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole camera with square pixels and its principal point in the middle.
+
+    `world_from_camera` (4, 4): x right, y down, z forward (OpenCV's convention, rerun's RDF); for a
+    camera at `eye` looking at `target` it is `from_axes(eye, z=target - eye, y=(0, 0, -1))`. None:
+    the camera moves, and `Recorder.step` is given its pose under `camera_entity(name)`.
+    """
+
+    width_px: int
+    height_px: int
+    fov_y_rad: float
+    world_from_camera: Matrix | None = None
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles in the frame of their entity, metres.
+
+    `colour`: linear RGB in [0, 1], (3,) for all or (V, 3) for each vertex. None: an arm takes the
+    colour of its agent, anything else grey.
+    """
+
+    vertices: NDArray[np.floating]  # (V, 3)
+    faces: NDArray[np.integer]  # (F, 3) indices into vertices, counter-clockwise from outside
+    colour: ArrayLike | None = None
+
+
+class Recorder:
+    """Writes one recording. A context manager: the file is complete also after an exception.
+
+    `cameras`: camera name -> CameraModel; empty without rendering. `meshes`: entity path
+    (`link_entity`, `object_entity`) -> Mesh; an entity that never gets a pose stands in the world
+    frame. An existing file at `path` is replaced, missing folders are made.
+
+    Raises ArgumentError for a value of the wrong shape, type or name, naming it; StageError when
+    the file cannot be written or was closed.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        task: str,
+        title: str,
+        agents: int,
+        cameras: Mapping[str, CameraModel],
+        meshes: Mapping[str, Mesh],
+    ) -> None:
+        if path.suffix != ".rrd":
+            raise ArgumentError(f"recording {path}: the viewer opens only names that end in .rrd")
+        if agents < 1:
+            raise ArgumentError(f"recording of {agents} agents; expected at least 1")
+        self._path, self._agents, self._cameras, self._step = path, agents, dict(cameras), 0
+        moving = [camera_entity(name) for name, camera in cameras.items() if camera.world_from_camera is None]
+        self._posed = {*meshes, *moving}  # entities that a step may place
+        self._subgoals: list[list[str]] = [[] for _ in range(agents)]  # texts seen on each agent's lane
+        self._checks: set[str] = set()  # lanes seen
+        self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
+        self._marks: list[tuple[str, NDArray[np.float64]]] = []  # (check, where) now in the scene
+        self._marked_step = 0
+        self._closed = False
+
+        batches = rr.ChunkBatcherConfig.DEFAULT()
+        batches.flush_tick = FLUSH_S
+        # One application per task: the viewer keeps one layout for each, and tasks differ in agents.
+        # Its own identifier: the default is one for the whole process, which would merge its files.
+        self._stream = rr.RecordingStream(f"rf_exp {task}", recording_id=uuid4(), batcher_config=batches)
+        self._stream.set_log_time_enabled(False)  # the machine's clock is no part of an episode
+        self._stream.set_log_tick_enabled(False)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream.save(path, default_blueprint=blueprint(agents, tuple(cameras)))
+        except (OSError, RuntimeError) as error:
+            raise StageError(f"cannot write the recording {path}: {error}") from error
+        try:
+            self._stream.send_recording_name(title)
+            self._static(cameras, meshes)
+            self._set_time(0)
+            self.note(title)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None and not self._closed:
+            self.note(f"ended by {type(error).__name__}: {error}", level="ERROR")
+        self.close()
+
+    def close(self) -> None:
+        """Write everything that waits, and the footer. Nothing can be recorded afterwards."""
+        self._closed = True
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def step(
+        self,
+        step: int,
+        *,
+        poses: Mapping[str, Matrix],
+        qpos: NDArray[np.floating],
+        action: NDArray[np.floating] | None = None,
+        pictures: Mapping[str, NDArray[np.uint8]] | None = None,
+    ) -> None:
+        """Record one control step; everything recorded until the next call belongs to it.
+
+        `poses`: entity path -> world_from_entity (4, 4) of links, objects and moving cameras; who is
+        left out stays. `qpos` (N, 9) rad and metres; `action` (N, 8) rad and gripper command, None
+        when nothing is commanded any more. `pictures`: camera -> (H, W, 3) sRGB. Steps do not go back.
+        """
+        self._check_step(step, poses, qpos, action, pictures or {})
+        self._set_time(step)
+        if self._marks and step - self._marked_step >= MARK_STEPS:
+            self._marks.clear()
+            self._log("world/violations", rr.Clear(recursive=False))
+        for entity, pose in poses.items():
+            self._log(entity, _placed(pose))
+        for agent in range(1, self._agents + 1):
+            row = qpos[agent - 1]
+            self._log(f"joints/agent{agent}/measured", rr.Scalars(row[:ARM_JOINTS]))
+            self._log(f"gripper/agent{agent}/measured", rr.Scalars(1000.0 * row[ARM_JOINTS:].sum()))
+            if action is not None:
+                target = action[agent - 1]
+                opening = (target[ARM_JOINTS] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
+                self._log(f"joints/agent{agent}/target", rr.Scalars(target[:ARM_JOINTS]))
+                self._log(f"gripper/agent{agent}/target", rr.Scalars(OPEN_MM * opening))
+        for name, picture in (pictures or {}).items():
+            self._log(camera_entity(name), _compressed(picture))
+
+    def occupancy(self, owner: str, centres_m: NDArray[np.floating] | None, size_m: float = 0.05) -> None:
+        """Show the voxels that `owner` (`agent<k>` or an object) occupies, from now on.
+
+        `centres_m` (K, 3) in the world, cubes of edge `size_m`. None or no rows: shows none.
+        """
+        colour = self._colour(owner)
+        entity = f"world/occupancy/{rr.escape_entity_path_part(owner)}"
+        if centres_m is None or len(centres_m) == 0:
+            self._log(entity, rr.Clear(recursive=False))
+            return
+        _expect(f"centres_m of {owner}", centres_m, (len(centres_m), 3))
+        voxels = rr.Boxes3D(
+            centers=centres_m,
+            half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
+            colors=[(*colour, VOXEL_ALPHA)],
+            radii=VOXEL_EDGE_M,
+            fill_mode=FillMode.TransparentFillMajorWireframe,
+        )
+        self._log(entity, voxels)
+
+    def verdict(self, check: str, ok: bool, reason: str) -> None:
+        """What a check says now. Its lane on the timeline keeps this state until its next verdict."""
+        lane = f"checks/{rr.escape_entity_path_part(check)}"
+        if check not in self._checks:
+            self._checks.add(check)
+            style = rr.StateConfiguration(values=["holds", "violated"], colors=[HOLDS, VIOLATED])
+            self._log(lane, style, static=True)
+        line = rr.TextLog(f"{check}: {reason}", level="INFO" if ok else "ERROR")
+        self._log(lane, line, rr.StateChange(state="holds" if ok else "violated"))
+
+    def violation(self, violation: Violation, where_m: ArrayLike | None = None) -> None:
+        """A violated check with its evidence, marked for half a second at `where_m` (3,) if known."""
+        where = None if where_m is None else np.asarray(where_m, dtype=float)
+        if where is not None:
+            _expect("where_m", where, (3,))
+        agents = " and ".join(f"agent {agent}" for agent in violation.agents)
+        evidence = f"{violation.value:.4g}, bound {violation.bound:.4g}, at {violation.time_s:.2f} s"
+        self.verdict(violation.check, False, f"{agents}: {violation.reason} ({evidence})")
+        if where is None:
+            return
+        if self._marked_step < self._step:
+            self._marks.clear()
+        self._marked_step = self._step
+        self._marks.append((violation.check, where))
+        checks, places = zip(*self._marks, strict=True)
+        marks = rr.Points3D(places, radii=MARK_RADIUS_M, colors=[VIOLATED], labels=checks, show_labels=True)
+        self._log("world/violations", marks)
+
+    def subgoal(self, agent: int, text: str) -> None:
+        """What an agent (from 1) does from now on; an empty text ends its lane until the next one."""
+        colour = self._colour(f"agent{agent}")
+        lane, seen = f"subgoals/agent{agent}", self._subgoals[agent - 1]
+        if text and text not in seen:
+            seen.append(text)
+            # The style of a lane lists its texts, so it is written anew with each new one. Two shades
+            # of the agent's colour, in turns, keep neighbours apart.
+            colours = [(colour, shade(colour, 0.7))[index % 2] for index in range(len(seen))]
+            self._log(lane, rr.StateConfiguration(values=seen, colors=colours), static=True)
+        self._log(lane, rr.StateChange(state=text))
+        if text:
+            self._log(lane, rr.TextLog(f"agent {agent}: {text}", level="INFO"))
+
+    def proposal(self, proposal: Proposal) -> None:
+        """RoboBrain's answer as a document: subgoals of each agent, then the constraints."""
+        lines = []
+        for agent in range(1, self._agents + 1):
+            goals = [f"{number}. {goal.text}" for number, goal in enumerate(proposal.of(agent), 1)]
+            lines += [f"**Agent {agent}**", "", *goals, ""]
+        lines += ["**Constraints**", ""]
+        for constraint in proposal.constraints:
+            agents = ", ".join(map(str, constraint.agents))
+            lines += [f"- *{constraint.kind}*, agents {agents}: {constraint.text}"]
+        self._document("plan/proposals", "Proposal", "\n".join(lines))
+
+    def code(self, text: str) -> None:
+        """The check code that RoboChecker made of the textual constraints, as a document."""
+        self._document("plan/checks", "Check code", f"```python\n{text}\n```")
+
+    def note(self, text: str, level: str = "INFO") -> None:
+        """A line in the log: INFO, WARN or ERROR."""
+        self._log("log", rr.TextLog(text, level=level))
+
+    def _check_step(
+        self,
+        step: int,
+        poses: Mapping[str, Matrix],
+        qpos: NDArray[np.floating],
+        action: NDArray[np.floating] | None,
+        pictures: Mapping[str, NDArray[np.uint8]],
+    ) -> None:
+        if step < self._step:
+            raise ArgumentError(f"step {step} comes after step {self._step}; steps do not go back")
+        for entity, pose in poses.items():
+            if entity not in self._posed:
+                raise choices("entity in poses", entity, self._posed)
+            _expect(f"poses[{entity!r}]", pose, (4, 4))
+        _expect("qpos", qpos, (self._agents, ARM_JOINTS + 2))
+        if action is not None:
+            _expect("action", action, (self._agents, ARM_JOINTS + 1))
+        for name, picture in pictures.items():
+            if name not in self._cameras:
+                raise choices("camera in pictures", name, self._cameras)
+            shape = (self._cameras[name].height_px, self._cameras[name].width_px, 3)
+            _expect(f"pictures[{name!r}]", picture, shape, np.dtype(np.uint8))
+
+    def _set_time(self, step: int) -> None:
+        self._step = step
+        self._stream.set_time("step", sequence=step)
+        self._stream.set_time("time", duration=step * CONTROL_DT_S)
+
+    def _log(self, entity: str, *values: rr.AsComponents, static: bool = False) -> None:
+        if self._closed:
+            raise StageError(f"the recording {self._path} is closed; nothing more can be recorded in it")
+        first, *rest = values
+        self._stream.log(entity, first, *rest, static=static)
+
+    def _document(self, entity: str, title: str, markdown: str) -> None:
+        """Add to a document that shows everything so far, newest first: attempts share a step."""
+        texts = self._documents.setdefault(entity, [])
+        texts.insert(0, f"## {title} {len(texts) + 1}, step {self._step}\n\n{markdown}")
+        self._log(entity, rr.TextDocument("\n\n".join(texts), media_type=rr.MediaType.MARKDOWN))
+
+    def _colour(self, owner: str) -> Rgb:
+        """The colour of `agent<k>` or of an object. Raises for an agent that does not exist."""
+        number = owner.removeprefix("agent")
+        if number == owner or not number.isdigit():
+            return OBJECT
+        if not 1 <= int(number) <= self._agents:
+            raise choices("agent", owner, (f"agent{agent}" for agent in range(1, self._agents + 1)))
+        return agent_colour(int(number))
+
+    def _static(self, cameras: Mapping[str, CameraModel], meshes: Mapping[str, Mesh]) -> None:
+        """What never changes: axes, cameras, meshes, the style of the curves."""
+        self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for name, camera in cameras.items():
+            self._log(camera_entity(name), _pinhole(camera), static=True)
+            if camera.world_from_camera is not None:
+                _expect(f"world_from_camera of camera {name!r}", camera.world_from_camera, (4, 4))
+                self._log(camera_entity(name), _placed(camera.world_from_camera), static=True)
+        for entity, mesh in meshes.items():
+            self._log(entity, self._mesh(entity, mesh), static=True)
+        faint = [(*colour, FAINT) for colour in JOINT_COLOURS]
+        names = [f"q{joint}" for joint in range(1, ARM_JOINTS + 1)]
+        for agent in range(1, self._agents + 1):
+            colour, name = agent_colour(agent), f"agent {agent}"
+            self._curves(f"joints/agent{agent}/measured", JOINT_COLOURS, names, 2)
+            # One name for all targets: one line in the legend.
+            self._curves(f"joints/agent{agent}/target", faint, ["target"] * ARM_JOINTS, 1)
+            self._curves(f"gripper/agent{agent}/measured", [colour], [name], 2)
+            self._curves(f"gripper/agent{agent}/target", [(*colour, FAINT)], [f"{name} target"], 1)
+
+    def _curves(self, entity: str, colours: Iterable[tuple[int, ...]], names: list[str], width: int) -> None:
+        lines = rr.SeriesLines(colors=list(colours), names=names, widths=[width] * len(names))
+        self._log(entity, lines, static=True)
+
+    def _mesh(self, entity: str, mesh: Mesh) -> rr.Mesh3D:
+        count = len(mesh.vertices)
+        _expect(f"vertices of {entity!r}", mesh.vertices, (count, 3))
+        _expect(f"faces of {entity!r}", mesh.faces, (len(mesh.faces), 3))
+        if mesh.colour is None:
+            tint = np.array(shade(self._colour(entity.split("/")[1]), 1.5))
+        else:
+            tint = srgb(mesh.colour)
+        if tint.shape not in ((3,), (count, 3)):
+            found = "x".join(map(str, tint.shape))
+            raise ArgumentError(f"colour of {entity!r} has shape {found}; expected 3 or {count}x3")
+        vertices, normals, faces = creased(mesh.vertices, mesh.faces)
+        return rr.Mesh3D(
+            vertex_positions=mesh.vertices[vertices],
+            triangle_indices=faces,
+            vertex_normals=normals,
+            vertex_colors=np.broadcast_to(tint, (count, 3))[vertices].astype(np.uint8),
+        )
+
+
+def _expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | None = None) -> None:
+    """Raise ArgumentError naming `name` unless `value` is an array of that shape, type and finite."""
+    array = np.asarray(value)
+    if array.shape != shape:
+        found = "x".join(map(str, array.shape)) or "of one number"
+        raise ArgumentError(f"{name} has shape {found}; expected {'x'.join(map(str, shape))}")
+    if dtype is not None and array.dtype != dtype:
+        raise ArgumentError(f"{name} is {array.dtype}; expected {dtype}")
+    if not np.isfinite(array).all():
+        raise ArgumentError(f"{name} holds {array[~np.isfinite(array)][0]}; expected finite numbers")
+
+
+def _placed(pose: Matrix) -> rr.Transform3D:
+    return rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
+
+
+def _pinhole(camera: CameraModel) -> rr.Pinhole:
+    return rr.Pinhole(
+        focal_length=float(0.5 * camera.height_px / np.tan(0.5 * camera.fov_y_rad)),
+        width=camera.width_px,
+        height=camera.height_px,
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=FRUSTUM_M,
+    )
+
+
+def _compressed(picture: NDArray[np.uint8]) -> rr.EncodedImage:
+    _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")

@@ -1,0 +1,174 @@
+"""Result rows: durable, shared between processes, checked when read."""
+
+import json
+import logging
+import multiprocessing
+import resource
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append, load, newest, read
+from rf_exp.errors import ArgumentError, StageError
+
+GENERATION = GenerationRow(
+    task="lift_barrier", constraints="full", brain="scripted", seed=3, success=True, success_paper=True,
+    steps=80, attempts=1, reason="", wall_s=1.5, version="1",
+)  # fmt: skip
+EVALUATION = EvaluationRow(
+    task="lift_barrier", arch="separate_local", constraints="full", demos=150, train_seed=0, scene_seed=1000,
+    success=False, success_paper=True, steps=400, step_limit=400, violations=2, wall_s=9.0, version="1",
+)  # fmt: skip
+
+
+def path_of(out: Path) -> Path:
+    return out / "results/generate/lift_barrier/full.jsonl"
+
+
+@pytest.mark.parametrize("row", [GENERATION, EVALUATION])
+def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
+    path = tmp_path / "new/folder/rows.jsonl"
+    append(path, row)
+    append(path, row)
+    assert read(path, type(row)) == (row, row)
+    assert [json.loads(line) for line in path.read_text().splitlines()] == [asdict(row)] * 2
+
+
+def test_the_fields_are_the_contract() -> None:
+    assert " ".join(asdict(GENERATION)) == (
+        "task constraints brain seed success success_paper steps attempts reason wall_s version"
+    )
+    assert " ".join(asdict(EVALUATION)) == (
+        "task arch constraints demos train_seed scene_seed success success_paper steps "
+        "step_limit violations wall_s version"
+    )
+
+
+def test_numpy_scalars_become_plain(tmp_path: Path) -> None:
+    row = replace(GENERATION, success=np.bool_(True), steps=np.int64(80), wall_s=2)  # pyright: ignore
+    append(tmp_path / "rows.jsonl", row)
+    assert read(tmp_path / "rows.jsonl", GenerationRow) == (replace(GENERATION, wall_s=2.0),)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"success": 1}, r"success of a GenerationRow is 1 \(int\); expected bool"),
+        ({"steps": 80.5}, r"steps of a GenerationRow is 80\.5 \(float\); expected int"),
+        ({"reason": None}, r"reason of a GenerationRow is None \(NoneType\); expected str"),
+        ({"steps": -1}, r"steps of a GenerationRow is -1; expected a finite number >= 0"),
+        ({"wall_s": float("nan")}, r"wall_s of a GenerationRow is nan; expected a finite number >= 0"),
+    ],
+)
+def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        replace(GENERATION, **change)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("{", "Expecting property name"),
+        ("[]", "found list, expected an object"),
+        (json.dumps({**asdict(GENERATION), "steps": "80"}), r"steps of a GenerationRow is '80' \(str\)"),
+        (json.dumps({**asdict(GENERATION), "color": 1}), "unknown fields: color; available: attempts, brain"),
+        (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, constraints"),
+    ],
+)
+def test_a_bad_line_is_named(tmp_path: Path, line: str, message: str) -> None:
+    path = path_of(tmp_path)
+    append(path, GENERATION)
+    with path.open("a") as file:
+        file.write(line + "\n")
+    append(path, GENERATION)
+    with pytest.raises(StageError, match=rf"full\.jsonl, line 2: no GenerationRow: .*{message}"):
+        read(path, GenerationRow)
+
+
+def test_an_unfinished_last_line_is_reported_and_then_removed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = path_of(tmp_path)
+    append(path, GENERATION)
+    with path.open("a") as file:
+        file.write('{"task": "lift_bar')
+    with caplog.at_level(logging.WARNING):
+        assert read(path, GenerationRow) == (GENERATION,)
+    assert "line 2: unfinished, left by a crash; not counted" in caplog.text
+    assert "line 2: unfinished" in load(tmp_path).notes[0]
+    append(path, replace(GENERATION, seed=4))
+    assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+
+
+def test_a_whole_line_without_its_end_counts(tmp_path: Path) -> None:
+    path = path_of(tmp_path)
+    path.parent.mkdir(parents=True)
+    path.write_text(json.dumps(asdict(GENERATION)))
+    assert read(path, GenerationRow) == (GENERATION,)
+    append(path, replace(GENERATION, seed=4))
+    assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+
+
+def _write_many(path: Path, worker: int) -> None:
+    for seed in range(40):
+        append(path, replace(GENERATION, seed=1000 * worker + seed, reason="x" * 500))
+
+
+def test_concurrent_writers_lose_nothing(tmp_path: Path) -> None:
+    path = path_of(tmp_path)
+    context = multiprocessing.get_context("fork")
+    workers = [context.Process(target=_write_many, args=(path, worker)) for worker in range(4)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    seeds = [row.seed for row in read(path, GenerationRow)]
+    assert sorted(seeds) == sorted(1000 * worker + seed for worker in range(4) for seed in range(40))
+
+
+def test_no_room_for_a_row(tmp_path: Path) -> None:
+    path = path_of(tmp_path)
+    append(path, GENERATION)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, hard))
+    try:
+        with pytest.raises(StageError, match=r"cannot append a result row to .*full\.jsonl: only 10 of"):
+            append(path, GENERATION)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert read(path, GenerationRow) == (GENERATION,)
+    append(path, replace(GENERATION, seed=4))
+    assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StageError, match=r"cannot append a result row to .*rows\.jsonl: "):
+        append(tmp_path / "file/rows.jsonl", GENERATION)
+    with pytest.raises(StageError, match=r"cannot read result rows from .*nothing\.jsonl: No such file"):
+        read(tmp_path / "nothing.jsonl", GenerationRow)
+
+
+def test_load_gathers_every_file_and_counts_an_attempt_once(tmp_path: Path) -> None:
+    path = path_of(tmp_path)
+    append(path, replace(GENERATION, success=False, reason="dropped"))
+    append(path, GENERATION)
+    append(path, replace(GENERATION, version="2"))  # another criterion: another attempt
+    append(tmp_path / "results/evaluate/lift_barrier/separate_local/full-150.jsonl", EVALUATION)
+    results = load(tmp_path)
+    assert results.generation == (GENERATION, replace(GENERATION, version="2"))
+    assert results.evaluation == (EVALUATION,)
+    (note,) = results.notes
+    assert "repeated with another result, the last one counts: task lift_barrier" in note
+    assert load(tmp_path / "nowhere").generation == ()
+
+
+def test_newest_version_wins_and_the_rest_is_named() -> None:
+    rows = [replace(GENERATION, version=version) for version in ("2", "10", "2", "1.9")]
+    kept, note = newest(rows)
+    assert kept == (rows[1],)
+    assert note == "criteria version 10; left out: 1 of version 1.9, 2 of version 2"
+    assert newest(rows[:1]) == ((rows[0],), "")
+    assert newest([]) == ((), "")

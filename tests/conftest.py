@@ -1,0 +1,34 @@
+"""What all tests share: the repository's configuration and the tasks in it."""
+
+from pathlib import Path
+
+import pytest
+from omegaconf import OmegaConf
+
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import load_task
+
+CONF = Path(__file__).parents[1] / "conf"
+TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all"))
+
+
+def read_task(name: str) -> Task:
+    """The task as its YAML file says, without any experiment around it."""
+    node = OmegaConf.to_container(OmegaConf.load(CONF / "task" / f"{name}.yaml"))
+    return load_task(name, node[name])
+
+
+@pytest.fixture(params=TASKS)
+def task(request: pytest.FixtureRequest) -> Task:
+    """Every task in turn: a test that takes it is a law of the suite."""
+    return read_task(request.param)
+
+
+@pytest.fixture
+def lift_barrier() -> Task:
+    return read_task("lift_barrier")
+
+
+@pytest.fixture
+def place_food() -> Task:
+    return read_task("place_food")

@@ -1,0 +1,54 @@
+"""Executed motion keeps the joint limits, is rest to rest, and ends exactly at its goal."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rf_exp.datagen.motion.timing import JointLimits, blend, densify, parameterise
+from rf_exp.errors import ArgumentError
+
+LIMITS = JointLimits()
+
+
+def derivatives(start, timed):
+    """Velocity and acceleration of the 20 Hz samples, with rest before and after."""
+    full = np.concatenate([[start, start], timed, timed[-1:]])
+    velocity = np.diff(full, axis=0) * 20
+    return velocity, np.diff(velocity, axis=0) * 20
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 4))
+def test_timed_motion_keeps_the_limits(seed, corners):
+    rng = np.random.default_rng(seed)
+    waypoints = np.cumsum(rng.uniform(-0.5, 0.5, (corners, 7)), axis=0)
+    points = blend(densify(waypoints), 0.15)
+    timed = parameterise(points, LIMITS)
+    velocity, acceleration = derivatives(points[0], timed)
+    assert np.abs(velocity).max() <= LIMITS.velocity_rad_s * 1.01
+    assert np.abs(acceleration).max() <= LIMITS.acceleration_rad_s2 * 1.15  # finite differences at 20 Hz
+    np.testing.assert_allclose(timed[-1], waypoints[-1], atol=1e-9)
+
+
+def test_straight_line_takes_the_shortest_time():
+    timed = parameterise(np.array([[0.0] * 7, [0.6] * 7]), LIMITS)
+    assert len(timed) == np.ceil(2 * np.sqrt(0.6 / 0.9) * 20)  # never reaches full speed
+
+
+def test_no_motion_takes_no_time():
+    assert parameterise(np.zeros((5, 7)), LIMITS).shape == (0, 7)
+
+
+def test_blend_keeps_ends_and_straight_lines():
+    line = densify(np.array([[0.0] * 7, [1.0] * 7]))
+    np.testing.assert_allclose(blend(line, 0.2), line, atol=1e-9)
+    corner = densify(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]))
+    rounded = blend(corner, 0.15)
+    np.testing.assert_array_equal(rounded[[0, -1]], corner[[0, -1]])
+    assert 0.02 < np.linalg.norm(rounded - [1.0, 0.0], axis=1).min() < 0.2
+
+
+def test_limits_must_be_positive():
+    with pytest.raises(ArgumentError, match="velocity_rad_s is -1"):
+        JointLimits(velocity_rad_s=-1)

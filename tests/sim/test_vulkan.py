@@ -1,0 +1,140 @@
+"""Which Vulkan driver is chosen, on file trees laid out like real machines, and the picture itself."""
+
+import platform
+from pathlib import Path
+
+import pytest
+
+from rf_exp.errors import StageError
+from rf_exp.sim import vulkan
+
+LAVAPIPE = "usr/share/vulkan/icd.d/lvp_icd.json"
+NVIDIA = "usr/lib/x86_64-linux-gnu/libGLX_nvidia.so.570.86"
+NOWHERE = "/nonexistent/driver.json"
+
+
+def machine(root: Path, *files: str) -> Path:
+    """A root folder with those (empty) files."""
+    for name in files:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).touch()
+    return root
+
+
+@pytest.mark.parametrize("variable", vulkan.VARIABLES)
+def test_the_users_variable_wins_over_everything(tmp_path: Path, variable: str) -> None:
+    root = machine(tmp_path, LAVAPIPE, "dev/nvidiactl", NVIDIA)
+    driver = vulkan.find_driver({variable: NOWHERE}, root)
+    assert driver.words == f"{variable}={NOWHERE}, set by you"
+    assert driver.variable == variable and driver.manifest is None
+
+
+def test_a_machine_without_gpu_takes_the_software_driver(tmp_path: Path) -> None:
+    root = machine(tmp_path, LAVAPIPE, "usr/share/vulkan/icd.d/radeon_icd.json")
+    driver = vulkan.find_driver({}, root)
+    assert driver.manifest == root / LAVAPIPE
+    assert driver.words == f"software, {root / LAVAPIPE}"
+
+
+def test_the_manifest_may_carry_the_architecture_in_its_name(tmp_path: Path) -> None:
+    ours = f"usr/share/vulkan/icd.d/lvp_icd.{platform.machine()}.json"
+    root = machine(tmp_path, "usr/share/vulkan/icd.d/lvp_icd.i686.json", ours)
+    assert vulkan.software_manifest(root) == root / ours
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ((LAVAPIPE, "dev/nvidiactl", NVIDIA), "the driver of the NVIDIA GPU"),
+        ((LAVAPIPE, "dev/nvidiactl", "usr/lib64/libGLX_nvidia.so.0"), "the driver of the NVIDIA GPU"),
+        ((LAVAPIPE, "dev/dri/renderD128"), "the driver of the GPU at {root}/dev/dri/renderD128"),
+    ],
+)
+def test_a_gpu_with_its_driver_is_left_to_the_loader(
+    tmp_path: Path, files: tuple[str, ...], words: str
+) -> None:
+    driver = vulkan.find_driver({}, machine(tmp_path, *files))
+    assert driver.manifest is None and driver.variable is None
+    assert driver.words == words.format(root=tmp_path)
+
+
+def test_an_nvidia_gpu_that_only_computes_takes_the_software_driver(tmp_path: Path) -> None:
+    root = machine(tmp_path, LAVAPIPE, "dev/nvidiactl", "dev/dri/renderD128")
+    assert vulkan.find_driver({}, root).manifest == root / LAVAPIPE
+
+
+def test_a_bare_machine_has_none(tmp_path: Path) -> None:
+    driver = vulkan.find_driver({}, tmp_path)
+    assert driver.words == "none found: no GPU with a Vulkan driver, no Mesa software driver"
+    assert driver.manifest is None
+
+
+def test_selecting_names_the_driver_to_the_loader(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VK_DRIVER_FILES", "")
+    monkeypatch.delenv("VK_ICD_FILENAMES", raising=False)
+    expected = vulkan.find_driver({})
+    assert vulkan.select_driver() == expected.words
+    assert vulkan.os.environ["VK_DRIVER_FILES"] == str(expected.manifest or "")
+
+
+def test_selecting_leaves_the_users_choice_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
+    assert vulkan.select_driver() == f"VK_DRIVER_FILES={NOWHERE}, set by you"
+    assert vulkan.os.environ["VK_DRIVER_FILES"] == NOWHERE
+
+
+def test_the_probe_says_why_there_is_no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
+    probe = vulkan.render_probe()
+    assert not probe.ok
+    assert probe.reason == "RuntimeError: failed to find a rendering device"
+    assert probe.mend == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
+
+
+def test_rendering_without_a_device_stops_with_the_command_that_mends_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
+    with pytest.raises(StageError) as error:
+        vulkan.require_rendering()
+    assert str(error.value) == (
+        "rendering was asked for, but SAPIEN has no Vulkan device: "
+        "RuntimeError: failed to find a rendering device "
+        f"(driver: VK_DRIVER_FILES={NOWHERE}, set by you). "
+        "Mend: unset VK_DRIVER_FILES, then python -m rf_exp.doctor; or go without pictures: render=false"
+    )
+
+
+def test_a_driver_that_ends_the_process_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sapien.py").write_text("import os\nos.abort()\n")  # imported by the child instead
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    probe = vulkan.render_probe()
+    assert probe.reason == "the driver ended the process with SIGABRT"
+
+
+def test_a_driver_that_hangs_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sapien.py").write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert vulkan.render_probe(timeout_s=0.5).reason == "no answer from the driver in 0.5 s"
+
+
+@pytest.mark.parametrize(
+    ("driver", "mend"),
+    [
+        (
+            vulkan.Driver("", variable="VK_ICD_FILENAMES"),
+            "unset VK_ICD_FILENAMES, then python -m rf_exp.doctor",
+        ),
+        (vulkan.Driver("", manifest=Path(LAVAPIPE)), "scripts/setup.sh (installs Mesa's software Vulkan)"),
+    ],
+)
+def test_the_mend_is_a_command(driver: vulkan.Driver, mend: str) -> None:
+    assert vulkan.Probe(driver, "", 0.0, "no device").mend == mend
+
+
+@pytest.mark.render
+def test_a_picture_is_really_drawn() -> None:
+    probe = vulkan.render_probe()
+    assert probe.ok, probe.reason
+    assert probe.device
+    vulkan.require_rendering()

@@ -1,0 +1,163 @@
+"""The doctor on this machine, and on machines broken by real means."""
+
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+from rf_exp import doctor
+
+ROOT = Path(__file__).parents[1]
+
+
+def install(folder: Path, name: str, version: str, *requires: str) -> None:
+    """Lay the metadata of an installed distribution into a folder."""
+    info = folder / f"{name}-{version}.dist-info"
+    info.mkdir(parents=True)
+    lines = ["Metadata-Version: 2.1", f"Name: {name}", f"Version: {version}"]
+    (info / "METADATA").write_text("\n".join([*lines, *(f"Requires-Dist: {text}" for text in requires), ""]))
+
+
+def test_a_line_holds_state_name_cost_and_mend() -> None:
+    check = doctor.Check("disk", "missing", "1 GB free", "all results", "out=FOLDER")
+    assert str(check) == "missing disk      1 GB free; costs: all results; mend: out=FOLDER"
+    assert str(doctor.Check("gpu", "ok", "two")) == "ok      gpu       two"
+
+
+def test_this_python_will_do() -> None:
+    assert doctor.python().state == "ok"
+    assert sys.executable in doctor.python().found
+
+
+def test_another_python_will_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "PYTHONS", ((3, 99),))
+    check = doctor.python()
+    assert check.state == "missing"
+    assert "3.11 or 3.12 is needed" in check.found
+    assert check.mend == "install Python 3.11, then PYTHON=python3.11 scripts/setup.sh"
+
+
+def test_the_packages_of_this_environment_are_all_there() -> None:
+    check = doctor.packages()
+    assert check.state == "ok", check
+
+
+def test_a_distribution_that_is_not_installed() -> None:
+    check = doctor.packages("rf_exp_nowhere")
+    assert (check.state, check.found) == ("missing", "rf_exp_nowhere is not installed")
+    assert check.mend == "scripts/setup.sh"
+
+
+def test_every_unmet_requirement_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, "present", "2.13.0+cpu")
+    wanted = ["present==2.13.0", "present>=2.11,<2.14", "present[all]", "present>=2.14", "present<2.13"]
+    install(tmp_path, "broken", "1.0", *wanted, "absent>=1", 'extra_only>=1; extra == "dev"')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    check = doctor.packages("broken")
+    assert check.state == "missing"
+    assert check.found == (
+        "present is 2.13.0+cpu, needed is >=2.14, present is 2.13.0+cpu, needed is <2.13, "
+        "absent is not installed"
+    )
+
+
+def test_both_builds_of_opencv_are_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(tmp_path, "opencv_python", "5.0.0")
+    install(tmp_path, "uses_it", "1.0")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    check = doctor.packages("uses_it")
+    assert check.state == "note"
+    assert check.found == "opencv-python 5.0.0 lies over the headless build"
+    assert check.mend == "scripts/setup.sh"
+
+
+def test_a_module_that_is_not_there_is_named() -> None:
+    imported, _ = doctor.imports(("json", "no_such_module"))
+    assert imported.state == "missing"
+    assert imported.found == "no_such_module: ModuleNotFoundError: No module named 'no_such_module'"
+
+
+def test_a_module_that_ends_the_process_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "dies.py").write_text("import os\nos.kill(os.getpid(), 9)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    imported, _ = doctor.imports(("json", "dies", "csv"))
+    assert imported.found == "dies: the process ended with -9"
+
+
+def test_a_module_that_hangs_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "hangs.py").write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(doctor, "IMPORT_TIMEOUT_S", 1.0)
+    imported, _ = doctor.imports(("json", "hangs"))
+    assert imported.found == "hangs: no answer in 1 s"
+
+
+def test_cv2_imports_on_a_machine_without_a_screen() -> None:
+    imported, gpu = doctor.imports(("cv2",))
+    assert (imported.state, imported.found) == ("ok", "cv2")
+    assert gpu.state == "note"  # torch was not asked
+
+
+def test_no_gpu_is_a_note_and_says_what_it_costs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    imported, gpu = doctor.imports(("torch",))
+    assert (imported.state, gpu.state) == ("ok", "note")
+    assert gpu.costs == "nothing for profile=quick; training with profile=paper is slow"
+
+
+def test_no_vulkan_device_costs_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VK_DRIVER_FILES", "/nonexistent.json")
+    check = doctor.vulkan()
+    assert check.state == "missing"
+    assert check.found.startswith("RuntimeError: failed to find a rendering device")
+    assert check.costs == "no pictures; render=false still makes states and actions"
+    assert check.mend == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
+
+
+def test_results_need_a_folder_that_can_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    check = doctor.disk(tmp_path / "file" / "outputs")
+    assert (check.state, check.found) == ("missing", f"{tmp_path / 'file'} cannot be written to")
+    assert check.mend == "choose another: out=FOLDER"
+
+
+def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "PAPER_GB", 0.0)
+    monkeypatch.setattr(doctor, "QUICK_GB", 0.0)
+    assert doctor.disk(tmp_path / "not" / "yet").state == "ok"
+    monkeypatch.setattr(doctor, "PAPER_GB", 1e9)
+    assert doctor.disk(tmp_path).state == "note"
+    monkeypatch.setattr(doctor, "QUICK_GB", 1e9)
+    check = doctor.disk(tmp_path)
+    assert check.state == "missing"
+    assert check.found.endswith(f"free for {tmp_path}, 1e+09 GB are needed")
+
+
+def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
+    venv.create(tmp_path / "bare", with_pip=False)
+    command = [str(tmp_path / "bare/bin/python"), "-m", "rf_exp.doctor", "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, env={"PATH": ""}, capture_output=True, text=True)
+    lines = done.stdout.splitlines()
+    assert done.returncode == 1, done.stderr
+    assert [line.split()[1] for line in lines[:-1]] == [
+        "python",
+        "packages",
+        "imports",
+        "gpu",
+        "vulkan",
+        "disk",
+    ]
+    assert lines[1].startswith("missing packages  rf_exp is not installed")
+    assert lines[2].startswith("missing imports   numpy: ModuleNotFoundError")
+    assert lines[4].startswith("missing vulkan    not tried: No module named")
+    assert lines[-1] == "The main job cannot run here; mend first: packages, imports, vulkan."
+
+
+@pytest.mark.render
+def test_this_machine_can_run_the_main_job(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "rf_exp.doctor", "--out", str(tmp_path)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1] == "The main job can run: python -m rf_exp.run"

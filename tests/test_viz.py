@@ -1,0 +1,369 @@
+"""Recordings are written, read back with rerun's own reader, and checked for what a viewer shows."""
+
+from collections import defaultdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pytest
+import rerun.chunk as rrc
+import trimesh
+
+from rf_exp import viz
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.transforms import from_axes, planar, transform
+from rf_exp.types import Constraint, Proposal, Subgoal, Violation
+from rf_exp.viz.layout import AGENT_COLOURS, HOLDS, VIOLATED
+from rf_exp.viz.shading import creased, srgb
+
+BARRIER = viz.object_entity("barrier")
+LINKS = [viz.link_entity(agent, link) for agent in (1, 2) for link in ("panda_link0", "panda_hand")]
+EYE_M = np.array([1.05, 0.0, 0.75])
+CAMERAS = {
+    "global": viz.CameraModel(32, 24, np.deg2rad(70), from_axes(EYE_M, z=-EYE_M, y=(0, 0, -1))),
+    "agent1": viz.CameraModel(32, 24, np.deg2rad(70)),  # on the wrist: moves
+}
+QPOS = np.tile([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, 0.8, 0.04, 0.04], (2, 1))
+ACTION = np.tile([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, 0.8, -1.0], (2, 1))
+PICTURE = np.full((24, 32, 3), (200, 30, 90), np.uint8)
+POSES = {LINKS[0]: planar(0.0, -0.75, np.pi / 2), BARRIER: planar(0.1, 0.0, 0.3, 0.05)}
+
+
+def box(size_m: tuple[float, float, float]) -> viz.Mesh:
+    shape = trimesh.creation.box(size_m)
+    return viz.Mesh(shape.vertices, shape.faces)
+
+
+def open_recorder(path: Path, **changed) -> viz.Recorder:
+    meshes = {BARRIER: box((0.9, 0.05, 0.1)), **{link: box((0.1, 0.1, 0.3)) for link in LINKS}}
+    given = {
+        "task": "lift_barrier",
+        "title": "lift barrier, full, seed 7",
+        "agents": 2,
+        "cameras": CAMERAS,
+        "meshes": meshes,
+    }
+    return viz.Recorder(path, **{**given, **changed})
+
+
+class Content:
+    """What a file holds, entity by entity."""
+
+    def __init__(self, path: Path, store: rrc.StoreEntry | None = None) -> None:
+        self.reader = rrc.RrdReader(path)
+        self.blueprints = self.reader.blueprints()
+        self.batches: dict[str, list[pa.RecordBatch]] = defaultdict(list)
+        self.timelines: dict[str, set[str]] = defaultdict(set)
+        for chunk in self.reader.stream(store=store or self.reader.recordings()[0]):
+            self.batches[chunk.entity_path].append(chunk.to_record_batch())
+            self.timelines[chunk.entity_path] |= set(chunk.timeline_names)
+
+    def column(self, entity: str, component: str) -> list:
+        """Every logged value of a component, in the order of logging."""
+        rows = []
+        for batch in self.batches[entity]:
+            if component in batch.schema.names:
+                rows += batch.column(component).to_pylist()
+        return [row for row in rows if row is not None]
+
+    def steps(self, entity: str, component: str) -> list[int]:
+        """The step of every row that has the component."""
+        found = []
+        for batch in self.batches[entity]:
+            if component in batch.schema.names and "step" in batch.schema.names:
+                values = batch.column(component).to_pylist()
+                pairs = zip(batch.column("step").to_pylist(), values, strict=True)
+                found += [step for step, value in pairs if value is not None]
+        return found
+
+    def texts(self, entity: str) -> list[str]:
+        return [text for row in self.column(entity, "TextLog:text") for text in row]
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return tmp_path / "recordings" / "lift_barrier" / "full" / "generate-7.rrd"
+
+
+def test_every_step_is_there_on_both_timelines(path):
+    with open_recorder(path) as recorder:
+        for step in range(5):
+            moving = {viz.camera_entity("agent1"): transform((0, 0, 0.5 + 0.01 * step))}
+            recorder.step(
+                step,
+                poses={**POSES, **moving},
+                qpos=QPOS + 0.01 * step,
+                action=ACTION,
+                pictures={"global": PICTURE, "agent1": PICTURE},
+            )
+    content = Content(path)
+    for entity in (*LINKS, BARRIER):
+        assert len(content.column(f"/{entity}", "Mesh3D:triangle_indices")) == 1, entity
+    for entity in (LINKS[0], BARRIER, viz.camera_entity("agent1")):
+        steps = content.steps(f"/{entity}", "Transform3D:translation")
+        assert sorted(steps) == [0, 1, 2, 3, 4], entity
+        assert content.timelines[f"/{entity}"] == {"step", "time"}
+    for camera in CAMERAS:
+        assert len(content.column(f"/world/cameras/{camera}", "EncodedImage:blob")) == 5
+    for agent in (1, 2):
+        for curve in (f"/joints/agent{agent}/measured", f"/joints/agent{agent}/target"):
+            assert [len(row) for row in content.column(curve, "Scalars:scalars")] == [7] * 5
+        assert content.column(f"/gripper/agent{agent}/target", "Scalars:scalars") == [[0.0]] * 5
+    np.testing.assert_allclose(content.column("/gripper/agent2/measured", "Scalars:scalars")[0], [80.0])
+    times = [t for batch in content.batches[f"/{BARRIER}"] if "time" in batch.schema.names
+             for t in batch.column("time").cast(pa.int64()).to_pylist()]  # fmt: skip
+    assert sorted(times) == [50_000_000 * step for step in range(5)]  # ns at 20 Hz
+
+
+def test_poses_and_pictures_come_back_as_given(path):
+    with open_recorder(path) as recorder:
+        recorder.step(0, poses=POSES, qpos=QPOS, pictures={"global": PICTURE})
+    content = Content(path)
+    [[translation]] = content.column(f"/{BARRIER}", "Transform3D:translation")
+    [[columns]] = content.column(f"/{BARRIER}", "Transform3D:mat3x3")
+    np.testing.assert_allclose(translation, POSES[BARRIER][:3, 3], atol=1e-6)
+    np.testing.assert_allclose(np.reshape(columns, (3, 3)).T, POSES[BARRIER][:3, :3], atol=1e-6)
+    [[blob]] = content.column("/world/cameras/global", "EncodedImage:blob")
+    picture = np.asarray(cv2.imdecode(np.array(blob, np.uint8), cv2.IMREAD_COLOR))[..., ::-1]
+    assert np.abs(picture.astype(int) - PICTURE).max() <= 6  # red stays red
+
+
+def test_the_camera_sees_what_its_model_says(path):
+    with open_recorder(path):
+        pass
+    [[intrinsics]] = Content(path).column("/world/cameras/global", "Pinhole:image_from_camera")
+    image_from_camera = np.reshape(intrinsics, (3, 3)).T
+    top = image_from_camera @ [0.0, -np.tan(np.deg2rad(35)), 1.0]  # half the vertical angle up
+    np.testing.assert_allclose(top[:2] / top[2], [16.0, 0.0], atol=1e-3)
+
+
+def test_verdicts_violations_and_subgoals_say_why(path):
+    clash = Violation("ValidateSpatialOccupancy", (1, 2), 1.35, 0.031, 0.05, "the arms share 3 voxels")
+    with open_recorder(path) as recorder:
+        recorder.subgoal(1, "grasp barrier at left")
+        recorder.violation(clash, where_m=(0.0, 0.1, 0.3))
+        recorder.violation(clash, where_m=(0.0, 0.2, 0.3))
+        recorder.step(3, poses=POSES, qpos=QPOS)
+        recorder.verdict("ValidateSpatialOccupancy", True, "no shared voxel over 4.2 s")
+        recorder.subgoal(1, "lift barrier by 0.2 m")
+        recorder.subgoal(1, "")
+    content = Content(path)
+    lane = "/checks/ValidateSpatialOccupancy"
+    why = "agent 1 and agent 2: the arms share 3 voxels (0.031, bound 0.05, at 1.35 s)"
+    assert content.texts(lane)[0] == f"ValidateSpatialOccupancy: {why}"
+    assert content.texts(lane)[-1] == "ValidateSpatialOccupancy: no shared voxel over 4.2 s"
+    assert content.column(lane, "StateChange:state") == [["violated"], ["violated"], ["holds"]]
+    assert content.steps(lane, "StateChange:state") == [0, 0, 3]
+    assert content.column(lane, "StateConfiguration:values") == [["holds", "violated"]]
+    marks = content.column("/world/violations", "Points3D:positions")[-1]
+    np.testing.assert_allclose(marks, [[0.0, 0.1, 0.3], [0.0, 0.2, 0.3]], atol=1e-6)
+    told = content.texts("/subgoals/agent1")
+    assert told == ["agent 1: grasp barrier at left", "agent 1: lift barrier by 0.2 m"]
+    assert content.column("/subgoals/agent1", "StateChange:state")[-1] == [""]
+    shown = content.column("/subgoals/agent1", "StateConfiguration:values")[-1]
+    assert shown == ["grasp barrier at left", "lift barrier by 0.2 m"]
+
+
+def test_the_mark_of_a_violation_leaves_after_half_a_second(path):
+    clash = Violation("ValidateSpatialOccupancy", (1, 2), 0.0, 0.031, 0.05, "too close")
+    with open_recorder(path) as recorder:
+        recorder.violation(clash, where_m=(0.0, 0.1, 0.3))
+        for step in (5, 9, 10, 11):
+            recorder.step(step, poses=POSES, qpos=QPOS)
+    content = Content(path)
+    assert content.steps("/world/violations", "Clear:is_recursive") == [10]
+
+
+def test_occupancy_has_the_colour_of_its_agent(path):
+    centres = np.array([[0.025, 0.025, 0.025], [0.075, 0.025, 0.025]])
+    with open_recorder(path) as recorder:
+        recorder.occupancy("agent2", centres)
+        recorder.occupancy("barrier", centres[:1], size_m=0.1)
+        recorder.step(1, poses=POSES, qpos=QPOS)
+        recorder.occupancy("agent2", None)
+    content = Content(path)
+    [boxes] = content.column("/world/occupancy/agent2", "Boxes3D:centers")
+    np.testing.assert_allclose(boxes, centres)
+    [[colour]] = content.column("/world/occupancy/agent2", "Boxes3D:colors")
+    assert (colour >> 24, colour >> 16 & 255, colour >> 8 & 255) == AGENT_COLOURS[1]
+    assert 0 < colour & 255 < 255  # translucent
+    [[half]] = content.column("/world/occupancy/barrier", "Boxes3D:half_sizes")
+    assert half == pytest.approx([0.05] * 3)
+    assert content.steps("/world/occupancy/agent2", "Clear:is_recursive") == [1]
+
+
+def test_documents_show_every_attempt_newest_first(path):
+    goals = (Subgoal(1, "grasp", "barrier", "left"), Subgoal(2, "grasp", "barrier", "right"))
+    proposal = Proposal(goals, (Constraint("temporal", (1, 2), "lift at the same time"),))
+    with open_recorder(path) as recorder:
+        recorder.proposal(proposal)
+        recorder.proposal(proposal)
+        recorder.code("ValidateScheduling(agents=(1, 2))")
+    content = Content(path)
+    [text] = content.column("/plan/proposals", "TextDocument:text")[-1]
+    assert text.index("Proposal 2, step 0") < text.index("Proposal 1, step 0")
+    assert "1. grasp barrier at left" in text
+    assert "- *temporal*, agents 1, 2: lift at the same time" in text
+    [[code]] = content.column("/plan/checks", "TextDocument:text")
+    assert "```python\nValidateScheduling(agents=(1, 2))\n```" in code
+
+
+@pytest.mark.parametrize("cameras", [CAMERAS, {}], ids=["rendered", "without pictures"])
+def test_the_layout_is_in_the_file(path, cameras):
+    with open_recorder(path, cameras=cameras) as recorder:
+        recorder.step(0, poses=POSES, qpos=QPOS)
+        recorder.proposal(Proposal((), ()))
+        recorder.code("")
+    [entry] = Content(path).blueprints
+    layout = Content(path, entry)
+    views = [entity for entity in layout.batches if entity.startswith("/view/") and entity.count("/") == 2]
+
+    def fields(name: str) -> list[str]:
+        return [row[0] for view in views for row in layout.column(view, f"ViewBlueprint:{name}")]
+
+    classes, names, origins = fields("class_identifier"), fields("display_name"), fields("space_origin")
+    assert classes.count("2D") == len(cameras)
+    assert classes.count("3D") == 1
+    assert {"agent 1 joints (rad)", "agent 2 joints (rad)", "grippers (mm open)", "log"} <= set(names)
+    recorded = Content(path).batches
+    for origin in origins:  # a view of an entity that is never written would stay empty
+        assert any(entity.startswith(f"/{origin.strip('/')}") for entity in recorded), origin
+
+
+def test_the_file_is_complete_after_an_exception(path):
+    with pytest.raises(RuntimeError, match="arm lost"), open_recorder(path) as recorder:
+        recorder.step(4, poses=POSES, qpos=QPOS)
+        raise RuntimeError("arm lost")
+    content = Content(path)
+    assert content.steps(f"/{BARRIER}", "Transform3D:translation") == [4]
+    assert content.texts("/log") == ["lift barrier, full, seed 7", "ended by RuntimeError: arm lost"]
+    content.reader.store()  # raises without the footer, which is written last
+
+
+def test_two_recordings_at_once_stay_apart(path, tmp_path):
+    other_path = tmp_path / "other.rrd"
+    with open_recorder(path) as recorder, open_recorder(other_path) as other:
+        recorder.step(1, poses=POSES, qpos=QPOS)
+        other.step(2, poses=POSES, qpos=QPOS)
+        recorder.note("first")
+    first, second = Content(path), Content(other_path)
+    assert first.steps("/log", "TextLog:text") == [0, 1]
+    assert second.steps(f"/{BARRIER}", "Transform3D:translation") == [2]
+    identifiers = {reader.recordings()[0].recording_id for reader in (first.reader, second.reader)}
+    assert len(identifiers) == 2
+
+
+def test_nothing_is_lost_silently_after_close(path):
+    recorder = open_recorder(path)
+    recorder.close()
+    recorder.close()
+    with pytest.raises(StageError, match=r"generate-7\.rrd is closed; nothing more can be recorded"):
+        recorder.note("too late")
+
+
+WRONG = {
+    "pose shape": (
+        {"poses": {BARRIER: np.eye(3)}},
+        "poses['world/objects/barrier'] has shape 3x3; expected 4x4",
+    ),
+    "pose value": (
+        {"poses": {BARRIER: np.full((4, 4), np.nan)}},
+        "poses['world/objects/barrier'] holds nan; expected finite numbers",
+    ),
+    "pose name": (
+        {"poses": {"world/objects/barier": np.eye(4)}},
+        "unknown entity in poses 'world/objects/barier'; available: world/agent1/panda_hand, ",
+    ),
+    "fixed camera": (
+        {"poses": {"world/cameras/global": np.eye(4)}},
+        "unknown entity in poses 'world/cameras/global'; available: world/agent1/panda_hand, ",
+    ),
+    "qpos": ({"qpos": QPOS[:1]}, "qpos has shape 1x9; expected 2x9"),
+    "action": ({"action": QPOS}, "action has shape 2x9; expected 2x8"),
+    "picture size": (
+        {"pictures": {"global": PICTURE[:, :16]}},
+        "pictures['global'] has shape 24x16x3; expected 24x32x3",
+    ),
+    "picture type": (
+        {"pictures": {"global": PICTURE / 255.0}},
+        "pictures['global'] is float64; expected uint8",
+    ),
+    "picture name": (
+        {"pictures": {"agent2": PICTURE}},
+        "unknown camera in pictures 'agent2'; available: agent1, global",
+    ),
+}
+
+
+@pytest.mark.parametrize("changed, message", WRONG.values(), ids=WRONG)
+def test_a_wrong_term_of_a_step_is_named(path, changed, message):
+    with open_recorder(path) as recorder, pytest.raises(ArgumentError) as error:
+        recorder.step(0, **{"poses": POSES, "qpos": QPOS, **changed})
+    assert message in str(error.value)
+
+
+def test_other_wrong_values_are_named(path):
+    with open_recorder(path) as recorder:
+        recorder.step(5, poses=POSES, qpos=QPOS)
+        with pytest.raises(ArgumentError, match="step 4 comes after step 5; steps do not go back"):
+            recorder.step(4, poses=POSES, qpos=QPOS)
+        with pytest.raises(ArgumentError, match="unknown agent 'agent3'; available: agent1, agent2"):
+            recorder.occupancy("agent3", np.zeros((1, 3)))
+        with pytest.raises(ArgumentError, match="centres_m of agent1 has shape 4x2; expected 4x3"):
+            recorder.occupancy("agent1", np.zeros((4, 2)))
+        with pytest.raises(ArgumentError, match="where_m has shape 2; expected 3"):
+            recorder.violation(Violation("Check", (1,), 0.0, 1.0, 0.0, "why"), where_m=(0.0, 1.0))
+        with pytest.raises(ArgumentError, match="unknown agent 'agent0'; available: agent1, agent2"):
+            recorder.subgoal(0, "home")
+
+
+def test_wrong_recordings_are_refused_with_the_reason(path, tmp_path):
+    with pytest.raises(ArgumentError, match=r"generate-7\.mp4: the viewer opens only .* \.rrd"):
+        open_recorder(path.with_suffix(".mp4"))
+    with pytest.raises(ArgumentError, match="recording of 0 agents; expected at least 1"):
+        open_recorder(path, agents=0)
+    bad = viz.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), colour=np.zeros((2, 3)))
+    with pytest.raises(ArgumentError, match="colour of 'world/objects/bad' has shape 2x3; expected 3 or 3x3"):
+        open_recorder(path, meshes={viz.object_entity("bad"): bad})
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(StageError, match=r"cannot write the recording .*file/x\.rrd: "):
+        open_recorder(tmp_path / "file" / "x.rrd")
+
+
+def test_a_hundred_steps_with_three_pictures_stay_small(path):
+    """Pictures without any flat ground: blobs of 20 pixels in all colours."""
+    rng = np.random.default_rng(0)
+    noise = cv2.resize(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8), (320, 240))
+    cameras = {name: viz.CameraModel(320, 240, 1.2, np.eye(4)) for name in ("global", "agent1", "agent2")}
+    with open_recorder(path, cameras=cameras) as recorder:
+        for step in range(100):
+            pictures = {name: np.roll(noise, step, axis=1).astype(np.uint8) for name in cameras}
+            recorder.step(step, poses=POSES, qpos=QPOS, action=ACTION, pictures=pictures)
+    assert path.stat().st_size < 4e6  # raw pictures alone are 69 MB
+
+
+def test_boxes_keep_sharp_edges_and_balls_stay_smooth():
+    shape = trimesh.creation.box((1.0, 2.0, 3.0))
+    kept, normals, faces = creased(shape.vertices, shape.faces)
+    assert len(kept) == 24  # each corner once for each of its three sides
+    corners = shape.vertices[kept][faces]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    np.testing.assert_allclose(normals[faces], np.repeat(outward[:, None], 3, axis=1), atol=1e-9)
+
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    kept, normals, faces = creased(ball.vertices, ball.faces)
+    assert len(kept) == len(ball.vertices)
+    np.testing.assert_allclose(normals, ball.vertices[kept], atol=0.02)
+    np.testing.assert_array_equal(ball.vertices[kept][faces], ball.vertices[ball.faces])
+
+
+def test_linear_light_becomes_srgb():
+    assert srgb((0.0, 0.2140, 1.0)).tolist() == [0, 127, 255]  # middle grey
+
+
+def test_colours_of_agents_differ_from_one_another_and_from_verdicts():
+    colours = np.array([*(viz.agent_colour(agent) for agent in range(1, 5)), VIOLATED, HOLDS], dtype=float)
+    apart = np.linalg.norm(colours[:, None] - colours[None], axis=-1) + 1e3 * np.eye(len(colours))
+    assert apart.min() > 50
