@@ -18,8 +18,9 @@ from typing import Literal
 
 SET_UP = "scripts/setup.sh"  # not `make setup`: that one trusts its stamp
 PYTHONS = ((3, 11), (3, 12))
-# Those with native code, where installed does not yet mean that it can be imported.
-MODULES = ("numpy", "cv2", "torch", "pinocchio", "coal", "toppra", "sapien", "mani_skill", "rerun")
+# Those with native code, where installed does not yet mean that it can be imported. Torch is the last:
+# it brings libraries along (libgomp) that the others would then seem to have.
+MODULES = ("pinocchio", "coal", "numpy", "cv2", "toppra", "sapien", "rerun", "mani_skill", "torch")
 IMPORT_TIMEOUT_S = 300.0
 QUICK_GB, PAPER_GB = 2.0, 40.0  # free space: the main job; all demonstrations of one task, profile=paper
 

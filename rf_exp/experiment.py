@@ -9,7 +9,7 @@ import dacite
 
 from rf_exp.datagen.brain import make_brain
 from rf_exp.datagen.episode import Settings
-from rf_exp.datagen.generate import Pictures
+from rf_exp.sim.pool import Pictures
 from rf_exp.datagen.motion import JointLimits
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig, TrainConfig

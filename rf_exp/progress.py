@@ -48,13 +48,14 @@ class Progress:
         if kind is None:
             self._say()
 
-    def advance(self, steps: int = 1, note: str = "") -> None:
-        """Some more work is done; `note` replaces the last one."""
+    def advance(self, steps: int = 1, note: str = "", total: int | None = None) -> None:
+        """Some more work is done; `note` replaces the last one, `total` what is known of the whole."""
         self._done += steps
+        self._total = total or self._total
         self._note = note or self._note
         if self._bar is not None:
             text = f"{self._rate():.3g} {self._unit}/s  {self._note}"
-            self._bar.update(self._task, completed=self._done, note=text)
+            self._bar.update(self._task, completed=self._done, total=self._total, note=text)
         elif time.perf_counter() - self._said > LINE_EVERY_S:
             self._say()
 

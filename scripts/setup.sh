@@ -80,6 +80,11 @@ if pip show -q opencv-python 2>/dev/null || ! .venv/bin/python -c 'import cv2' 2
     pip uninstall -q -y opencv-python 2>/dev/null
     pip install -q --progress-bar off --force-reinstall --no-deps "opencv-python-headless==$headless"
 fi
+# Pinocchio's package does not bring the OpenMP library that it links to.
+if ! .venv/bin/python -c 'import pinocchio' 2>.venv/pinocchio.log; then
+    grep -q libgomp .venv/pinocchio.log || fail "pinocchio cannot be imported: $(tail -n 1 .venv/pinocchio.log)"
+    apt_install "the OpenMP library is missing" libgomp1
+fi
 
 # --- Vulkan ------------------------------------------------------------------------------------
 draws() { .venv/bin/python -P rf_exp/sim/vulkan.py >.venv/vulkan.log 2>&1; }

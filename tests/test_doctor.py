@@ -150,7 +150,7 @@ def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
         "disk",
     ]
     assert lines[1].startswith("missing packages  rf_exp is not installed")
-    assert lines[2].startswith("missing imports   numpy: ModuleNotFoundError")
+    assert lines[2].startswith("missing imports   pinocchio: ModuleNotFoundError")
     assert lines[4].startswith("missing vulkan    not tried: No module named")
     assert lines[-1] == "The main job cannot run here; mend first: packages, imports, vulkan."
 

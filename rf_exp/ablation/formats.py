@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -74,6 +75,11 @@ def grid(table: Table, joint: str = ", ") -> tuple[list[str], list[list[str]]]:
     return heading, rows
 
 
+def is_long(table: Table, index: int) -> bool:
+    """Whether a column holds texts too long for a narrow place."""
+    return any(len(str(line.cells[index].value)) > LONG_TEXT for line in table.lines)
+
+
 def markdown(table: Table) -> str:
     heading, rows = grid(table)
     lines = [f"## {table.title}", "", table.caption, ""]
@@ -101,7 +107,9 @@ def tidy_csv(table: Table) -> str:
 def latex(table: Table) -> str:
     """A booktabs table."""
     heading, rows = grid(table)
-    aligned = "l" + "".join("p{4cm}" if _long(table, i) else "l" for i in range(1, len(heading)))
+    aligned = "l"
+    for index, column in enumerate(table.columns):
+        aligned += "p{4cm}" if is_long(table, index) else "l" if column.unit == "text" else "ll"
     body = [" & ".join(_escape(text) for text in row) + r" \\" for row in rows]
     lines = [
         r"\begin{table}",
@@ -140,18 +148,18 @@ def show(table: Table, console: Console) -> None:
     """On the terminal, without its long texts."""
     caption = escape("\n".join(notes(table))) or None
     shown = Grid(title=escape(table.title), caption=caption, caption_justify="left")
-    heading, rows = grid(table, joint="\n")
-    keep = [i for i in range(len(heading)) if i == 0 or not _long(table, i)]
-    for index in keep:
-        justify = "left" if index == 0 else "right"
-        shown.add_column(heading[index], justify=justify, overflow="fold", min_width=6)
+    heading, rows = grid(_narrow(table), joint="\n")
+    for index, title in enumerate(heading):
+        shown.add_column(title, justify="right" if index else "left", overflow="fold", min_width=6)
     for row in rows:
-        shown.add_row(*(escape(row[i]) for i in keep))
+        shown.add_row(*map(escape, row))
     console.print(shown)
 
 
-def _long(table: Table, index: int) -> bool:
-    return any(len(row[index]) > LONG_TEXT for row in grid(table)[1])
+def _narrow(table: Table) -> Table:
+    keep = [index for index in range(len(table.columns)) if not is_long(table, index)]
+    lines = (replace(line, cells=tuple(line.cells[i] for i in keep)) for line in table.lines)
+    return replace(table, columns=tuple(table.columns[i] for i in keep), lines=tuple(lines))
 
 
 def _escape(text: str) -> str:

@@ -2,7 +2,7 @@
 
 from html import escape
 
-from rf_exp.ablation.formats import figure, notes, spread
+from rf_exp.ablation.formats import figure, is_long, notes, spread
 from rf_exp.ablation.tables import Cell, Column, Table
 
 CSS = """
@@ -33,15 +33,16 @@ pre { padding: .8rem; overflow-x: auto; background: var(--card); border: 1px sol
 .panel svg text { font-family: system-ui, sans-serif !important; }
 .panel img { border-radius: 6px; }
 .strip { display: grid; grid-template-columns: repeat(4, 1fr); gap: 3px; }
-.wide { overflow-x: auto; background: var(--card); border: 1px solid var(--line); border-radius: 10px; }
+.wide { overflow-x: auto; margin-top: .8rem; background: var(--card); border: 1px solid var(--line);
+  border-radius: 10px; }
 table { border-collapse: collapse; width: 100%; font-size: .93rem; overflow-wrap: normal; }
 th, td { padding: .5rem .7rem; text-align: left; vertical-align: top; border-top: 1px solid var(--line); }
 thead th { border-top: 0; white-space: nowrap; } tbody th { font-weight: 600; }
 tbody th:first-child { position: sticky; left: 0; background: var(--card); min-width: 7rem; }
-td.figure { white-space: nowrap; font-variant-numeric: tabular-nums; } td.long { min-width: 17rem; }
+td.figure { white-space: nowrap; font-variant-numeric: tabular-nums; } details td { min-width: 15rem; }
 td b { font-size: 1.05rem; } td small { display: block; color: var(--soft); line-height: 1.35; }
 td small.paper { color: var(--paper); } .missing { color: var(--soft); font-style: italic; }
-tr.average { background: color-mix(in srgb, var(--line) 35%, transparent); }
+tr.average > * { background: color-mix(in srgb, var(--line) 35%, var(--card)) !important; }
 ul.notes { margin: .6rem 0; padding-left: 1.1rem; color: var(--soft); font-size: .88rem; }
 .key { display: inline-block; width: .7em; height: .7em; border-radius: 50%; background: var(--ours); }
 .key.paper { background: none; border: 2px solid var(--paper); border-radius: 0; transform: rotate(45deg); }
@@ -65,18 +66,30 @@ def document(title: str, sections: list[tuple[str, str, str]], lead: str) -> str
 
 
 def table_html(table: Table) -> str:
-    """Caption, table and notes. Under each figure of ours: its interval, and the paper's figure."""
-    heading = "".join(
-        f"<th>{escape(text)}</th>" for text in (table.heading, *(column.title for column in table.columns))
-    )
+    """Caption, table and notes. Under each figure of ours: its interval, and the paper's figure.
+
+    Columns of long texts follow in a table of their own that is folded away.
+    """
+    long = {i for i in range(len(table.columns)) if is_long(table, i)}
+    shown = [column for i, column in enumerate(table.columns) if i not in long]
+    heading = "".join(f"<th>{escape(text)}</th>" for text in (table.heading, *(c.title for c in shown)))
     rows = []
     for line in table.lines:
         kind = ' class="average"' if line.title == "Average" else ""
-        cells = "".join(_cell(cell, column) for column, cell in zip(table.columns, line.cells, strict=True))
-        rows.append(f"<tr{kind}><th>{escape(line.title)}</th>{cells}</tr>")
+        cells = [_cell(cell, table.columns[i]) for i, cell in enumerate(line.cells) if i not in long]
+        rows.append(f"<tr{kind}><th>{escape(line.title)}</th>{''.join(cells)}</tr>")
+    folded = ""
+    if long:
+        titles = [table.columns[i].title for i in sorted(long)]
+        texts = [
+            [line.title, *(str(line.cells[i].value or "") for i in sorted(long))] for line in table.lines
+        ]
+        inside = plain_table([table.heading, *titles], texts)
+        folded = f"<details><summary>{escape(' and '.join(titles))}</summary>{inside}</details>"
     return (
         f'<p class="soft">{escape(table.caption)}</p><div class="wide"><table>'
-        f"<thead><tr>{heading}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>{bullets(notes(table))}"
+        f"<thead><tr>{heading}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+        f"{folded}{bullets(notes(table))}"
     )
 
 
@@ -113,9 +126,7 @@ def bullets(items: list[str]) -> str:
 
 def _cell(cell: Cell, column: Column) -> str:
     if column.unit == "text":
-        text = figure(cell.value, "text")
-        kind = ' class="long"' if len(text) > 30 else ""
-        return f"<td{kind}>{escape(text)}</td>"
+        return f"<td>{escape(figure(cell.value, 'text'))}</td>"
     value = figure(cell.value, column.unit)
     parts = [f"<b>{value}</b>" if cell.value is not None else f'<span class="missing">{value}</span>']
     parts += [f"<small>{text}</small>" for text in [spread(cell, column.unit)] if text]

@@ -3,6 +3,8 @@
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from math import isfinite
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +70,7 @@ def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
             axes.set_xlim(-2, 102)
             axes.set_xlabel("success, %")
         else:
-            axes.set_xlim(left=0)
+            axes.set_xlim(0, 1.08 * axes.dataLim.xmax)
             axes.set_xlabel("control steps")
         return _svg(figure, axes)
 
@@ -103,9 +105,11 @@ def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
 def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
     """Loss over the first column of a training log; every column named after a loss is a line.
 
+    Columns may have gaps (NaN), such as a validation loss measured now and then.
+
     Raises ValueError when no column is.
     """
-    losses = {name: values for name, values in columns.items() if "loss" in name.lower()}
+    losses = {n: v for n, v in columns.items() if "loss" in n.lower() and any(map(isfinite, v))}
     if not losses:
         raise ValueError(f"no column named after a loss; columns: {', '.join(columns)}")
     along = next(iter(columns))
@@ -113,8 +117,9 @@ def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
         figure = Figure((WIDTH_IN, 2.3), layout="constrained")
         axes = figure.add_subplot()
         for (name, values), colour in zip(losses.items(), (OURS, PAPER, *FURTHER), strict=False):
-            axes.plot(columns[along], values, color=colour, lw=1.4, label=name.replace("_", " "))
-        if all(value > 0 for values in losses.values() for value in values):
+            known = [(x, y) for x, y in zip(columns[along], values, strict=True) if isfinite(y)]
+            axes.plot(*zip(*known, strict=True), color=colour, lw=1.4, label=name.replace("_", " "))
+        if all(value > 0 for values in losses.values() for value in values if isfinite(value)):
             axes.set_yscale("log")
         axes.set_xlabel(along.replace("_", " "))
         axes.set_ylabel("loss")
@@ -122,16 +127,16 @@ def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:
-    """Column -> values of a CSV file with a heading; rows with an empty field are left out.
+    """Column -> values of a CSV file with a heading; an empty field is NaN, an unfinished row left out.
 
     Raises ValueError for anything else.
     """
     with path.open(newline="", encoding="utf-8") as file:
         heading, *rows = list(csv.reader(file)) or [[]]
-    whole = [row for row in rows if len(row) == len(heading) and all(row)]
+    whole = [row for row in rows if len(row) == len(heading)]
     if not whole:
         raise ValueError("no rows")
-    return {name: [float(row[i]) for row in whole] for i, name in enumerate(heading)}
+    return {name: [float(row[i] or "nan") for row in whole] for i, name in enumerate(heading)}
 
 
 def measured(cells: Sequence[Cell]) -> bool:
@@ -150,8 +155,8 @@ def panels(table: Table) -> list[tuple[str, str]]:
 
 def _svg(figure: Figure, axes: Axes) -> str:
     handles, labels = axes.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    figure.legend(unique.values(), unique.keys(), loc="outside upper left", ncols=3, fontsize=8)
+    named = dict(sorted(zip(labels, handles, strict=True), key=itemgetter(0)))  # ours before the paper's
+    figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=3, fontsize=9)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()

@@ -238,15 +238,12 @@ def architectures(results: Results) -> Table:
     further = sorted({row.arch for row in rows} - set(known))
     counts = sorted({row.demos for row in rows}) or [paper().demos[-1]]
     columns = (
-        Column("policy", "Policy", "text"),
-        Column("view", "View", "text"),
         Column("demos", "Demos", "text"),
         *(Column(name, title_of(name)) for name in names),
     )
     lines, gaps = [], []
     for count in counts:
         for arch in known + further:
-            policy, _, view = arch.partition("_") if arch in known else ("", "", "")
             cells = [
                 rate_cell(
                     [r for r in rows if (r.arch, r.task, r.demos) == (arch, name, count)],
@@ -254,16 +251,15 @@ def architectures(results: Results) -> Table:
                 )
                 for name in names
             ]
-            texts = (text_cell(policy.title()), text_cell(view.title()), text_cell(count))
-            lines.append(Line(f"{arch}-{count}", arch, (*texts, *cells)))
-        for index, name in enumerate(names, start=len(columns) - len(names)):
+            lines.append(Line(f"{arch}-{count}", arch, (text_cell(count), *cells)))
+        for index, name in enumerate(names, start=1):
             same = {line.title: line.cells[index] for line in lines if line.key.endswith(f"-{count}")}
             gaps += _gaps(f"{title_of(name)}, {count} demos", same, BASELINE_ARCH)
     notes = [f"The paper's figures are with {paper().demos[-1]} demonstrations.", *gaps]
     return Table(
         "architectures",
         "Architectures",
-        "Success rate of the four imitation learning architectures.",
+        "Success rate of the four architectures: shared or separate policy, global or local view.",
         "Architecture",
         columns,
         tuple(lines),
@@ -281,7 +277,7 @@ def ablation_success(results: Results) -> Table:
     ]
     return Table(
         "ablation_success",
-        "Constraints and the success of data generation",
+        "Ablation: success of generation",
         "Share of all tried scene seeds that gave a valid demonstration.",
         "Constraints",
         columns,
@@ -295,7 +291,7 @@ def ablation_length(results: Results) -> Table:
     columns, lines = _ablation(results, "steps", paper().ablation_length, length_cell)
     return Table(
         "ablation_length",
-        "Constraints and the length of episodes",
+        "Ablation: episode length",
         "Mean control steps (20 Hz) of the successful demonstrations; shorter is better.",
         "Constraints",
         columns,

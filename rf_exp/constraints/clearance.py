@@ -154,13 +154,18 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
         return forbidden
     first = np.array([pair.a for pair in pairs])
     second = np.array([pair.b for pair in pairs])
-    need_a, need_b = (a.stride_m / 2, b.stride_m / 2) if between else (0 * a.centres[..., 0], 0 * b.centres[..., 0])
+    need_a, need_b = (
+        (a.stride_m / 2, b.stride_m / 2) if between else (0 * a.centres[..., 0], 0 * b.centres[..., 0])
+    )
 
     # blocks: pair, first and last row, first and last column
     starts_a, starts_b = np.arange(0, len(a), BLOCK), np.arange(0, len(b), BLOCK)
-    pair, row, column = (grid.ravel() for grid in np.meshgrid(np.arange(len(pairs)), starts_a, starts_b, indexing="ij"))
+    pair, row, column = (
+        grid.ravel() for grid in np.meshgrid(np.arange(len(pairs)), starts_a, starts_b, indexing="ij")
+    )
     blocks = np.stack(
-        [pair, row, np.minimum(row + BLOCK, len(a)) - 1, column, np.minimum(column + BLOCK, len(b)) - 1], axis=1
+        [pair, row, np.minimum(row + BLOCK, len(a)) - 1, column, np.minimum(column + BLOCK, len(b)) - 1],
+        axis=1,
     )
     size = BLOCK
     while len(blocks):
@@ -204,22 +209,22 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
     if at is None:
         at = np.stack(np.meshgrid(np.arange(len(a)), np.arange(len(b)), indexing="ij"), axis=-1).reshape(-1, 2)
     at = np.unique(at, axis=0)
-    best: Nearest | None = None
-    candidates = []
+    gaps = np.linalg.norm(a.centres[at[:, 0], :, None] - b.centres[at[:, 1], None], axis=-1)  # (T, La, Lb)
+    gaps -= a.radii_m[:, None] + b.radii_m
+    apply = np.zeros(gaps.shape, dtype=bool)
     for pair in _pairs(a, b):
-        cells = at[pair.rows[at[:, 0]] & pair.columns[at[:, 1]]]
-        if len(cells):
-            i, j = np.full(len(cells), pair.a), np.full(len(cells), pair.b)
-            candidates.append((_cover_gap(a, b, cells[:, 0], cells[:, 1], i, j), cells, i, j))
-    if not candidates:
-        return None
-    gaps, cells, i, j = (np.concatenate(column) for column in zip(*candidates, strict=True))
-    for k in np.argsort(gaps, kind="stable").tolist():
-        if best is not None and gaps[k] >= best.distance_m:
+        apply[:, pair.a, pair.b] |= pair.rows[at[:, 0]] & pair.columns[at[:, 1]]
+    cell, i, j = np.nonzero(apply)
+    gap = gaps[cell, i, j]
+    best: Nearest | None = None
+    for k in np.argsort(gap, kind="stable").tolist():
+        if best is not None and gap[k] >= best.distance_m:
             break
-        distance = _distance(a, b, int(cells[k, 0]), int(cells[k, 1]), int(i[k]), int(j[k]))
+        row, column = int(at[cell[k], 0]), int(at[cell[k], 1])
+        x, y = int(i[k]), int(j[k])
+        distance = _distance(a, b, row, column, x, y)
         if best is None or distance < best.distance_m:
-            best = Nearest(distance, a.labels[i[k]], b.labels[j[k]], (int(cells[k, 0]), int(cells[k, 1])))
+            best = Nearest(distance, a.labels[x], b.labels[y], (row, column))
     return best
 
 

@@ -50,7 +50,9 @@ class Check(Protocol):
 
 def violation(check: Check, evidence: Evidence) -> Violation:
     """The failed check as feedback."""
-    return Violation(check.name, check.agents, evidence.time_s, evidence.value, evidence.bound, evidence.reason)
+    return Violation(
+        check.name, check.agents, evidence.time_s, evidence.value, evidence.bound, evidence.reason
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,8 @@ class Plan:
         """(P,) for each agent: too close to an object that nobody moves, or in the table."""
         still = self.bodies.standing()
         return tuple(
-            closer_than(body, still, OBJECT_MARGIN_M)[:, 0] | self.bodies.below_table(body) for body in self.swept
+            closer_than(body, still, OBJECT_MARGIN_M)[:, 0] | self.bodies.below_table(body)
+            for body in self.swept
         )
 
     def trajectory(self, agent: int) -> Trajectory:

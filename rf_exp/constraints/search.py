@@ -154,7 +154,9 @@ def _late(problem: Problem, state: tuple[int, ...], step: int) -> bool:
     )
 
 
-def _walk(parents: Mapping[tuple[int, ...], tuple[int, ...] | None], goal: tuple[int, ...]) -> NDArray[np.int64]:
+def _walk(
+    parents: Mapping[tuple[int, ...], tuple[int, ...] | None], goal: tuple[int, ...]
+) -> NDArray[np.int64]:
     states: list[tuple[int, ...]] = []
     state: tuple[int, ...] | None = goal
     while state is not None:

@@ -204,7 +204,9 @@ def serial(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
 
 def subgoal_runs(trajectory: Trajectory) -> list[tuple[Subgoal, list[Segment]]]:
     """The segments of each subgoal, in order."""
-    return [(goal, list(run)) for goal, run in groupby(trajectory.segments, key=lambda segment: segment.subgoal)]
+    return [
+        (goal, list(run)) for goal, run in groupby(trajectory.segments, key=lambda segment: segment.subgoal)
+    ]
 
 
 def len_of(segments: Iterable[Segment]) -> int:
@@ -222,13 +224,17 @@ def actions(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.f
 def _agents(trajectories: Sequence[Trajectory]) -> None:
     found = [trajectory.agent for trajectory in trajectories]
     if found != list(range(1, len(found) + 1)):
-        raise ArgumentError(f"trajectories are of agents {found}; expected one for each agent 1 to N, in order")
+        raise ArgumentError(
+            f"trajectories are of agents {found}; expected one for each agent 1 to N, in order"
+        )
 
 
 def _shapes(trajectories: Sequence[Trajectory], diagrams: Mapping[tuple[int, int], Mask]) -> None:
     for (i, j), diagram in diagrams.items():
         if not 1 <= i < j <= len(trajectories):
-            raise ArgumentError(f"diagram of agents {(i, j)}; expected i < j of agents 1 to {len(trajectories)}")
+            raise ArgumentError(
+                f"diagram of agents {(i, j)}; expected i < j of agents 1 to {len(trajectories)}"
+            )
         expected = len(trajectories[i - 1]) + 1, len(trajectories[j - 1]) + 1
         if diagram.shape != expected:
             raise ArgumentError(f"diagram of agents {(i, j)} has shape {diagram.shape}; expected {expected}")
@@ -257,9 +263,7 @@ def _explain(
         row, column = search.blocked_region(
             problem.diagrams[answer.pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
         )
-        where = (
-            f"Agent_{i} {_at(a, int(real[i - 1][row]))} and Agent_{j} {_at(b, int(real[j - 1][column]))}"
-        )
+        where = f"Agent_{i} {_at(a, int(real[i - 1][row]))} and Agent_{j} {_at(b, int(real[j - 1][column]))}"
         return Violation(
             CHECK, (i, j), 0.0, 0.0, 0.0,
             f"the constraints on the order of Agent_{i} and Agent_{j} contradict one another"

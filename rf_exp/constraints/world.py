@@ -16,8 +16,7 @@ from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, near
 from rf_exp.constraints.shapes import Piece, arm_pieces
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots.panda import LINKS, Panda
-from rf_exp.tasks import Task
-from rf_exp.tasks import assets
+from rf_exp.tasks import Task, assets
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
@@ -113,11 +112,15 @@ class Bodies:
         held = self.scene.held[agent - 1]
         if held is not None:  # until the end of the segment that lets go
             touches[held] = touches[held] | (np.arange(len(path)) <= self._let_go(trajectory))
-        return self._body(agent, qpos, moved, carried, touches, self._rests(trajectory, moved, carried, segments))
+        return self._body(
+            agent, qpos, moved, carried, touches, self._rests(trajectory, moved, carried, segments)
+        )
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
         """Objects as they stand in the scene (P = 1); without names, those that no trajectory moves."""
-        names = [name for name in self.task.objects if name not in self.moved] if names is None else list(names)
+        names = (
+            [name for name in self.task.objects if name not in self.moved] if names is None else list(names)
+        )
         pieces, labels, poses = [], [], []
         for name in names:
             for piece in asset_pieces(self._asset(name)):
@@ -257,7 +260,10 @@ class Bodies:
 
         A lid may scrape the pot while the segment that lifts it off runs, a cube the cube it is set on.
         """
-        rests = {name: np.array([any(name in s.touches for s in at) for at in segments]) for name in self.task.objects}
+        rests = {
+            name: np.array([any(name in s.touches for s in at) for at in segments])
+            for name in self.task.objects
+        }
         knots = np.array(trajectory.knots)
         for name, poses in moved.items():
             others = [other for other in self.task.objects if other != name]
@@ -275,7 +281,9 @@ class Bodies:
     def _object(self, name: str, pose: Matrix) -> Swept:
         pieces = asset_pieces(self._asset(name))
         poses = np.tile(pose, (1, len(pieces), 1, 1))
-        return Swept(pieces, (name,) * len(pieces), poses, objects=frozenset({name}), carried={name: np.ones(1, bool)})
+        return Swept(
+            pieces, (name,) * len(pieces), poses, objects=frozenset({name}), carried={name: np.ones(1, bool)}
+        )
 
 
 def lowest_m(body: Swept) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 from xml.etree import ElementTree
 
 import fast_simplification
@@ -19,6 +19,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from trimesh.visual import TextureVisuals
 
 from rf_exp.errors import StageError
 from rf_exp.robots.panda import description_folder
@@ -57,7 +58,8 @@ def light_urdf() -> Path:
             made = Path(tempfile.mkdtemp(prefix=".meshes-", dir=target.parent))
         except OSError as error:
             raise StageError(
-                f"cannot write the mesh cache {target}: {error.strerror}; set XDG_CACHE_HOME to a writable folder"
+                f"cannot write the mesh cache {target}: {error.strerror}; "
+                "set XDG_CACHE_HOME to a writable folder"
             ) from error
         try:
             _make(made, target)
@@ -78,7 +80,7 @@ def light_meshes() -> dict[str, LinkMesh]:
         for visual in link.findall("visual"):
             pieces = _pieces(Path(_mesh(visual).attrib["filename"]))
             colours = [
-                np.tile(piece.visual.material.baseColorFactor[:3] / 255, (len(piece.vertices), 1))
+                np.tile(_material(piece).baseColorFactor[:3] / 255, (len(piece.vertices), 1))
                 for piece in pieces
             ]
             mesh = cast(trimesh.Trimesh, trimesh.util.concatenate(pieces))
@@ -112,15 +114,19 @@ def _pieces(path: Path) -> list[trimesh.Trimesh]:
     return [cast(trimesh.Trimesh, mesh) for mesh in scene.dump()]
 
 
+def _material(piece: trimesh.Trimesh) -> Any:
+    """The PBR material that a GLB gives each of its pieces."""
+    return cast(TextureVisuals, piece.visual).material
+
+
 def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
     """The piece with fewer triangles, the same material and shading that is smooth where it was."""
-    material = piece.visual.material
     welded = trimesh.Trimesh(piece.vertices, piece.faces, process=True)
     welded.merge_vertices(merge_norm=True, merge_tex=True, digits_vertex=6)
     target = max(FEWEST, round(KEPT * len(piece.faces)))
     if target < len(welded.faces):
-        vertices, faces = fast_simplification.simplify(
-            np.asarray(welded.vertices, np.float32), np.asarray(welded.faces, np.int32), target_count=target
+        vertices, faces, *_ = fast_simplification.simplify(
+            np.asarray(welded.vertices), np.asarray(welded.faces), target_count=target
         )
         welded = trimesh.Trimesh(vertices, faces, process=True)
     shaded = trimesh.graph.smooth_shade(welded, angle=SMOOTH_RAD, facet_minarea=None)
@@ -128,7 +134,7 @@ def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
         shaded.vertices,
         shaded.faces,
         vertex_normals=shaded.vertex_normals,
-        visual=trimesh.visual.TextureVisuals(material=material),
+        visual=TextureVisuals(material=_material(piece)),
         process=False,
     )
 

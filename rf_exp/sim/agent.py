@@ -1,5 +1,7 @@
 """ManiSkill's Panda with light visual meshes and absolute joint targets; all else is stock."""
 
+from typing import Any
+
 from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPosMimicControllerConfig
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
@@ -31,6 +33,7 @@ class LightPanda(Panda):
             force_limit=self.arm_force_limit,
             normalize_action=False,
         )
+        mimic: Any = {"panda_finger_joint2": {"joint": "panda_finger_joint1"}}
         gripper = PDJointPosMimicControllerConfig(
             self.gripper_joint_names,
             lower=GRIPPER_M[0],
@@ -38,6 +41,6 @@ class LightPanda(Panda):
             stiffness=self.gripper_stiffness,
             damping=self.gripper_damping,
             force_limit=self.gripper_force_limit,
-            mimic={"panda_finger_joint2": {"joint": "panda_finger_joint1"}},
+            mimic=mimic,
         )
         return {"pd_joint_pos": {"arm": arm, "gripper": gripper}}

@@ -18,16 +18,21 @@ Vector = NDArray[np.float64]
 class Contacts:
     """Knows which body is a link of which arm and which is an object, for one scene."""
 
-    def __init__(self, robots: Sequence[physx.PhysxArticulation], objects: Mapping[str, sapien.Entity]) -> None:
+    def __init__(
+        self, robots: Sequence[physx.PhysxArticulation], objects: Mapping[str, sapien.Entity]
+    ) -> None:
         # The scene hands out the same Python object for a body as long as one is kept: these maps do.
-        self._agent_of = {link: agent for agent, robot in enumerate(robots, 1) for link in robot.links}
+        self._agent_of: dict[physx.PhysxRigidBaseComponent, int] = {
+            link: agent for agent, robot in enumerate(robots, 1) for link in robot.links
+        }
         self._fingers = [
             tuple(next(link for link in robot.links if link.name.endswith(name)) for name in (LEFT, RIGHT))
             for robot in robots
         ]
         self._finger_of = {finger for pair in self._fingers for finger in pair}
         self._object_of = {
-            entity.find_component_by_type(physx.PhysxRigidBaseComponent): name for name, entity in objects.items()
+            entity.find_component_by_type(physx.PhysxRigidBaseComponent): name
+            for name, entity in objects.items()
         }
 
     def held(self, contacts: Sequence[physx.PhysxContact], timestep_s: float) -> tuple[str | None, ...]:

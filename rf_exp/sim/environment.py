@@ -7,21 +7,23 @@ give the same bytes whatever ran before.
 
 import gc
 from functools import cache
+from typing import Any
 
 import numpy as np
 import sapien
 import torch
+from mani_skill.agents.multi_agent import MultiAgent
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
 from rf_exp.sim import objects
-from rf_exp.sim.agent import GRIPPER_M, UID
+from rf_exp.sim.agent import UID
 from rf_exp.sim.room import build_room, light_room
 from rf_exp.tasks.base import CameraSpec, Start, Task
 from rf_exp.transforms import Matrix, from_axes
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ
+from rf_exp.types import CONTROL_HZ
 
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
@@ -57,7 +59,6 @@ def _sapien_camera_pose(parent_from_camera: Matrix) -> sapien.Pose:
 class TableEnv(BaseEnv):
     """Robots, objects, cameras and light of one task. A seed fixes the whole start."""
 
-    SUPPORTED_ROBOTS = None
     SUPPORTED_OBS_MODES = ("none", "state", "rgb")
     SUPPORTED_REWARD_MODES = ("none",)
 
@@ -75,7 +76,6 @@ class TableEnv(BaseEnv):
             sim_backend="physx_cpu",
             render_backend=render_backend,
             reconfiguration_freq=1,
-            enable_shadow=True,
         )
 
     @property
@@ -86,18 +86,19 @@ class TableEnv(BaseEnv):
     def _default_sensor_configs(self) -> list[CameraConfig]:
         configs = []
         for name, camera in self.task.cameras.items():
-            mounted = camera.mount == "wrist"
+            hand: Any = self.hand(int(name.removeprefix("agent"))) if camera.mount == "wrist" else None
+            pose: Any = _sapien_camera_pose(hand_from_camera() if hand else world_from_camera(camera))
             configs.append(
                 CameraConfig(
                     uid=name,
-                    pose=_sapien_camera_pose(hand_from_camera() if mounted else world_from_camera(camera)),
+                    pose=pose,
                     width=self._size_px[0],
                     height=self._size_px[1],
                     fov=float(np.deg2rad(camera.fov_deg)),
                     near=NEAR_M,
                     far=FAR_M,
                     shader_pack="minimal",
-                    mount=self.hand(int(name.removeprefix("agent"))) if mounted else None,
+                    mount=hand,
                 )
             )
         return configs
@@ -105,7 +106,7 @@ class TableEnv(BaseEnv):
     @property
     def arms(self) -> list:
         """ManiSkill's agents, in the order of the task."""
-        return self.agent.agents if len(self.task.robots) > 1 else [self.agent]
+        return self.agent.agents if isinstance(self.agent, MultiAgent) else [self.agent]
 
     def hand(self, agent: int):
         """ManiSkill's link of the hand of an agent."""
@@ -113,7 +114,7 @@ class TableEnv(BaseEnv):
 
     def _load_agent(self, options: dict, *_: object, **__: object) -> None:
         self.start = self.task.start(int(self._episode_seed[0]))
-        bases = [objects.sapien_pose(robot.world_from_base) for robot in self.task.robots]
+        bases: Any = [objects.sapien_pose(robot.world_from_base) for robot in self.task.robots]
         super()._load_agent(options, bases)
 
     def _load_scene(self, options: dict) -> None:
@@ -124,7 +125,7 @@ class TableEnv(BaseEnv):
         }
 
     def _load_lighting(self, options: dict) -> None:
-        light_room(self.scene, self.start.light, shadow=self.enable_shadow)
+        light_room(self.scene, self.start.light)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         for arm, qpos in zip(self.arms, self.start.qpos, strict=True):

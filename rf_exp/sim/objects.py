@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any, cast
 
 import numpy as np
 import sapien
@@ -22,7 +23,7 @@ PATCH_RADIUS_M = 0.02  # torsional friction of a contact, as of a soft surface
 
 def sapien_pose(matrix: Matrix) -> sapien.Pose:
     """SAPIEN's pose of a (4, 4) matrix."""
-    return sapien.Pose(matrix[:3, 3], quaternion(matrix))
+    return sapien.Pose(matrix[:3, 3].tolist(), quaternion(matrix).tolist())
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,8 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
 
     made = []
     for key, group in groupby(sorted(asset.parts, key=finish), key=finish):
-        mesh = trimesh.util.concatenate([trimesh.graph.smooth_shade(part.mesh, angle=SMOOTH_RAD) for part in group])
+        shaded = [trimesh.graph.smooth_shade(part.mesh, angle=SMOOTH_RAD) for part in group]
+        mesh = cast(trimesh.Trimesh, trimesh.util.concatenate(shaded))
         made.append(
             Surface(
                 np.asarray(mesh.vertices, np.float32),
@@ -81,7 +83,7 @@ class AssetBuilder(ActorBuilder):
         volume_m3 = sum(hull.volume for hull in self.asset.hulls)
         for hull in self.asset.hulls:
             shape = physx.PhysxCollisionShapeConvexMesh(
-                vertices=np.asarray(hull.vertices, np.float32), scale=np.ones(3, np.float32), material=material
+                vertices=np.asarray(hull.vertices, np.float32), scale=[1.0, 1.0, 1.0], material=material
             )
             shape.set_density(self.asset.mass_kg / volume_m3)
             shape.set_patch_radius(PATCH_RADIUS_M)
@@ -106,6 +108,7 @@ def build(
     scene: ManiSkillScene, name: str, asset: Asset, seen: tuple[Surface, ...], world_from_object: Matrix
 ) -> Actor:
     """Put an asset with its surfaces into the scene under a name."""
-    builder = AssetBuilder(asset, seen).set_scene(scene)
+    builder: Any = AssetBuilder(asset, seen)
+    builder.set_scene(scene)
     builder.initial_pose = sapien_pose(world_from_object)
     return builder.build(name)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import sapien
@@ -48,7 +49,7 @@ class Simulator:
     def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render: bool = True) -> None:
         for name, value in (("width_px", width_px), ("height_px", height_px)):
             if value < 1:
-                raise ArgumentError(f"{name}={value}: a picture has at least 1 pixel each way; expected 1 or more")
+                raise ArgumentError(f"{name}={value}: expected 1 pixel or more")
         if render:
             _require_rendering_once()
         self.task = task
@@ -69,9 +70,10 @@ class Simulator:
         self._bodies = {name: actor._objs[0] for name, actor in self._env.actors.items()}
         self._contacts = Contacts(self._robots, self._bodies)
         self._command = np.hstack([self._env.start.qpos[:, :ARM_JOINTS], np.ones((len(self._robots), 1))])
-        self._physics = self._env.scene.px
+        self._physics: Any = self._env.scene.px
+        sensors: dict[str, Any] = self._env._sensors
         self._cameras = (
-            {name: self._env._sensors[name].camera._render_cameras[0] for name in self.task.cameras}
+            {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
             if self._render
             else {}
         )
@@ -115,7 +117,8 @@ class Simulator:
             qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
             qvel=np.stack([robot.qvel for robot in self._robots]).astype(float),
             poses={
-                name: body.pose.to_transformation_matrix().astype(float) for name, body in self._bodies.items()
+                name: body.pose.to_transformation_matrix().astype(float)
+                for name, body in self._bodies.items()
             },
             speeds={name: _speed_m_s(body) for name, body in self._bodies.items()},
             held=self._contacts.held(self._physics.get_contacts(), self._physics.timestep),
@@ -136,8 +139,8 @@ class Simulator:
         return {name: image[..., 3].astype(np.int32) for name, image in self._drawn(GEOMETRY).items()}
 
     def depth(self) -> dict[str, NDArray[np.float32]]:
-        """Camera -> (H, W) distance along the viewing direction in metres, to the millimetre; 0 is nothing."""
-        return {name: image[..., 2].astype(np.float32) / -1000 for name, image in self._drawn(GEOMETRY).items()}
+        """Camera -> (H, W) metres along the viewing direction, to the millimetre; 0 is nothing."""
+        return {name: np.float32(-0.001) * image[..., 2] for name, image in self._drawn(GEOMETRY).items()}
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
         """Numbers that `segmentation` uses: each object, `table`, and `agent<k>` with all of its links."""
@@ -165,7 +168,7 @@ class Simulator:
 
     def _drawn(self, texture: str) -> dict[str, NDArray]:
         if not self._render:
-            raise ArgumentError("this simulator draws no pictures; it was made with render=False, expected True")
+            raise ArgumentError("a simulator made with render=False draws no pictures; expected render=True")
         if self._drawn_at != self._step:
             self._env.scene.sub_scenes[0].update_render()
             for camera in self._cameras.values():
@@ -188,7 +191,7 @@ class Simulator:
 
 
 def _speed_m_s(body: sapien.Entity) -> float:
-    dynamic = body.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+    dynamic: Any = body.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
     return float(np.linalg.norm(dynamic.linear_velocity)) if dynamic else 0.0
 
 

@@ -30,7 +30,11 @@ def load_task(name: str, node: Mapping) -> Task:
     except ArgumentError as error:
         raise ArgumentError(f"task {name!r}: {error}") from error
     if task.name != name:
-        raise ArgumentError(f"task {name!r}: field name is {task.name!r}; expected {name!r}, as file and module")
+        raise ArgumentError(f"task {name!r}: field name is {task.name!r}; expected {name!r}")
+    if task.cameras["global"].mount == "wrist":
+        raise ArgumentError(
+            f"task {name!r}: camera 'global' has mount 'wrist'; expected 'world': it belongs to no arm"
+        )
     seen: list[str] = []
     for key, spec in task.objects.items():
         try:

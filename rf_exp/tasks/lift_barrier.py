@@ -2,7 +2,7 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import holders, risen_m, still, tilt_deg
+from rf_exp.tasks.measure import height_m, holders, risen_m, still, tilt_deg
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
@@ -14,6 +14,8 @@ TOGETHER_S = 0.1
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp both ends; once both are held, lift them at the same time."""
+    if height_m(scene, "barrier") > task.success["lift_m"] and holders(scene, "barrier") == task.agents:
+        return Proposal((), ())
     spatial = [say.avoid_agents(agent) for agent in task.agents] + [say.avoid_objects(agent) for agent in task.agents]
     if len(holders(scene, "barrier")) < len(task.agents):
         return Proposal(

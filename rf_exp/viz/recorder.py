@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
-from uuid import uuid4
 
 import cv2
 import numpy as np
@@ -108,8 +107,7 @@ class Recorder:
         batches = rr.ChunkBatcherConfig.DEFAULT()
         batches.flush_tick = FLUSH_S
         # One application per task: the viewer keeps one layout for each, and tasks differ in agents.
-        # Its own identifier: the default is one for the whole process, which would merge its files.
-        self._stream = rr.RecordingStream(f"rf_exp {task}", recording_id=uuid4(), batcher_config=batches)
+        self._stream = rr.RecordingStream(f"rf_exp {task}", batcher_config=batches)
         self._stream.set_log_time_enabled(False)  # the machine's clock is no part of an episode
         self._stream.set_log_tick_enabled(False)
         try:

@@ -18,7 +18,9 @@ WHITE, RED, STEEL = (0.85, 0.84, 0.80), (0.72, 0.04, 0.03), (0.10, 0.11, 0.13)
 def build() -> Asset:
     """The barrier with grasp points `left` (x < 0) and `right` (x > 0)."""
     board = Part.box(
-        (LENGTH_M / 2, THICKNESS_M / 2, (TOP_M - BOTTOM_M) / 2), transform((0, 0, (TOP_M + BOTTOM_M) / 2)), WHITE
+        (LENGTH_M / 2, THICKNESS_M / 2, (TOP_M - BOTTOM_M) / 2),
+        transform((0, 0, (TOP_M + BOTTOM_M) / 2)),
+        WHITE,
     )
     feet = [part for side in (-1, 1) for part in _foot(side * FOOT_X_M)]
     pitch = LENGTH_M / STRIPES
@@ -34,7 +36,9 @@ def build() -> Asset:
 
 def _foot(x_m: float) -> tuple[Part, Part]:
     """A post under the board and a beam across it that keeps the board from tipping over."""
-    beam = Part.box((0.02, FOOT_LENGTH_M / 2, FOOT_HEIGHT_M / 2), transform((x_m, 0, FOOT_HEIGHT_M / 2)), STEEL)
+    beam = Part.box(
+        (0.02, FOOT_LENGTH_M / 2, FOOT_HEIGHT_M / 2), transform((x_m, 0, FOOT_HEIGHT_M / 2)), STEEL
+    )
     half = (BOTTOM_M - FOOT_HEIGHT_M) / 2
     post = Part.box((0.012, 0.01, half), transform((x_m, 0, FOOT_HEIGHT_M + half)), STEEL)
     return beam, post

@@ -1,5 +1,7 @@
 """An open stewing pot: a ring of convex wall pieces on a floor, two small handles along x."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,7 +26,8 @@ def build() -> Asset:
     floor = Part.cylinder(INNER_M, FLOOR_M, transform((0, 0, FLOOR_M / 2)), ENAMEL, roughness=0.3)
     walls = [Part.hull(piece, ENAMEL, roughness=0.3) for piece in _ring(INNER_M, OUTER_M, 0.0, HEIGHT_M)]
     handles = [
-        Part.box((0.017, 0.028, 0.006), transform((side * (OUTER_M + 0.014), 0, 0.07)), IRON) for side in (-1, 1)
+        Part.box((0.017, 0.028, 0.006), transform((side * (OUTER_M + 0.014), 0, 0.07)), IRON)
+        for side in (-1, 1)
     ]
     # Only seen: a bright rim, a little proud of the wall it stands in.
     band = _ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M)
@@ -47,5 +50,5 @@ def _ring(inner_m: float, outer_m: float, low_m: float, high_m: float) -> list[N
                 for z in (low_m, high_m)
             ]
         )
-        for edges in zip(angles[:-1], angles[1:], strict=True)
+        for edges in pairwise(angles)
     ]

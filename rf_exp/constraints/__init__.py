@@ -1,0 +1,21 @@
+"""Compositional constraints: interfaces (logical, spatial, temporal) and RoboChecker.
+
+Geometry and time only: no simulator, no learning. Start at `checker`.
+"""
+
+from rf_exp.constraints.checker import CheckCode, Checker, RoboChecker, compile
+from rf_exp.constraints.spatial import PolicyMonitor
+from rf_exp.constraints.timing import actions, schedule, serial
+from rf_exp.constraints.world import Bodies
+
+__all__ = [
+    "Bodies",
+    "CheckCode",
+    "Checker",
+    "PolicyMonitor",
+    "RoboChecker",
+    "actions",
+    "compile",
+    "schedule",
+    "serial",
+]

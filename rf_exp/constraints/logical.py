@@ -1,0 +1,302 @@
+"""Logical constraints: interaction position and interaction direction (paper, section 3.2).
+
+`ValidateInteraction` and `ValidateDirection` compare the tool centre point (TCP) at contact with the
+annotated interaction points of the asset; `ConsistentHeight` is the direction check of two agents that
+carry one thing. TCP frame: z points out of the hand, y along the fingers.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rf_exp.constraints.evidence import Evidence, Plan, agent_name, names
+from rf_exp.tasks.assets import InteractionPoint
+from rf_exp.transforms import Matrix, angle_between_rad
+from rf_exp.types import CONTROL_DT_S, Kind, Scene, Segment
+
+CONTACT = ("approach", "press")  # primitives that end in contact
+POSITION_M = 0.01  # of the TCP from the interaction point, planned
+POSITION_MEASURED_M = 0.03  # fingers shift what they close on
+ANGLE_DEG = 10.0
+ANGLE_MEASURED_DEG = 20.0
+HEIGHT_M = 0.02
+HEIGHT_MEASURED_M = 0.03
+UP = (0.0, 0.0, 1.0)
+
+# word -> what has to be in line, for the reason
+ORIENTATIONS = {
+    "perpendicular": "the annotated direction",
+    "vertical": "the vertical, pointing down",
+    "horizontal": "the horizontal",
+    "level": "level fingers",
+}
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """Where a trajectory meets an object."""
+
+    segment: Segment
+    end: int  # path position at contact
+    settled: int  # path position at which the fingers have closed
+    tcp: Matrix  # world_from_tcp
+    object_pose: Matrix  # world_from_object
+
+
+def _contact(plan: Plan, agent: int, name: str) -> _Contact | None:
+    """The last contact that the plan of an agent makes with an object."""
+    trajectory = plan.trajectory(agent)
+    arm = plan.bodies.arms[agent - 1]
+    found: _Contact | None = None
+    ends = trajectory.knots[1:]
+    for index, (segment, end) in enumerate(zip(trajectory.segments, ends, strict=True)):
+        if segment.primitive in CONTACT and segment.subgoal.object == name:
+            following = trajectory.segments[index + 1 : index + 2]
+            closes = bool(following) and following[0].primitive == "close"
+            tcp = arm.tcp(segment.qpos[-1])
+            pose = min(_poses(plan, name), key=lambda pose, tcp=tcp: _offset_m(tcp, pose))
+            found = _Contact(segment, end, ends[index + 1] if closes else end, tcp, pose)
+    return found
+
+
+def _offset_m(a: Matrix, b: Matrix) -> float:
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+
+
+def _poses(plan: Plan, name: str) -> list[Matrix]:
+    """Where an object may be met: where it stands, and where trajectories let go of it."""
+    poses = [plan.scene.poses[name]]
+    for trajectory in plan.trajectories:
+        arm = plan.bodies.arms[trajectory.agent - 1]
+        for segment in trajectory.segments:
+            if segment.carries == name and segment.tcp_from_object is not None:
+                poses.append(arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object)
+    return poses
+
+
+def _nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
+    points = [point for point in plan.task.asset(name).points.values() if point.kind != "place"]
+    return min(points, key=lambda point: _offset_m(tcp, pose @ point.object_from_tcp), default=None)
+
+
+def _settles_now(plan: Plan, agent: int, scene: Scene, position: int) -> bool:
+    """Whether this is the control step at which the agent arrives at a path position."""
+    return scene.step - plan.scene.step == int(np.searchsorted(plan.positions(agent), position))
+
+
+@dataclass(frozen=True)
+class ValidateInteraction:
+    """The agent meets the object at the annotated point. Value and bound in metres."""
+
+    kind: ClassVar[Kind] = "logical"
+    name: ClassVar[str] = "ValidateInteraction"
+
+    agent: int
+    object: str
+    point: str
+    text: str = ""
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.agent,)
+
+    def __repr__(self) -> str:
+        return f"VI({agent_name(self.agent)}, {self.object}, {self.point})"
+
+    def planned(self, plan: Plan) -> Evidence:
+        if plan.task.asset(self.object).points[self.point].kind == "place":
+            return self._placed(plan)
+        contact = _contact(plan, self.agent, self.object)
+        if contact is None:
+            return Evidence(
+                True, 0.0, POSITION_M, f"{agent_name(self.agent)} makes no new contact with {self.object}"
+            )
+        time_s = plan.time_s(self.agent, contact.end)
+        return self._evidence(plan, contact.tcp, contact.object_pose, POSITION_M, time_s, "would meet")
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        if plan.task.asset(self.object).points[self.point].kind == "place":
+            return None
+        contact = _contact(plan, self.agent, self.object)
+        if contact is None or not _settles_now(plan, self.agent, scene, contact.settled):
+            return None
+        tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
+        time_s = scene.step * CONTROL_DT_S
+        return self._evidence(plan, tcp, scene.poses[self.object], POSITION_MEASURED_M, time_s, "meets")
+
+    def _evidence(
+        self, plan: Plan, tcp: Matrix, pose: Matrix, bound_m: float, time_s: float, verb: str
+    ) -> Evidence:
+        point = plan.task.asset(self.object).points[self.point]
+        value = _offset_m(tcp, pose @ point.object_from_tcp)
+        reason = (
+            f"{agent_name(self.agent)} {verb} {self.object} {value * 100:.1f} cm from its {self.point} point "
+            f"(allowed {bound_m * 100:.1f} cm)"
+        )
+        return Evidence(value <= bound_m, value, bound_m, reason, time_s)
+
+    def _placed(self, plan: Plan) -> Evidence:
+        """A place point: where what the agent carries is let go. Counted on the level."""
+        point = plan.task.asset(self.object).points[self.point]
+        bound_m = point.slack_m + POSITION_M
+        trajectory, arm = plan.trajectory(self.agent), plan.bodies.arms[self.agent - 1]
+        worst = Evidence(
+            True, 0.0, bound_m, f"{agent_name(self.agent)} puts nothing on {self.object} in this plan"
+        )
+        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+            if segment.subgoal.target == self.object and segment.primitive == "lower":
+                assert segment.tcp_from_object is not None  # Bodies.along has refused it otherwise
+                placed = arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object
+                goal = plan.scene.poses[self.object] @ point.object_from_tcp
+                value = float(np.linalg.norm(placed[:2, 3] - goal[:2, 3]))
+                reason = (
+                    f"{agent_name(self.agent)} would put {segment.carries} {value * 100:.1f} cm beside the "
+                    f"{self.point} point of {self.object} (allowed {bound_m * 100:.1f} cm)"
+                )
+                worst = Evidence(value <= bound_m, value, bound_m, reason, plan.time_s(self.agent, end))
+        return worst
+
+
+@dataclass(frozen=True)
+class ValidateDirection:
+    """The gripper has the required orientation at contact. Value and bound in degrees.
+
+    `perpendicular` asks for the annotated direction of the interaction point: both the approach
+    and the axis along which the fingers close, half a turn aside where the point is symmetric.
+    """
+
+    kind: ClassVar[Kind] = "logical"
+    name: ClassVar[str] = "ValidateDirection"
+
+    agent: int
+    object: str
+    orientation: str  # one of ORIENTATIONS
+    text: str = ""
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.agent,)
+
+    def __repr__(self) -> str:
+        return f"VD({agent_name(self.agent)}, {self.object}, {self.orientation})"
+
+    def planned(self, plan: Plan) -> Evidence:
+        contact = _contact(plan, self.agent, self.object)
+        if contact is None:
+            return Evidence(
+                True, 0.0, ANGLE_DEG, f"{agent_name(self.agent)} makes no new contact with {self.object}"
+            )
+        point = self._point(plan, contact)
+        return self._evidence(
+            contact.tcp, contact.object_pose, point, ANGLE_DEG, plan.time_s(self.agent, contact.end)
+        )
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        contact = _contact(plan, self.agent, self.object)
+        if contact is None or not _settles_now(plan, self.agent, scene, contact.settled):
+            return None
+        tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
+        point = self._point(plan, contact)
+        return self._evidence(
+            tcp, scene.poses[self.object], point, ANGLE_MEASURED_DEG, scene.step * CONTROL_DT_S
+        )
+
+    def _point(self, plan: Plan, contact: _Contact) -> InteractionPoint | None:
+        points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
+        return (
+            points[named]
+            if named in points
+            else _nearest_point(plan, self.object, contact.tcp, contact.object_pose)
+        )
+
+    def _evidence(
+        self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, bound_deg: float, time_s: float
+    ) -> Evidence:
+        value = float(np.degrees(self._error_rad(tcp, pose, point)))
+        reason = (
+            f"the gripper of {agent_name(self.agent)} is {value:.0f} deg off {ORIENTATIONS[self.orientation]} "
+            f"at {self.object} (allowed {bound_deg:.0f} deg)"
+        )
+        return Evidence(value <= bound_deg, value, bound_deg, reason, time_s)
+
+    def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
+        approach, fingers = tcp[:3, 2], tcp[:3, 1]
+        if self.orientation == "vertical":
+            return np.pi - angle_between_rad(approach, UP)
+        if self.orientation == "horizontal":
+            return abs(np.pi / 2 - angle_between_rad(approach, UP))
+        if self.orientation == "level":
+            return abs(np.pi / 2 - angle_between_rad(fingers, UP))
+        if point is None:  # nothing annotated: down onto its top
+            return np.pi - angle_between_rad(approach, pose[:3, 2])
+        annotated = pose @ point.object_from_tcp
+        across = angle_between_rad(fingers, annotated[:3, 1])
+        if point.symmetric:
+            across = min(across, np.pi - across)
+        return max(angle_between_rad(approach, annotated[:3, 2]), across)
+
+
+@dataclass(frozen=True)
+class ConsistentHeight:
+    """Agents that carry something raise it by the same height. Value and bound in metres.
+
+    With a model of time at every control step of the schedule, otherwise at the end of the plan.
+    """
+
+    kind: ClassVar[Kind] = "logical"
+    name: ClassVar[str] = "ValidateDirection"
+
+    agents: tuple[int, ...]
+    text: str = ""
+
+    def __repr__(self) -> str:
+        return f"VD({names(self.agents)}, consistent height)"
+
+    def planned(self, plan: Plan) -> Evidence:
+        starts = {agent: self._carry_start(plan, agent) for agent in self.agents}
+        if any(start is None for start in starts.values()):
+            return Evidence(
+                True, 0.0, HEIGHT_M, f"{names(self.agents)} carry nothing at the same time in this plan"
+            )
+        rises = []  # (T + 1,) metres, of each agent
+        for agent in self.agents:
+            trajectory = plan.trajectory(agent)
+            height = plan.bodies.arms[agent - 1].tcp(trajectory.path())[:, 2, 3]
+            positions = plan.positions(agent) if plan.row.temporal else np.array([len(trajectory)])
+            rises.append(np.where(positions < starts[agent], 0.0, height[positions] - height[starts[agent]]))
+        spread = np.ptp(np.stack(rises), axis=0)
+        worst = int(np.argmax(spread))
+        time_s = worst * CONTROL_DT_S if plan.row.temporal else 0.0
+        return self._evidence(float(spread[worst]), HEIGHT_M, time_s)
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        held = {scene.held[agent - 1] for agent in self.agents}
+        if not plan.row.temporal or len(held) != 1 or None in held:
+            return None
+        rises = []
+        for agent in self.agents:
+            start = self._carry_start(plan, agent)
+            if start is None or plan.position_now(agent, scene) <= start:
+                return None
+            arm = plan.bodies.arms[agent - 1]
+            rises.append(
+                arm.tcp(scene.qpos[agent - 1])[2, 3] - arm.tcp(plan.trajectory(agent).path()[start])[2, 3]
+            )
+        return self._evidence(float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S)
+
+    @staticmethod
+    def _carry_start(plan: Plan, agent: int) -> int | None:
+        """Path position at which the agent begins to carry something."""
+        trajectory = plan.trajectory(agent)
+        for segment, begin in zip(trajectory.segments, trajectory.knots, strict=False):
+            if segment.carries is not None:
+                return begin
+        return None
+
+    def _evidence(self, value: float, bound_m: float, time_s: float) -> Evidence:
+        reason = (
+            f"the gripper heights of {names(self.agents)} drift {value * 100:.1f} cm apart "
+            f"(allowed {bound_m * 100:.1f} cm)"
+        )
+        return Evidence(value <= bound_m, value, bound_m, reason, time_s)

@@ -1,0 +1,210 @@
+"""Spatial constraints: who may not be where (paper: Spatial Occupancy Validation).
+
+First look cheap and safe (voxels for one state, spheres for paths), second look exact: what the
+first look flags is measured with coal's convex distance, so false alarms do not stop anybody.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import ClassVar
+
+import numpy as np
+import trimesh
+
+from rf_exp.constraints import occupancy
+from rf_exp.constraints.clearance import Nearest, Swept, closer_than, nearest
+from rf_exp.constraints.evidence import Evidence, Plan, agent_name, doing, names
+from rf_exp.constraints.shapes import Piece
+from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
+from rf_exp.tasks import Task
+from rf_exp.transforms import transform
+from rf_exp.types import CONTROL_DT_S, Kind, Scene, Violation
+
+CONTACT_N = 1.0  # force between two arms that counts as contact
+ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
+
+
+def penetration(bodies: Bodies, a: int, b: int) -> Nearest | None:
+    """The exact distance of two arms in the scene, if their voxels meet; None if they are clear.
+
+    Bodies that share no voxel do not touch; bodies that do are measured.
+    """
+    first, second = (bodies.arm(agent, bodies.scene.qpos[agent - 1]) for agent in (a, b))
+    if not len(occupancy.shared(occupancy.voxels(first), occupancy.voxels(second))):
+        return None
+    return nearest(first, second)
+
+
+def touching(
+    task: Task, scene: Scene, pairs: tuple[tuple[int, int], ...]
+) -> tuple[tuple[int, int], Evidence] | None:
+    """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
+    for a, b, force_n in scene.arm_contacts:
+        if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
+            reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
+            return (a, b), Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S)
+    bodies = Bodies(task, scene)
+    for a, b in pairs:
+        gap = bodies.between(a, b)
+        if gap.distance_m < 0:
+            reason = (
+                f"{agent_name(a)} and {agent_name(b)} overlap by {-gap.distance_m * 1000:.0f} mm "
+                f"({gap.a} with {gap.b})"
+            )
+            return (a, b), Evidence(False, gap.distance_m, 0.0, reason, scene.step * CONTROL_DT_S)
+    return None
+
+
+@dataclass(frozen=True)
+class AvoidAgents:
+    """One agent keeps clear of all others, or several of one another. Value and bound in metres."""
+
+    kind: ClassVar[Kind] = "spatial"
+    name: ClassVar[str] = "ValidateSpatialOccupancy"
+
+    agents: tuple[int, ...]
+    text: str = ""
+
+    def __repr__(self) -> str:
+        return f"VSO({names(self.agents)})"
+
+    def pairs(self, task: Task) -> tuple[tuple[int, int], ...]:
+        """The pairs (i, j), i < j, that this is about."""
+        every = combinations(task.agents, 2)
+        if len(self.agents) == 1:
+            return tuple(pair for pair in every if self.agents[0] in pair)
+        return tuple(pair for pair in every if set(pair) <= set(self.agents))
+
+    def planned(self, plan: Plan) -> Evidence:
+        least = Evidence(True, np.inf, AGENT_MARGIN_M, f"{names(self.agents)} has no other agent to avoid")
+        for i, j in self.pairs(plan.task):
+            at = np.stack([plan.positions(i), plan.positions(j)], axis=1)
+            hits = np.flatnonzero(plan.diagrams[i, j][at[:, 0], at[:, 1]])
+            cells = at[hits[:1]] if len(hits) else at
+            gap = nearest(plan.swept[i - 1], plan.swept[j - 1], cells)
+            assert gap is not None  # links must always keep apart
+            if len(hits):
+                row, column = (int(position) for position in cells[0])
+                time_s = float(hits[0]) * CONTROL_DT_S
+                return Evidence(
+                    False, gap.distance_m, AGENT_MARGIN_M,
+                    f"at {time_s:.2f} s {agent_name(i)}, {doing(plan.segment_at(i, row))}, comes within "
+                    f"{gap.distance_m * 100:.1f} cm of {agent_name(j)}, {doing(plan.segment_at(j, column))} "
+                    f"({gap.a} near {gap.b})",
+                    time_s,
+                )  # fmt: skip
+            if gap.distance_m < least.value:
+                when = int(np.flatnonzero((at == gap.at).all(axis=1))[0])
+                reason = f"{agent_name(i)} and {agent_name(j)} stay {gap.distance_m * 100:.1f} cm apart"
+                least = Evidence(True, gap.distance_m, AGENT_MARGIN_M, reason, when * CONTROL_DT_S)
+        return least
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        found = touching(plan.task, scene, self.pairs(plan.task))
+        return None if found is None else found[1]
+
+
+@dataclass(frozen=True)
+class AvoidObjects:
+    """Agents touch nothing but what their segments are about, nor the table. Value and bound in metres."""
+
+    kind: ClassVar[Kind] = "spatial"
+    name: ClassVar[str] = "ValidateSpatialOccupancy"
+
+    agents: tuple[int, ...]
+    text: str = ""
+
+    def __repr__(self) -> str:
+        return f"VSO({names(self.agents)}, objects)"
+
+    def planned(self, plan: Plan) -> Evidence:
+        least = Evidence(True, np.inf, OBJECT_MARGIN_M, f"{names(self.agents)} has nothing to avoid")
+        still = plan.bodies.standing()
+        for agent in self.agents:
+            body, positions = plan.swept[agent - 1], np.unique(plan.positions(agent))
+            hits = positions[plan.blocked[agent - 1][positions]]
+            if len(hits):
+                return self._hit(plan, agent, int(hits[0]), body, still)
+            gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
+            if gap is not None and gap.distance_m < least.value:
+                reason = f"{agent_name(agent)} stays {gap.distance_m * 100:.1f} cm clear of {gap.b}"
+                least = Evidence(True, gap.distance_m, OBJECT_MARGIN_M, reason, plan.time_s(agent, gap.at[0]))
+        return least
+
+    def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
+        gap = nearest(body, still, np.array([[position, 0]]))
+        low_m = float(lowest_m(body)[position])
+        part, thing, value = ("arm", "the table", low_m)
+        if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
+            part, thing, value = gap.a, gap.b, gap.distance_m
+        time_s = plan.time_s(agent, position)
+        reason = (
+            f"at {time_s:.2f} s {agent_name(agent)}, {doing(plan.segment_at(agent, position))}, comes within "
+            f"{value * 100:.1f} cm of {thing} ({part}), which it may not touch"
+        )
+        return Evidence(False, value, OBJECT_MARGIN_M, reason, time_s)
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        return None  # contacts with objects are wanted and unwanted ones alike; see the monitor's tracking
+
+
+@dataclass(frozen=True)
+class StayOut:
+    """An agent, with what it carries, stays out of a box. Value and bound in metres."""
+
+    kind: ClassVar[Kind] = "spatial"
+    name: ClassVar[str] = "ValidateSpatialOccupancy"
+
+    agent: int
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+    text: str = ""
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.agent,)
+
+    def __repr__(self) -> str:
+        return f"VSO({agent_name(self.agent)}, zone {self.low_m} to {self.high_m})"
+
+    def _zone(self) -> Swept:
+        low, high = np.array(self.low_m), np.array(self.high_m)
+        box = trimesh.creation.box(high - low, transform((low + high) / 2))
+        return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))
+
+    def planned(self, plan: Plan) -> Evidence:
+        body, positions = plan.swept[self.agent - 1], np.unique(plan.positions(self.agent))
+        inside = closer_than(body, self._zone(), 0.0)[:, 0]
+        hits = positions[inside[positions]]
+        cells = hits[:1] if len(hits) else positions
+        gap = nearest(body, self._zone(), np.stack([cells, 0 * cells], axis=1))
+        assert gap is not None  # a zone must always be kept out of
+        time_s = plan.time_s(self.agent, gap.at[0])
+        return self._evidence(gap, not len(hits), time_s, doing(plan.segment_at(self.agent, gap.at[0])))
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        gap = nearest(plan.bodies.arm(self.agent, scene.qpos[self.agent - 1]), self._zone())
+        assert gap is not None
+        return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, "as measured")
+
+    def _evidence(self, gap: Nearest, ok: bool, time_s: float, what: str) -> Evidence:
+        where = "stays out of" if ok else f"at {time_s:.2f} s enters"
+        reason = f"{agent_name(self.agent)} {where} the zone {self.low_m} to {self.high_m} ({gap.a}, {what})"
+        return Evidence(ok, gap.distance_m, 0.0, reason, time_s)
+
+
+class PolicyMonitor:
+    """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._pairs = tuple(combinations(task.agents, 2))
+
+    def __call__(self, scene: Scene) -> Violation | None:
+        found = touching(self._task, scene, self._pairs)
+        if found is None:
+            return None
+        agents, evidence = found
+        return Violation(
+            AvoidAgents.name, agents, evidence.time_s, evidence.value, evidence.bound, evidence.reason
+        )

@@ -1,0 +1,203 @@
+"""Temporal constraints: order, simultaneity, delay, deadline (paper: Trajectory Scheduling Validation).
+
+Each check says what it demands of a schedule (`demand`, cells of coordination diagrams) and
+verifies a schedule by the clock (`planned`), independently of how the schedule was found.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rf_exp.constraints.evidence import Evidence, Plan, agent_name, names
+from rf_exp.constraints.timing import Demands, actions, schedule, serial, subgoal_runs
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Kind, Scene, Trajectory
+
+__all__ = ["Deadline", "Sequential", "ShareSpace", "Simultaneous", "Step", "actions", "schedule", "serial"]
+
+TOGETHER_S = 0.1  # what `simultaneously` means when no time is given
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of an agent's plan: the subgoals with this verb and object, or all of it."""
+
+    agent: int
+    verb: str | None = None
+    object: str | None = None
+
+    @property
+    def text(self) -> str:
+        return f"{agent_name(self.agent)}: {self.verb} {self.object}" if self.verb else agent_name(self.agent)
+
+    def span(self, trajectory: Trajectory) -> tuple[int, int] | None:
+        """First and last path position; None when the trajectory has no such part."""
+        found: list[int] = []
+        start = 0
+        for subgoal, segments in subgoal_runs(trajectory):
+            end = start + sum(map(len, segments))
+            if self.verb is None or (subgoal.verb, subgoal.object) == (self.verb, self.object):
+                found += [start, end]
+            start = end
+        return (found[0], found[-1]) if found else None
+
+    def times_s(self, plan: Plan) -> tuple[float, float] | None:
+        """When this part makes its first step in the schedule, and when it has made its last."""
+        span = self.span(plan.trajectory(self.agent))
+        if span is None:
+            return None
+        positions = plan.positions(self.agent)
+        begins = int(np.searchsorted(positions, span[0], "right"))
+        ends = int(np.searchsorted(positions, span[1]))
+        return begins * CONTROL_DT_S, ends * CONTROL_DT_S
+
+
+def _absent(*steps: Step) -> str:
+    return f"{' and '.join(step.text for step in steps)} do not both move in this plan"
+
+
+@dataclass(frozen=True)
+class _Temporal:
+    """What the temporal checks have in common."""
+
+    kind: ClassVar[Kind] = "temporal"
+    name: ClassVar[str] = "ValidateScheduling"
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        return None  # commands follow the schedule step by step; lagging behind is the monitor's tracking
+
+
+@dataclass(frozen=True)
+class Sequential(_Temporal):
+    """One part is over before another begins, with a pause of `wait_s` between. Values in seconds."""
+
+    first: Step
+    then: Step
+    wait_s: float = 0.0
+    text: str = ""
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return self.first.agent, self.then.agent
+
+    def __repr__(self) -> str:
+        wait = f", wait {self.wait_s:g} s" if self.wait_s else ""
+        return f"VS({names(self.agents)}, sequential{_about(self.first)}{_about(self.then)}{wait})"
+
+    def demand(self, demands: Demands) -> None:
+        first = self.first.span(demands.trajectory(self.first.agent))
+        then = self.then.span(demands.trajectory(self.then.agent))
+        if first is None or then is None:
+            return
+        demands.before(self.first.agent, first[1], self.then.agent, then[0])
+        if self.wait_s > 0:
+            steps = int(np.ceil(self.wait_s * CONTROL_HZ - 1e-9))
+            demands.delay(self.first.agent, first[1], self.then.agent, then[0], steps)
+
+    def planned(self, plan: Plan) -> Evidence:
+        first, then = self.first.times_s(plan), self.then.times_s(plan)
+        if first is None or then is None:
+            return Evidence(True, 0.0, self.wait_s, _absent(self.first, self.then))
+        pause_s = then[0] - first[1]
+        reason = (
+            f"{self.then.text} begins {pause_s:.2f} s after {self.first.text} has ended "
+            f"(at least {self.wait_s:g} s)"
+        )
+        return Evidence(pause_s >= self.wait_s - 1e-9, pause_s, self.wait_s, reason, then[0])
+
+
+@dataclass(frozen=True)
+class Simultaneous(_Temporal):
+    """Several agents begin the same part at most `within_s` apart. Value and bound in seconds."""
+
+    steps: tuple[Step, ...]
+    within_s: float = TOGETHER_S
+    text: str = ""
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return tuple(step.agent for step in self.steps)
+
+    def __repr__(self) -> str:
+        return f"VS({names(self.agents)}, simultaneous{_about(self.steps[0])}, within {self.within_s:g} s)"
+
+    def demand(self, demands: Demands) -> None:
+        spans = [(step.agent, step.span(demands.trajectory(step.agent))) for step in self.steps]
+        within = int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9)
+        for index, (a, span_a) in enumerate(spans):
+            for b, span_b in spans[index + 1 :]:
+                if span_a is not None and span_b is not None:
+                    demands.together(a, span_a[0], b, span_b[0], within)
+
+    def planned(self, plan: Plan) -> Evidence:
+        begins = [times[0] for step in self.steps if (times := step.times_s(plan)) is not None]
+        if len(begins) < 2:
+            return Evidence(True, 0.0, self.within_s, _absent(*self.steps))
+        apart_s = max(begins) - min(begins)
+        what = f"{self.steps[0].verb} {self.steps[0].object}" if self.steps[0].verb else "their tasks"
+        reason = f"{names(self.agents)} begin {what} {apart_s:.2f} s apart (allowed {self.within_s:g} s)"
+        return Evidence(apart_s <= self.within_s + 1e-9, apart_s, self.within_s, reason, max(begins))
+
+
+@dataclass(frozen=True)
+class Deadline(_Temporal):
+    """A part is over in time. Value and bound in seconds since the start of the plan."""
+
+    step: Step
+    within_s: float
+    text: str = ""
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.step.agent,)
+
+    def __repr__(self) -> str:
+        return f"VS({names(self.agents)}, deadline{_about(self.step)}, {self.within_s:g} s)"
+
+    def demand(self, demands: Demands) -> None:
+        span = self.step.span(demands.trajectory(self.step.agent))
+        if span is not None:
+            demands.deadline(self.step.agent, span[1], int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9))
+
+    def planned(self, plan: Plan) -> Evidence:
+        times = self.step.times_s(plan)
+        if times is None:
+            return Evidence(True, 0.0, self.within_s, f"{self.step.text} does not move in this plan")
+        reason = f"{self.step.text} ends at {times[1]:.2f} s (allowed {self.within_s:g} s)"
+        return Evidence(times[1] <= self.within_s + 1e-9, times[1], self.within_s, reason, times[1])
+
+
+@dataclass(frozen=True)
+class ShareSpace(_Temporal):
+    """Agents may use the same space at different times: a permission, which takes nothing away.
+
+    That they are never there at the same time is what the diagrams of the spatial checks forbid; the
+    value reported is the share of pairs of path positions that timing has to keep apart.
+    """
+
+    agents: tuple[int, ...]
+    text: str = ""
+
+    def __repr__(self) -> str:
+        return f"VS({names(self.agents)}, share space)"
+
+    def demand(self, demands: Demands) -> None:
+        """Nothing: the diagrams say what to keep apart."""
+
+    def planned(self, plan: Plan) -> Evidence:
+        if not plan.row.spatial:
+            return Evidence(True, 0.0, 1.0, f"{names(self.agents)} may share space")
+        overlap = max(
+            (float(mask.mean()) for pair, mask in plan.diagrams.items() if set(pair) <= set(self.agents)),
+            default=0.0,
+        )
+        return Evidence(
+            True,
+            overlap,
+            1.0,
+            f"{names(self.agents)} share space at different times in {overlap:.1%} of the cases",
+        )
+
+
+def _about(step: Step) -> str:
+    return f", {step.verb} {step.object}" if step.verb else ""

@@ -1,0 +1,11 @@
+"""The stages of an experiment. Each reads and writes artifacts below `out` and skips what is there.
+
+An artifact made from another configuration is never reused and never overwritten: the stage stops
+and names what differs. Jobs that want the same artifact at the same time wait for one another.
+"""
+
+from rf_exp.stages.generation import generate_data
+from rf_exp.stages.learning import evaluate_policies, train_policies
+from rf_exp.stages.reporting import write_tables
+
+__all__ = ["evaluate_policies", "generate_data", "train_policies", "write_tables"]

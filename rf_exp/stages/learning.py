@@ -1,0 +1,134 @@
+"""Training and evaluation: a policy for each view of an architecture, then consecutive scenes."""
+
+import time
+from dataclasses import asdict, replace
+from itertools import islice
+from pathlib import Path
+from statistics import mean
+
+import torch
+from joblib import delayed
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.constraints import PolicyMonitor
+from rf_exp.errors import StageError
+from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.policy.rollout import load_actors, rollout
+from rf_exp.policy.train import Curve, train
+from rf_exp.policy.views import views
+from rf_exp.progress import Progress, console
+from rf_exp.sim.pool import Pictures, in_order, simulator
+from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, owned, policy_path
+from rf_exp.stages.logs import curve_log
+from rf_exp.store import Store
+from rf_exp.tasks import Judge, Task
+from rf_exp.types import Arch, Rollout, Row
+
+STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
+
+
+def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
+    """One diffusion policy for each view of the architecture, from the first `demos` episodes."""
+    folder = policy_path(experiment, task, row, arch)
+    config = replace(experiment.training, seed=experiment.train_seed)
+    with owned(folder):
+        store = _demonstrations(experiment, task, row)
+        for view in views(arch, len(task.agents)):
+            title = f"train {task.name}/{row.name}/{arch.name}/{view.name}"
+            with Progress(title, 1, "steps") as progress, curve_log(experiment, title) as log:
+                done = 0
+
+                def report(curve: Curve, progress: Progress = progress, log=log) -> None:
+                    nonlocal done
+                    progress.advance(curve.step - done, f"loss {curve.loss:.4f}", curve.steps)
+                    done = curve.step
+                    log(curve)
+
+                train(store, view, experiment.policy, config, folder / view.name, report)
+
+
+def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
+    """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
+    folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
+    limit = step_limit(experiment, task, row)
+    made_of = {"policy": asdict(experiment.policy), "training": asdict(experiment.training), "step_limit": limit}
+    with owned(path, made_of):
+        known = rows.read(path, EvaluationRow) if path.exists() else ()
+        seen = {r.scene_seed for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)}
+        scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
+        missing = [seed for seed in scenes if seed not in seen]
+        title = f"evaluate {task.name}/{row.name}/{arch.name}"
+        if not missing:
+            console.print(f"{title}: {len(seen)} scenes are there, nothing to do")
+            return
+        successes = sum(r.success for r in known if r.scene_seed in seen)
+        with Progress(title, experiment.scenes, "scenes", len(seen)) as progress:
+            jobs = (delayed(evaluate_scene)(task, experiment.pictures, folder, seed, limit) for seed in missing)
+            for tried, (result, wall_s) in enumerate(in_order(jobs, experiment.workers), start=len(seen) + 1):
+                rows.append(path, _row(experiment, task, row, arch, limit, result, wall_s))
+                successes += result.success
+                progress.advance(note=f"{successes} of {tried} scenes succeeded")
+
+
+def evaluate_scene(
+    task: Task, pictures: Pictures, folder: Path, seed: int, limit: int
+) -> tuple[Rollout, float]:
+    """A rollout in this process and the seconds it took."""
+    began = time.perf_counter()
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # a small network on one picture gains nothing from more
+    try:
+        world = simulator(task, pictures)
+        start = world.reset(seed)
+        result = rollout(
+            world, Judge(task, start), load_actors(folder), seed, limit, PolicyMonitor(task), start=start
+        )
+    finally:
+        torch.set_num_threads(threads)
+    return result, time.perf_counter() - began
+
+
+def step_limit(experiment: Experiment, task: Task, row: Row) -> int:
+    """Twice the mean length of the first successful expert episodes (supplementary B)."""
+    path = generation_path(experiment, task, row)
+    if not path.exists():
+        raise StageError(f"no generated episodes of {task.name}/{row.name}; run stages=[generate] first")
+    succeeded = (r.steps for r in rows.read(path, GenerationRow) if r.success and r.version == task.version)
+    steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
+    if not steps:
+        raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
+    return round(2 * mean(steps))
+
+
+def _demonstrations(experiment: Experiment, task: Task, row: Row) -> Store:
+    path = data_path(experiment, task, row)
+    if not path.exists():
+        raise StageError(f"no data at {path}; run stages=[generate] first")
+    store = Store.open(path)
+    if len(store) < experiment.demos:
+        raise StageError(
+            f"{path} has {len(store)} demonstrations, demos={experiment.demos} were asked for; "
+            "run stages=[generate] with that number first"
+        )
+    return store.first(experiment.demos)
+
+
+def _row(
+    experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, result: Rollout, wall_s: float
+) -> EvaluationRow:
+    return EvaluationRow(
+        task=task.name,
+        arch=arch.name,
+        constraints=row.name,
+        demos=experiment.demos,
+        train_seed=experiment.train_seed,
+        scene_seed=result.seed,
+        success=result.success,
+        success_paper=result.success_paper,
+        steps=result.steps,
+        step_limit=limit,
+        violations=result.violations,
+        wall_s=round(wall_s, 3),
+        version=task.version,
+    )

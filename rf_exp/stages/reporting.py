@@ -1,0 +1,23 @@
+"""Tables, report, and where to look: pure functions of the rows that are there."""
+
+from rf_exp.ablation import formats
+from rf_exp.ablation.report import publish
+from rf_exp.experiment import Experiment
+from rf_exp.progress import console
+from rf_exp.stages.artifacts import owned
+
+SHOWN = ("architectures", "ablation_success", "ablation_length")
+
+
+def write_tables(experiment: Experiment) -> None:
+    """Writes tables and report, prints the tables that have figures, names the recordings."""
+    with owned(experiment.out / "report.html"):
+        tables, report = publish(experiment.out)
+    for name in SHOWN:
+        formats.show(tables[name], console)
+    recordings = sorted((experiment.out / "recordings").rglob("*.rrd"))
+    console.print(f"report: {report}")
+    for path in recordings:
+        console.print(f"recording: {path}")
+    if recordings:
+        console.print(f"look at one: rerun {recordings[-1]}")

@@ -1,0 +1,54 @@
+"""Result rows for tables and reports, made by hand so that every expected figure can be counted."""
+
+from pathlib import Path
+
+import pytest
+
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append
+
+
+def generation(
+    task: str, constraints: str, wins: int, losses: int, *, steps: int = 100, version: str = "1",
+    brain: str = "scripted", loose: int = 0, first: int = 0,
+) -> list[GenerationRow]:  # fmt: skip
+    """`wins` successes of steps, steps + 1, ... and then failures, `loose` of them fine for the paper."""
+    return [
+        GenerationRow(
+            task=task, constraints=constraints, brain=brain, seed=first + i, success=i < wins,
+            success_paper=i < wins + loose, steps=steps + i, attempts=1,
+            reason="" if i < wins else f"agents 1 and 2 came within 0.00{i} m", wall_s=2.0, version=version,
+        )
+        for i in range(wins + losses)
+    ]  # fmt: skip
+
+
+def evaluation(
+    task: str, arch: str, demos: int, wins: int, losses: int, *, version: str = "1",
+    constraints: str = "full", train_seed: int = 0,
+) -> list[EvaluationRow]:  # fmt: skip
+    return [
+        EvaluationRow(
+            task=task, arch=arch, constraints=constraints, demos=demos, train_seed=train_seed,
+            scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
+            violations=0, wall_s=5.0, version=version,
+        )
+        for i in range(wins + losses)
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """An output folder with rows of two tasks."""
+    rows = [
+        *generation("lift_barrier", "logical", 6, 4, loose=2),
+        *generation("lift_barrier", "full", 10, 0, steps=80),
+        *generation("new_task", "full", 0, 3),
+    ]
+    for row in rows:
+        append(tmp_path / f"results/generate/{row.task}/{row.constraints}.jsonl", row)
+    for row in [
+        *evaluation("lift_barrier", "separate_local", 150, 12, 8),
+        *evaluation("lift_barrier", "shared_global", 150, 5, 15),
+    ]:
+        append(tmp_path / f"results/evaluate/{row.task}/{row.arch}/full-{row.demos}.jsonl", row)
+    return tmp_path

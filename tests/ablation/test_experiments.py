@@ -1,0 +1,54 @@
+"""conf/experiment: every file composes, selects what its table needs, and yields to the command line."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from rf_exp.ablation.paper import paper
+
+CONF = Path(__file__).parents[2] / "conf"
+EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+ROWS = set(paper().ablation_success)
+
+
+def composed(*overrides: str) -> dict[str, Any]:
+    with initialize_config_dir(str(CONF), version_base=None):
+        node = compose("config", list(overrides), return_hydra_config=True)
+    values: Any = OmegaConf.to_container(node)  # unresolved: some values name what only a run knows
+    return values
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_an_experiment_composes_and_yields_to_the_command_line(experiment: str) -> None:
+    values = composed(
+        f"experiment={experiment}", "profile=quick", "task=place_food", "seed=7", "stages=[report]"
+    )
+    assert list(values["task"]) == ["place_food"]
+    assert (values["seed"], values["stages"]) == (7, ["report"])
+    assert values["scenes"] == 20  # of the quick profile
+
+
+def test_architectures() -> None:
+    values = composed("experiment=architectures")
+    assert set(values["arch"]) == set(paper().architectures)
+    assert set(values["task"]) == set(paper().architectures["shared_global"])
+    assert (values["demos"], values["scenes"]) == (150, 100)
+
+
+def test_ablation_draws_nothing_and_counts_seeds() -> None:
+    values = composed("experiment=ablation")
+    assert set(values["constraints"]) == ROWS
+    assert values["stages"] == ["generate", "report"]
+    assert not values["render"]
+    assert values["episodes"] >= 100
+
+
+def test_tasks_sweeps_over_the_paper_s_demonstrations() -> None:
+    values = composed("experiment=tasks")
+    assert set(values["task"]) == {path.stem for path in (CONF / "task").glob("*.yaml")} - {"all"}
+    assert list(values["arch"]) == ["separate_local"]
+    swept = [int(count) for count in values["hydra"]["sweeper"]["params"]["demos"].split(",")]
+    assert swept == list(paper().demos)

@@ -1,0 +1,157 @@
+"""The report: one file, no network, no script, everything found in the output folder on it."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rf_exp.ablation import plots
+from rf_exp.ablation.__main__ import main
+from rf_exp.ablation.report import publish, write_report
+from rf_exp.ablation.rows import append
+from rf_exp.errors import StageError
+from rf_exp.store import Store
+from rf_exp.types import Episode
+from tests.ablation.conftest import generation
+
+VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Balance(HTMLParser):
+    """Fails on tags that are not closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.add(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_the_report_stands_alone(out: Path) -> None:
+    path = write_report(out)
+    assert path == out / "report.html"
+    text = path.read_text("utf-8")
+    parser = Balance()
+    parser.feed(text)
+    assert parser.open == []
+    assert "script" not in parser.seen
+    assert not re.findall(r'(?:src|href)="(?!#|data:)', re.sub(r'xlink:href="#', '"', text))
+    for part in ("prefers-color-scheme: dark", "width=device-width", "paper 97.5 %", "[31.3, 83.2] n=10"):
+        assert part in text
+
+
+def test_the_report_without_any_result(tmp_path: Path) -> None:
+    text = write_report(tmp_path / "new").read_text("utf-8")
+    assert "No result rows yet" in text
+    assert "paper 97.5 %" in text
+
+
+def test_reasons_are_counted_without_their_measured_values(out: Path) -> None:
+    text = write_report(out).read_text("utf-8")
+    assert "agents 1 and 2 came within … m</td><td>4 of 10</td>" in text
+    assert "agents 1 and 2 came within … m</td><td>3 of 3</td>" in text
+
+
+def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
+    curves = out / "policies/lift_barrier/full/separate_local/150-0/curves.csv"
+    curves.parent.mkdir(parents=True)
+    curves.write_text("step,train_loss,learning_rate\n1,1.0,0.1\n2,0.5,\n3,0.25,0.1\n")
+    (curves.parents[1] / "50-0").mkdir()
+    (curves.parents[1] / "50-0/curves.csv").write_text("step\n1\n")
+    recordings = out / "recordings/lift_barrier/full"
+    recordings.mkdir(parents=True)
+    Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(recordings / "generate-0.png")
+    (recordings / "broken.png").write_bytes(b"no picture")
+    (recordings / "generate-0.rrd").write_bytes(b"")
+    zeros = np.zeros((5, 2, 9), np.float32)
+    frames = np.zeros((5, 6, 8, 3), np.uint8)
+    identity = {"task": "lift_barrier", "version": "1", "colour": "<teal>"}
+    with Store.create(out / "data/lift_barrier/full/quick.zarr", identity, 2, ["global"], 6, 8) as store:
+        store.append(Episode("lift_barrier", 0, zeros, zeros, zeros[..., :8], {"global": frames}))
+    (out / "data/lift_barrier/full/broken.zarr").mkdir()
+
+    text = write_report(out).read_text("utf-8")
+    assert "lift_barrier/full/separate_local/150-0" in text
+    assert "50-0/curves.csv: cannot be drawn: no column named after a loss; columns: step" in text
+    assert "train loss" in text
+    assert text.count("data:image/jpeg;base64,") == 1 + 4
+    assert "broken.png: no picture" in text
+    assert f"rerun {recordings}/generate-0.rrd" in text
+    assert "1 episodes, 5 control steps, 1 cameras" in text
+    assert "&lt;teal&gt;" in text and "<teal>" not in text
+    assert "broken.zarr is damaged" in text
+
+
+def test_odd_files_of_rows_are_told(out: Path) -> None:
+    with (out / "results/generate/lift_barrier/full.jsonl").open("a") as file:
+        file.write('{"task')
+    assert "full.jsonl, line 11: unfinished, left by a crash; not counted" in write_report(out).read_text()
+
+
+def test_names_are_escaped(out: Path) -> None:
+    (row,) = generation("lift_barrier", "full", 0, 1, first=99)
+    append(out / "results/generate/lift_barrier/full.jsonl", type(row)(**{**vars(row), "reason": "<b>&"}))
+    assert "&lt;b&gt;&amp;" in write_report(out).read_text("utf-8")
+
+
+def test_plots_take_their_colours_from_the_page(out: Path) -> None:
+    built, _ = publish(out)
+    (title, svg), *_ = plots.panels(built["ablation_success"])
+    assert title == "Lift Barrier"
+    ElementTree.fromstring(svg)  # well-formed
+    colours = set(re.findall(r"#[0-9a-f]{6}\b", svg)) - {"#ffffff"}
+    assert not colours
+    assert {"var(--ours)", "var(--paper)", "var(--ink)"} <= set(re.findall(r"var\(--\w+\)", svg))
+    assert plots.panels(built["ablation_success"])[0][1] == svg  # the same bytes every time
+
+
+def test_curves_may_have_gaps_and_an_unfinished_row(tmp_path: Path) -> None:
+    (tmp_path / "curves.csv").write_text("step,loss,validation_loss\n1,1.0,\n2,0.5,0.7\n3,0.2")
+    columns = plots.read_curves(tmp_path / "curves.csv")
+    assert columns["loss"] == [1.0, 0.5]
+    np.testing.assert_equal(columns["validation_loss"], [np.nan, 0.7])
+    assert "validation loss" in plots.curves(columns, "salt")
+
+
+def test_curves_need_rows(tmp_path: Path) -> None:
+    (tmp_path / "curves.csv").write_text("step,loss\n")
+    with pytest.raises(ValueError, match="no rows"):
+        plots.read_curves(tmp_path / "curves.csv")
+
+
+def test_the_command_rebuilds_from_rows_alone(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--out", str(out)]) == 0
+    assert len(list((out / "tables").iterdir())) == 18
+    first = {path: path.read_bytes() for path in (out / "tables").iterdir()}
+    assert main(["--out", str(out)]) == 0
+    assert first == {path: path.read_bytes() for path in (out / "tables").iterdir()}
+    assert capsys.readouterr().out.rstrip().endswith("report.html")
+
+
+def test_the_command_names_a_wrong_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--out", str(tmp_path)]) == 2
+    assert f"error: --out is {tmp_path}; expected a folder with result rows" in capsys.readouterr().err
+
+
+def test_the_command_names_a_bad_row(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with (out / "results/generate/lift_barrier/full.jsonl").open("a") as file:
+        file.write("{}\n")
+    assert main(["--out", str(out)]) == 1
+    assert "full.jsonl, line 11: no GenerationRow: fields missing" in capsys.readouterr().err
+
+
+def test_a_report_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(StageError, match=r"cannot write the report to .*report\.html: Is a directory"):
+        write_report(tmp_path)

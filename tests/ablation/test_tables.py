@@ -1,0 +1,240 @@
+"""From rows to tables: the right denominators, the paper's figures, nothing mixed, nothing hidden."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from rf_exp.ablation import formats, tables
+from rf_exp.ablation.paper import paper
+from rf_exp.ablation.rows import Results, load
+from rf_exp.ablation.statistics import wilson
+from rf_exp.ablation.tables import TABLES, build
+from rf_exp.errors import ArgumentError, StageError
+from tests.ablation.conftest import evaluation, generation
+
+NAMES = ["tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"]
+EMPTY = Results()
+
+
+def generated(*rows: list) -> Results:  # type: ignore[type-arg]
+    return Results(generation=tuple(row for group in rows for row in group))
+
+
+def evaluated(*rows: list) -> Results:  # type: ignore[type-arg]
+    return Results(evaluation=tuple(row for group in rows for row in group))
+
+
+# The paper
+
+
+def test_the_names_are_the_contract() -> None:
+    assert list(TABLES) == NAMES
+
+
+def test_the_paper_s_averages_follow_from_its_figures() -> None:
+    """Guards the figures against a slip of the pen: the printed averages are their rounded means."""
+    for agents, averages in paper().averages.items():
+        level = [name for name, task in paper().tasks.items() if task.agents == agents]
+        for demos, average in averages.items():
+            mean = sum(paper().baseline[name][demos] for name in level) / len(level)
+            assert mean == pytest.approx(average, abs=0.006), (agents, demos)
+
+
+def test_the_paper_s_tables_agree_where_they_overlap() -> None:
+    for task, rate in paper().architectures["separate_local"].items():
+        assert rate == paper().baseline[task][150]
+    assert set(paper().baseline) == set(paper().tasks)
+    assert len(paper().tasks) == 11
+
+
+def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
+    built = build(EMPTY)
+    for name in ("ablation_success", "ablation_length"):
+        for row, figures in getattr(paper(), name).items():
+            for task, value in figures.items():
+                cell = built[name].cell(row, task)
+                assert (cell.value, cell.paper) == (None, value)
+    for task, figures in paper().baseline.items():
+        for demos, rate in figures.items():
+            assert built["benchmark"].cell(task, f"demos_{demos}").paper == rate
+            assert built["tasks"].cell(task, f"demos_{demos}").paper == rate
+    for agents, averages in paper().averages.items():
+        for demos, rate in averages.items():
+            assert built["benchmark"].cell(f"average_{agents}", f"demos_{demos}").paper == rate
+    for arch, figures in paper().architectures.items():
+        for task, rate in figures.items():
+            assert built["architectures"].cell(f"{arch}-150", task).paper == rate
+    assert [line.title for line in built["comparison"].lines][:-1] == list(paper().comparison)
+    assert not any(table.measured for name, table in built.items() if name != "comparison")
+
+
+# Cells
+
+
+def test_every_seed_counts_in_the_success_of_generation() -> None:
+    table = tables.ablation_success(generated(generation("lift_barrier", "logical", 6, 4, loose=2)))
+    cell = table.cell("logical", "lift_barrier")
+    assert (cell.value, cell.n, cell.paper) == (0.6, 10, 0.802)
+    assert cell.success_paper == 0.8
+    assert cell.interval == wilson(6, 10).interval
+
+
+def test_only_successes_count_in_the_length() -> None:
+    rows = generation("take_photo", "full", 3, 2, steps=200)
+    cell = tables.ablation_length(generated(rows)).cell("full", "take_photo")
+    assert (cell.value, cell.n, cell.paper) == (201.0, 3, 204)
+    half = 4.302653 / 3**0.5  # Student's t for two degrees of freedom, standard deviation 1
+    assert cell.interval == pytest.approx((201 - half, 201 + half), abs=1e-5)
+    none = tables.ablation_length(generated(generation("take_photo", "full", 0, 4))).cell(
+        "full", "take_photo"
+    )
+    assert (none.value, none.n, none.note) == ("no success", 0, "no success in 4 attempts")
+    one = tables.ablation_length(generated(generation("take_photo", "full", 1, 0))).cell("full", "take_photo")
+    assert (one.value, one.interval) == (100.0, None)
+
+
+def test_versions_never_share_a_cell() -> None:
+    old = generation("lift_barrier", "full", 0, 10, version="9")
+    new = generation("lift_barrier", "full", 4, 1, version="10")
+    weaker = generation("lift_barrier", "logical", 1, 9, version="9")
+    table = tables.ablation_success(generated(old, new, weaker))
+    cell = table.cell("full", "lift_barrier")
+    assert (cell.value, cell.n, cell.version) == (0.8, 5, "10")
+    assert cell.note == "criteria version 10; left out: 10 of version 9"
+    assert "Lift Barrier: cells of criteria versions 10, 9 cannot be compared." in table.notes
+    assert f"logical + spatial + temporal, Lift Barrier: {cell.note}." in formats.notes(table)
+
+
+def test_another_brain_has_rows_of_its_own() -> None:
+    rows = [
+        generation("lift_barrier", "full", 5, 0),
+        generation("lift_barrier", "full", 1, 4, brain="openai"),
+    ]
+    table = tables.ablation_success(generated(*rows))
+    assert table.cell("full", "lift_barrier").value == 1.0
+    assert table.cell("full-openai", "lift_barrier").value == 0.2
+    assert table.cell("full-openai", "lift_barrier").paper is None
+
+
+def test_tasks_and_constraints_beyond_the_paper_s_are_shown() -> None:
+    table = tables.ablation_success(generated(generation("pour_tea", "no_logic", 1, 1)))
+    cell = table.cell("no_logic", "pour_tea")
+    assert (cell.value, cell.paper) == (0.5, None)
+    assert [column.title for column in table.columns] == [
+        "Lift Barrier",
+        "Three Robots Stack Cube",
+        "Take Photo",
+        "Pour Tea",
+    ]
+
+
+def test_the_gap_between_rows_comes_with_its_interval() -> None:
+    rows = [generation("lift_barrier", "logical", 48, 32), generation("lift_barrier", "full", 56, 14)]
+    (note,) = tables.ablation_success(generated(*rows)).notes
+    assert note == "Lift Barrier, against logical: full +20.0 points [+5.2, +33.4]."  # Newcombe's example
+
+
+def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
+    rows = [
+        evaluation("lift_barrier", "shared_local", 50, 1, 9),
+        evaluation("lift_barrier", "shared_local", 150, 5, 5),
+        evaluation("lift_barrier", "my_arch", 150, 9, 1),
+        evaluation("lift_barrier", "shared_local", 150, 0, 10, constraints="logical"),
+    ]
+    table = tables.architectures(evaluated(*rows))
+    assert table.cell("shared_local-50", "lift_barrier").value == 0.1
+    assert table.cell("shared_local-150", "lift_barrier").value == 0.5
+    assert table.cell("shared_local-150", "lift_barrier").paper == 0.04
+    assert table.cell("my_arch-150", "lift_barrier").value == 0.9
+    assert "10 rollouts of policies that learnt from `logical` data are not in this table." in table.notes
+
+
+def test_training_seeds_are_pooled_and_named() -> None:
+    rows = [evaluation("place_food", "separate_local", 150, n, 10 - n, train_seed=n) for n in (2, 4, 6)]
+    cell = tables.benchmark(evaluated(*rows)).cell("place_food", "demos_150")
+    assert (cell.value, cell.n, cell.note) == (0.4, 30, "3 training seeds together")
+
+
+def test_an_average_waits_for_every_task_of_its_level() -> None:
+    camera = evaluation("camera_alignment", "separate_local", 150, 4, 6)
+    stack = evaluation("three_robots_stack_cube", "separate_local", 150, 2, 8)
+    partly = tables.benchmark(evaluated(camera)).cell("average_3", "demos_150")
+    assert (partly.value, partly.note, partly.paper) == (None, "1 of 2 tasks measured", 0.205)
+    whole = tables.benchmark(evaluated(camera, stack)).cell("average_3", "demos_150")
+    assert whole.value == pytest.approx(0.3)
+
+
+def test_further_numbers_of_demonstrations_get_a_column() -> None:
+    table = tables.benchmark(evaluated(evaluation("lift_barrier", "separate_local", 20, 1, 1)))
+    assert [column.key for column in table.columns] == ["agents", *(f"demos_{n}" for n in (20, 50, 100, 150))]
+    assert table.cell("lift_barrier", "demos_20").value == 0.5
+
+
+def test_comparison_claims_only_what_has_rows() -> None:
+    def here(results: Results) -> list[object]:
+        table = tables.comparison(results)
+        return [table.cell("This suite", key).value for key in ("single", "multi", "level")]
+
+    assert here(EMPTY) == ["no", "no", "missing"]
+    assert here(generated(generation("take_photo", "full", 1, 0))) == ["no", "yes", "Plan"]
+    assert here(evaluated(evaluation("pick_meat", "separate_local", 50, 1, 0))) == ["yes", "no", "Control"]
+
+
+def test_a_cell_that_does_not_exist_is_named() -> None:
+    table = tables.ablation_length(EMPTY)
+    with pytest.raises(
+        ArgumentError, match=r"unknown row of table ablation_length 'none'; available: full, log"
+    ):
+        table.cell("none", "lift_barrier")
+    with pytest.raises(
+        ArgumentError, match=r"unknown column of table ablation_length 'x'; available: lift_bar"
+    ):
+        table.cell("full", "x")
+
+
+# Files and the terminal
+
+
+def test_files_hold_the_figures(out: Path) -> None:
+    for table in build(load(out)).values():
+        paths = formats.write(table, out / "tables")
+        assert [path.name for path in paths] == [f"{table.name}.{suffix}" for suffix in ("md", "csv", "tex")]
+    markdown = (out / "tables/ablation_success.md").read_text()
+    assert "| Constraints | Lift Barrier | paper | Three Robots Stack Cube | paper |" in markdown
+    assert "60.0 %, [31.3, 83.2] n=10, paper's criterion 80.0 % | 80.2 % | missing | 62.5 %" in markdown
+    rows = list(csv.DictReader(io.StringIO((out / "tables/architectures.csv").read_text())))
+    (cell,) = [r for r in rows if (r["row"], r["column"]) == ("separate_local-150", "lift_barrier")]
+    assert (float(cell["value"]), int(cell["n"]), float(cell["paper"])) == (0.6, 20, 0.58)
+    assert float(cell["low"]) < 0.6 < float(cell["high"])
+    (cell,) = [r for r in rows if (r["row"], r["column"]) == ("separate_local-150", "place_food")]
+    assert (cell["value"], cell["status"], float(cell["paper"])) == ("", "missing", 0.2)
+
+
+def test_latex_is_well_formed(out: Path) -> None:
+    for table in build(load(out)).values():
+        text = formats.latex(table)
+        alignment = text.split(r"\begin{tabular}{")[1].split("}\n")[0]
+        wanted = alignment.replace("p{4cm}", "p").count("l") + alignment.count("p{")
+        body = text.split(r"\midrule")[1].split(r"\bottomrule")[0].strip().splitlines()
+        assert len(body) == len(table.lines)
+        for line in body:
+            assert line.replace(r"\&", "").count("&") == wanted - 1
+            assert "%" not in line.replace(r"\%", "")
+
+
+def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
+    console = Console(file=io.StringIO(), width=160)
+    for table in build(load(out)).values():
+        formats.show(table, console)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "[31.3, 83.2] n=10" in text
+    assert "predefined threshold" not in text
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StageError, match=r"cannot write table ablation_length to .*file/tables: "):
+        formats.write(tables.ablation_length(EMPTY), tmp_path / "file/tables")

@@ -1,0 +1,149 @@
+"""Laws of planned motion over every task, and the reasons that planning gives when it cannot."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
+from rf_exp.datagen.motion.path import find_path
+from rf_exp.datagen.motion.primitives import GRIPPER_STEPS
+from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.robots import Panda, limits_rad
+from rf_exp.tasks.base import REST_QPOS
+from rf_exp.transforms import planar
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Row, Subgoal
+from tests.scenes import start_scene
+
+LIMITS = JointLimits()
+
+
+def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=()):
+    blocked = Obstacles(task, scene, row or Row("full")).blocked(avoid_arms=avoid_arms)
+    return plan_motion(
+        task, proposal, scene, blocked=blocked, limits=LIMITS, lockstep=lockstep, rng=np.random.default_rng(0)
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
+    scene = start_scene(task, seed)
+    trajectories, _ = plan(task, task.module.plan(scene, task), scene)
+    low, high = limits_rad()
+    assert [trajectory.agent for trajectory in trajectories] == list(task.agents)
+    for trajectory in trajectories:
+        joints = trajectory.path()[:, :7]
+        np.testing.assert_array_equal(joints[0], scene.qpos[trajectory.agent - 1, :7])
+        velocity = np.diff(joints, axis=0) * 20
+        padded = np.concatenate([np.zeros((1, 7)), velocity, np.zeros((1, 7))])
+        assert np.abs(velocity).max() <= LIMITS.velocity_rad_s * 1.01
+        assert np.abs(np.diff(padded, axis=0)).max() * 20 <= LIMITS.acceleration_rad_s2 * 1.15
+        assert (joints > low).all() and (joints < high).all()
+        for knot in trajectory.knots[1:-1]:  # at rest: one sample on either side moves at most as far as
+            step = LIMITS.acceleration_rad_s2 / 20**2  # the acceleration allows from a standstill
+            assert np.abs(joints[knot + 1] - joints[knot]).max() <= step * 1.1
+
+
+def test_same_seed_same_motion(task):
+    scene = start_scene(task, 5)
+    first, second = (plan(task, task.module.plan(scene, task), scene)[0] for _ in range(2))
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.path(), b.path())
+
+
+def test_a_grasp_ends_at_the_annotated_point_with_fingers_closed(lift_barrier):
+    scene = start_scene(lift_barrier, 0)
+    trajectories, state = plan(lift_barrier, Proposal((Subgoal(1, "grasp", "barrier", "left"),), ()), scene)
+    approach, close = trajectories[0].segments
+    assert (approach.primitive, close.primitive) == ("approach", "close")
+    assert len(close) == GRIPPER_STEPS and (close.gripper == GRIPPER_CLOSED).all()
+    assert (approach.gripper == GRIPPER_OPEN).all() and approach.touches == {"barrier"}
+    tcp = Panda(lift_barrier.robots[0].world_from_base).tcp(approach.qpos[-1])
+    expected = scene.poses["barrier"] @ lift_barrier.asset("barrier").points["left"].object_from_tcp
+    np.testing.assert_allclose(tcp[:3, 3], expected[:3, 3], atol=5e-4)
+    assert abs(tcp[:3, 1] @ expected[:3, 1]) > 0.9999  # either way round: the fingers are alike
+    assert state.held[1][0] == "barrier"
+    assert len(trajectories[1]) == 0
+
+
+def test_a_joint_lift_keeps_both_grippers_level(lift_barrier):
+    scene = start_scene(lift_barrier, 1)
+    grasps = Proposal(tuple(Subgoal(k, "grasp", "barrier", p) for k, p in ((1, "left"), (2, "right"))), ())
+    lifts = tuple(Subgoal(k, "lift", "barrier", height_m=0.17) for k in (1, 2))
+    both = (frozenset({1, 2}), "lift", "barrier")
+    trajectories, _ = plan(
+        lift_barrier, Proposal(grasps.subgoals + lifts, ()), scene, lockstep=[both]
+    )
+    segments = [trajectory.segments[-1] for trajectory in trajectories]
+    assert {segment.joined for segment in segments} == {"lift barrier"}
+    heights = [
+        Panda(robot.world_from_base).tcp(segment.qpos)[:, 2, 3]
+        for robot, segment in zip(lift_barrier.robots, segments, strict=True)
+    ]
+    assert len(heights[0]) == len(heights[1])
+    np.testing.assert_allclose(heights[0], heights[1], atol=1.5e-3)
+    np.testing.assert_allclose(heights[0][-1] - 0.074, 0.17, atol=2e-3)
+
+
+def test_what_is_placed_ends_where_it_should(place_food):
+    scene = start_scene(place_food, 0)
+    _, state = plan(place_food, place_food.module.plan(scene, place_food), scene)
+    goal = place_food.places(scene)["aside"]
+    np.testing.assert_allclose(state.poses["lid"][:2, 3], goal[:2, 3], atol=1e-3)
+    assert np.linalg.norm(state.poses["steak"][:2, 3] - scene.poses["pot"][:2, 3]) < 0.035
+    assert state.held == {}
+
+
+@pytest.mark.parametrize(
+    ("subgoals", "message"),
+    [
+        ((Subgoal(1, "lift", "steak", height_m=0.1),), "does not hold steak"),
+        ((Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "grasp", "lid", "knob")), "already holds steak"),
+        ((Subgoal(2, "grasp", "steak", "center"),), "Agent_2 cannot grasp steak at center"),
+        (
+            (Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "place", "steak", target="moon")),
+            "no place or object 'moon'; available: aside, lid, pot, steak",
+        ),
+        (
+            (Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "place", "steak", target="lid")),
+            "lid has no place point None; available: none",
+        ),
+        ((Subgoal(2, "grasp", "lid", "knob"), Subgoal(2, "lift", "lid", height_m=2.0)), "does not reach that high"),
+    ],
+)
+def test_unreachable_says_why(place_food, subgoals, message):
+    with pytest.raises(Unreachable, match=message):
+        plan(place_food, Proposal(subgoals, ()), start_scene(place_food, 0))
+
+
+def test_a_blind_planner_goes_through_what_a_seeing_one_goes_round(lift_barrier):
+    scene = start_scene(lift_barrier, 0)
+    # The other arm is parked right above the end that agent 1 is to grasp.
+    other = Panda(lift_barrier.robots[1].world_from_base)
+    above = scene.poses["barrier"] @ lift_barrier.asset("barrier").points["left"].object_from_tcp
+    above[2, 3] += 0.05
+    parked = other.solve(above, np.array(REST_QPOS))
+    assert parked is not None
+    qpos = scene.qpos.copy()
+    qpos[1, :7] = parked
+    scene = replace(scene, qpos=qpos)
+    grasp = Proposal((Subgoal(1, "grasp", "barrier", "left"),), ())
+    plan(lift_barrier, grasp, scene, row=Row("logical", spatial=False, temporal=False), avoid_arms=True)
+    with pytest.raises(Unreachable, match="Agent_1 cannot grasp barrier at left"):
+        plan(lift_barrier, grasp, scene, avoid_arms=True)
+
+
+def test_rrt_goes_round_a_wall():
+    def free(points):  # a wall at joint 1 = 0.5 with a way over it
+        return not ((np.abs(points[:, 0] - 0.5) < 0.1) & (points[:, 1] < 0.8)).any()
+
+    start, goal = np.zeros(7), np.eye(7)[0]
+    path = find_path(start, goal, free, np.random.default_rng(0))
+    assert path is not None and len(path) > 2
+    np.testing.assert_array_equal(path[0], start)
+    np.testing.assert_array_equal(path[-1], goal)
+    assert find_path(start, goal, lambda p: not (np.abs(p[:, 0] - 0.5) < 0.1).any(), np.random.default_rng(0), iterations=50) is None
+
+
+def test_arms_turned_to_the_table_reach_it():
+    assert Panda(planar(0.0, -0.75, np.pi / 2)).tcp(np.array(REST_QPOS))[1, 3] > -0.2
