@@ -78,7 +78,7 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
         plain: dict[str, Any] = {
             key: node[key]
             for key in Experiment.__dataclass_fields__
-            if key not in {"tasks", "rows", "archs", "pictures", "brain", "out"}
+            if key not in {"tasks", "rows", "archs", "pictures", "policy", "brain", "out"}
         }
         plain |= {
             "tasks": tuple(load_task(name, task) for name, task in node["task"].items()),
@@ -87,7 +87,8 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
             "brain": node["brain"]["name"],
             "out": Path(node["out"]),
             "pictures": {**picture, "render": node["render"]},
+            "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
         }
-        return dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple], strict=True))
+        return dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error

@@ -184,6 +184,17 @@ class Store:
         """Rows of all episodes together, T."""
         return int(self._ends[-1]) if len(self._ends) else 0
 
+    def first(self, episodes: int) -> "Store":
+        """The same store, for reading, as if it held only its first episodes.
+
+        Raises ArgumentError when it holds fewer.
+        """
+        if not 0 <= episodes <= len(self):
+            raise ArgumentError(f"{self.path} holds {len(self)} episodes; {episodes} were asked for")
+        part = Store(self.path, self._group, lock=None)
+        part._ends, part._seeds = self._ends[:episodes], self._seeds[:episodes]
+        return part
+
     @property
     def episode_ends(self) -> NDArray[np.int64]:
         """(E,) row after the last of each episode."""

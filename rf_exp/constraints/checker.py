@@ -150,11 +150,15 @@ class Checker:
 
     def _prepare(self, trajectories: Sequence[Trajectory], scene: Scene) -> Plan:
         """The plan without a schedule; the same one for the same trajectories, with its diagrams."""
-        plan = self._plan
-        same = plan is not None and plan.scene is scene and len(plan.trajectories) == len(trajectories)
-        if not same or any(a is not b for a, b in zip(plan.trajectories, trajectories, strict=True)):
-            self._plan = plan = Plan(self._task, self._row, scene, tuple(trajectories))
-        return plan
+        plan, given = self._plan, tuple(trajectories)
+        if (
+            plan is not None
+            and plan.scene is scene
+            and tuple(map(id, plan.trajectories)) == tuple(map(id, given))
+        ):
+            return plan
+        self._plan = Plan(self._task, self._row, scene, given)
+        return self._plan
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""
@@ -185,7 +189,10 @@ class Checker:
             error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())
             if error > TRACKING_RAD:
                 segment = plan.segment_at(agent, int(recent[-1]))
-                reason = f"{agent_name(agent)}, {doing(segment)}, is {error:.2f} rad off its path: something is in its way"
+                reason = (
+                    f"{agent_name(agent)}, {doing(segment)}, is {error:.2f} rad off its path "
+                    f"(allowed {TRACKING_RAD} rad): something is in its way"
+                )
                 return Violation("Tracking", (agent,), scene.step * CONTROL_DT_S, error, TRACKING_RAD, reason)
         return None
 

@@ -7,7 +7,7 @@ distance (coal) and the bound on how far the pieces move within the block; the r
 Nothing is sampled away: the diagram equals the exact test of every cell.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -58,7 +58,7 @@ class Swept:
     @cached_property
     def centres(self) -> NDArray[np.float64]:
         """(P, L, 3) of the sphere round each piece."""
-        local = np.array([piece.centre for piece in self.pieces])
+        local = np.array([piece.centre for piece in self.pieces]).reshape(-1, 3)
         return np.einsum("plij,lj->pli", self.poses[..., :3, :3], local) + self.poses[..., :3, 3]
 
     @cached_property
@@ -158,6 +158,9 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
         (a.stride_m / 2, b.stride_m / 2) if between else (0 * a.centres[..., 0], 0 * b.centres[..., 0])
     )
 
+    active_rows = _counts([pair.rows for pair in pairs])
+    active_columns = _counts([pair.columns for pair in pairs])
+
     # blocks: pair, first and last row, first and last column
     starts_a, starts_b = np.arange(0, len(a), BLOCK), np.arange(0, len(b), BLOCK)
     pair, row, column = (
@@ -170,35 +173,51 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     size = BLOCK
     while len(blocks):
         pair, r0, r1, c0, c1 = blocks.T
+        rows_on = active_rows[pair, r1 + 1] - active_rows[pair, r0]
+        columns_on = active_columns[pair, c1 + 1] - active_columns[pair, c0]
         r, c = (r0 + r1) // 2, (c0 + c1) // 2
+        near = (rows_on > 0) & (columns_on > 0)
+        if size < EXACT_BLOCK:  # other pairs may have settled the block
+            settled = np.cumsum(np.cumsum(np.pad(forbidden, ((1, 0), (1, 0))), axis=0), axis=1)
+            inside = settled[r1 + 1, c1 + 1] - settled[r0, c1 + 1] - settled[r1 + 1, c0] + settled[r0, c0]
+            near &= inside < (r1 - r0 + 1) * (c1 - c0 + 1)
         i, j = first[pair], second[pair]
         moved = _within(a.travelled_m, r0, r, r1, i) + _within(b.travelled_m, c0, c, c1, j)
         needs_a, needs_b = _block(need_a, r0, r1, i, size), _block(need_b, c0, c1, j, size)
         most = margin_m + needs_a.max(axis=1) + needs_b.max(axis=1)
-        gap = np.linalg.norm(a.centres[r, i] - b.centres[c, j], axis=1) - a.radii_m[i] - b.radii_m[j]
-        near = np.flatnonzero(gap - moved < most)
+        apart = np.linalg.norm(a.centres[r, i] - b.centres[c, j], axis=1) - a.radii_m[i] - b.radii_m[j]
+        near = np.flatnonzero(near & (apart - moved < most))
         near = near[_cover_gap(a, b, r[near], c[near], i[near], j[near]) - moved[near] < most[near]]
-        if size > EXACT_BLOCK:
-            blocks = _split(blocks[near])
-            size //= 2
-            continue
-        undecided = []
-        least = margin_m + needs_a.min(axis=1) + needs_b.min(axis=1)
-        for k in near.tolist():
-            rows, columns = slice(r0[k], r1[k] + 1), slice(c0[k], c1[k] + 1)
-            active = pairs[pair[k]].rows[rows, None] & pairs[pair[k]].columns[None, columns]
-            if not active.any() or forbidden[rows, columns][active].all():
-                continue
-            distance = _distance(a, b, int(r[k]), int(c[k]), int(i[k]), int(j[k]))
-            if distance - moved[k] - SLACK_M >= most[k]:
-                continue
-            if size == 1 or distance + moved[k] + SLACK_M < least[k]:
-                forbidden[rows, columns] |= active
-            else:
-                undecided.append(k)
-        blocks = _split(blocks[undecided])
+        if size <= EXACT_BLOCK:
+            whole = (rows_on == r1 - r0 + 1) & (columns_on == c1 - c0 + 1)
+            least = margin_m + needs_a.min(axis=1) + needs_b.min(axis=1)
+            free_at, closer_at = (most + moved + SLACK_M).tolist(), (least - moved - SLACK_M).tolist()
+            r, c, i, j, undecided = r.tolist(), c.tolist(), i.tolist(), j.tolist(), []
+            for k in near.tolist():
+                if size == 1 and forbidden[r[k], c[k]]:
+                    continue
+                distance = _distance(a, b, r[k], c[k], i[k], j[k])
+                if distance >= free_at[k]:
+                    continue
+                if size > 1 and distance >= closer_at[k]:
+                    undecided.append(k)
+                    continue
+                block = slice(r0[k], r1[k] + 1), slice(c0[k], c1[k] + 1)
+                if whole[k]:
+                    forbidden[block] = True
+                else:
+                    forbidden[block] |= np.outer(
+                        pairs[pair[k]].rows[block[0]], pairs[pair[k]].columns[block[1]]
+                    )
+            near = undecided
+        blocks = _split(blocks[near])
         size //= 2
     return forbidden
+
+
+def _counts(masks: Sequence[Mask]) -> NDArray[np.int64]:
+    """(M, P + 1) how many positions before each one are set."""
+    return np.pad(np.cumsum(masks, axis=1, dtype=np.int64), ((0, 0), (1, 0)))
 
 
 def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest | None:
@@ -207,7 +226,9 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
     Without `at` over all cells. None when no pair has to keep apart there.
     """
     if at is None:
-        at = np.stack(np.meshgrid(np.arange(len(a)), np.arange(len(b)), indexing="ij"), axis=-1).reshape(-1, 2)
+        at = np.stack(np.meshgrid(np.arange(len(a)), np.arange(len(b)), indexing="ij"), axis=-1).reshape(
+            -1, 2
+        )
     at = np.unique(at, axis=0)
     gaps = np.linalg.norm(a.centres[at[:, 0], :, None] - b.centres[at[:, 1], None], axis=-1)  # (T, La, Lb)
     gaps -= a.radii_m[:, None] + b.radii_m
@@ -226,6 +247,15 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
         if best is None or distance < best.distance_m:
             best = Nearest(distance, a.labels[x], b.labels[y], (row, column))
     return best
+
+
+def overlap(a: Swept, b: Swept) -> Nearest | None:
+    """The deepest overlap of two bodies at their first positions; None when they do not touch."""
+    gaps = np.linalg.norm(a.centres[0, :, None] - b.centres[0], axis=-1) - a.radii_m[:, None] - b.radii_m
+    if gaps.min() > 0:
+        return None
+    found = nearest(a, b, np.zeros((1, 2), dtype=np.int64))
+    return found if found is not None and found.distance_m < 0 else None
 
 
 _REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()

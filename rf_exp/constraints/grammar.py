@@ -245,7 +245,10 @@ def _stay_out(words: Words) -> Check:
 _WHEN = r"(?: (?:when|while|during|if|to|so that|in order|in the|without|at any|at all).*)?"
 _OTHERS = r"(?:any |the |all )?other (?:agents?|arms?|robots?)"
 _OBJECTS = r"(?:the |any |other |all )*(?:objects?|obstacles?|environment|surroundings|scene|table)"
-_COLLIDE = r"(?:collide with|touch|hit|intersect(?: with)?(?: the (?:trajectory|trajectories|paths?) of)?|interfere with)"
+_COLLIDE = (
+    r"(?:collide with|touch|hit|interfere with|"
+    r"intersect(?: with)?(?: the (?:trajectory|trajectories|paths?) of)?)"
+)
 _TOGETHER = r"(?:simultaneously|at the same time|together|in sync(?:hrony)?|concurrently)"
 _WITHIN = r"(?:,? (?:within|to within|at most) {s}(?: of each other| apart)?)?"
 _IN_TURN = (
@@ -256,12 +259,15 @@ FORMS = (
     # logical
     _form(
         "Agent_1 must place steak at the inside point of pot.",
-        rf"{{a}} {{must}} (?:place|put|lay|set|insert) {{object}} (?:at|on|in|into) (?:the )?{{point}}(?: point| side)? of {{object2}}{_WHEN}",
+        rf"{{a}} {{must}} (?:place|put|lay|set|insert) {{object}} (?:at|on|in|into) (?:the "
+        rf")?{{point}}(?: point| side)? of {{object2}}{_WHEN}",
         _placing,
     ),
     _form(
         "Agent_1 must grasp barrier at its left point.",
-        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} (?:at|by|on|from) (?:its |the )?{{point}}(?: (?:interaction |contact |grasp )?(?:point|side|end|part|handle))?(?: of (?:it|the object))?{_WHEN}",
+        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} (?:at|by|on|from) (?:its |the )?{{point}}(?: "
+        rf"(?:interaction |contact |grasp )?(?:point|side|end|part|handle))?(?: of (?:it|the "
+        rf"object))?{_WHEN}",
         _interaction,
     ),
     _form(
@@ -271,7 +277,9 @@ FORMS = (
     ),
     _form(
         "The gripper of Agent_1 must be perpendicular to barrier.",
-        rf"the (?:gripper|hand) of {{a}} (?:{{must}} (?:be|stay|remain|point|be kept)|is|stays|remains|points) {{direction}}(?: to| with| over| towards?| at| of)? {{object}}{_WHEN}",
+        rf"the (?:gripper|hand) of {{a}} (?:{{must}} (?:be|stay|remain|point|be "
+        rf"kept)|is|stays|remains|points) {{direction}}(?: to| with| over| towards?| at| of)? "
+        rf"{{object}}{_WHEN}",
         _direction,
     ),
     _form(
@@ -281,12 +289,15 @@ FORMS = (
     ),
     _form(
         "Agent_1 and Agent_2 must keep a consistent gripper height.",
-        rf"{{agents}} (?:{{must}} )?(?:keep|maintain|have|hold) (?:their |the |a )?(?:consistent|same|equal|level|identical) (?:gripper )?heights?{_WHEN}",
+        rf"{{agents}} (?:{{must}} )?(?:keep|maintain|have|hold) (?:their |the |a "
+        rf")?(?:consistent|same|equal|level|identical) (?:gripper )?heights?{_WHEN}",
         _height,
     ),
     _form(
         "Keep the gripper height consistent between Agent_2 and Agent_3.",
-        rf"keep (?:the )?gripper heights? (?:of {{agents}} )?(?:consistent|equal|level|the same)(?: (?:between|of|for) (?P<agents2>{_AGENT}(?:(?:, and |, | and |,){_AGENT})+))?{_WHEN}",
+        rf"keep (?:the )?gripper heights? (?:of {{agents}} )?(?:consistent|equal|level|the "
+        rf"same)(?: (?:between|of|for) (?P<agents2>{_AGENT}(?:(?:, and |, | and "
+        rf"|,){_AGENT})+))?{_WHEN}",
         _height,
     ),
     # temporal
@@ -297,37 +308,44 @@ FORMS = (
     ),
     _form(
         "Agent_1 and Agent_2 perform their tasks simultaneously.",
-        rf"{{agents}} (?:{{must}} )?(?:perform|do|execute|carry out|start|begin) (?:(?:the|their) )?(?:tasks?|actions?|motions?) {_TOGETHER}{_WITHIN}{_WHEN}",
+        rf"{{agents}} (?:{{must}} )?(?:perform|do|execute|carry out|start|begin) (?:(?:the|their) "
+        rf")?(?:tasks?|actions?|motions?) {_TOGETHER}{_WITHIN}{_WHEN}",
         _simultaneous,
     ),
     _form(
         "Agent_2 must complete its task before Agent_1 begins.",
-        rf"{{a}} (?:{{must}} )?(?:completes?|finish(?:es)?|ends?)(?: {{task}})? before {{b}} (?:{{must}} )?{{starts}}(?: {{task}})?{_WHEN}",
+        rf"{{a}} (?:{{must}} )?(?:completes?|finish(?:es)?|ends?)(?: {{task}})? before {{b}} "
+        rf"(?:{{must}} )?{{starts}}(?: {{task}})?{_WHEN}",
         _sequential,
     ),
     _form(
         "Agent_2 must lift lid before Agent_1 begins.",
-        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?{{starts}}(?: {{task}})?{_WHEN}",
+        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?{{starts}}(?: "
+        rf"{{task}})?{_WHEN}",
         _sequential,
     ),
     _form(
         "Agent_2 must lift lid before Agent_1 may place steak.",
-        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?(?:(?:begin|start)s? to )?{{verb2}} {{object2}}{_WHEN}",
+        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?(?:(?:begin|start)s? "
+        rf"to )?{{verb2}} {{object2}}{_WHEN}",
         _sequential,
     ),
     _form(
         "Agent_4 must place steak only after Agent_5 lifts lid.",
-        rf"{{b}} (?:{{must}} )?(?:only )?{{verb2}} {{object2}} (?:only )?after {{a}} (?:has |have )?{{verb}} {{object}}{_WHEN}",
+        rf"{{b}} (?:{{must}} )?(?:only )?{{verb2}} {{object2}} (?:only )?after {{a}} (?:has |have "
+        rf")?{{verb}} {{object}}{_WHEN}",
         _sequential,
     ),
     _form(
         "Agent_1 must wait 2 s after Agent_2 lifts lid.",
-        rf"{{a}} (?:{{must}} )?waits? (?:for )?(?:at least )?{{s}} after {{b}} (?:has |have )?(?!finish|complet|end|stop|is |start|begin){{verb}} {{object}}{_WHEN}",
+        rf"{{a}} (?:{{must}} )?waits? (?:for )?(?:at least )?{{s}} after {{b}} (?:has |have "
+        rf")?(?!finish|complet|end|stop|is |start|begin){{verb}} {{object}}{_WHEN}",
         _wait,
     ),
     _form(
         "Agent_1 must wait 2 s after Agent_2 has finished.",
-        rf"{{a}} (?:{{must}} )?waits? (?:for )?(?:at least )?{{s}} after {{b}}(?: (?:has |have |is )?(?:finish|complet|end|stop|done)\w*(?: {{task}})?)?{_WHEN}",
+        rf"{{a}} (?:{{must}} )?waits? (?:for )?(?:at least )?{{s}} after {{b}}(?: (?:has |have |is "
+        rf")?(?:finish|complet|end|stop|done)\w*(?: {{task}})?)?{_WHEN}",
         _wait,
     ),
     _form(
@@ -342,23 +360,27 @@ FORMS = (
     ),
     _form(
         "Agent_1 and Agent_2 may share the same space one after the other.",
-        rf"{{agents}} (?:{{must}} )?(?:share|use|occupy) (?:the )?(?:same |shared )?(?:space|area|region) {_IN_TURN}{_WHEN}",
+        rf"{{agents}} (?:{{must}} )?(?:share|use|occupy) (?:the )?(?:same |shared "
+        rf")?(?:space|area|region) {_IN_TURN}{_WHEN}",
         _share,
     ),
     # spatial
     _form(
         "Agent_1 must stay out of zone (-0.1, 0.2, 0) to (0.1, 0.4, 0.5).",
-        rf"{{a}} (?:{{must}} )?(?:stays? out of|keeps? out of|avoids?|not enter|never enter)(?: the)? (?:zone|box|region|area) {{low}} to {{high}}{_WHEN}",
+        rf"{{a}} (?:{{must}} )?(?:stays? out of|keeps? out of|avoids?|not enter|never enter)(?: "
+        rf"the)? (?:zone|box|region|area) {{low}} to {{high}}{_WHEN}",
         _stay_out,
     ),
     _form(
         "Avoid collision between Agent_1 and the objects.",
-        rf"(?:avoid (?:any )?collisions? (?:between|of) {{a}} (?:and|with) {_OBJECTS}|(?P<a2>{_AGENT}) {{not}} {_COLLIDE} {_OBJECTS}){_WHEN}",
+        rf"(?:avoid (?:any )?collisions? (?:between|of) {{a}} (?:and|with) "
+        rf"{_OBJECTS}|(?P<a2>{_AGENT}) {{not}} {_COLLIDE} {_OBJECTS}){_WHEN}",
         _avoid_objects,
     ),
     _form(
         "Avoid collision between Agent_1 and other agents.",
-        rf"(?:avoid (?:any )?collisions? (?:between|of) {{a}} (?:and|with) {_OTHERS}|(?P<a2>{_AGENT}) {{not}} {_COLLIDE} {_OTHERS}){_WHEN}",
+        rf"(?:avoid (?:any )?collisions? (?:between|of) {{a}} (?:and|with) "
+        rf"{_OTHERS}|(?P<a2>{_AGENT}) {{not}} {_COLLIDE} {_OTHERS}){_WHEN}",
         _avoid_others,
     ),
     _form(
@@ -373,7 +395,8 @@ FORMS = (
     ),
     _form(
         "Agents must avoid colliding with each other.",
-        rf"(?:(?:all )?agents|{{agents}}) (?:{{must}} avoid (?:colliding|collisions?|contact) with each other|{{not}} collide(?: with each other)?){_WHEN}",
+        rf"(?:(?:all )?agents|{{agents}}) (?:{{must}} avoid (?:colliding|collisions?|contact) with "
+        rf"each other|{{not}} collide(?: with each other)?){_WHEN}",
         _avoid_each_other,
     ),
 )

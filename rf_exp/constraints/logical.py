@@ -204,19 +204,18 @@ class ValidateDirection:
 
     def _point(self, plan: Plan, contact: _Contact) -> InteractionPoint | None:
         points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
-        return (
-            points[named]
-            if named in points
-            else _nearest_point(plan, self.object, contact.tcp, contact.object_pose)
-        )
+        if named is not None and named in points:
+            return points[named]
+        return _nearest_point(plan, self.object, contact.tcp, contact.object_pose)
 
     def _evidence(
         self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, bound_deg: float, time_s: float
     ) -> Evidence:
         value = float(np.degrees(self._error_rad(tcp, pose, point)))
+        wanted = ORIENTATIONS[self.orientation]
         reason = (
-            f"the gripper of {agent_name(self.agent)} is {value:.0f} deg off {ORIENTATIONS[self.orientation]} "
-            f"at {self.object} (allowed {bound_deg:.0f} deg)"
+            f"the gripper of {agent_name(self.agent)} is {value:.0f} deg off {wanted} at {self.object} "
+            f"(allowed {bound_deg:.0f} deg)"
         )
         return Evidence(value <= bound_deg, value, bound_deg, reason, time_s)
 
@@ -254,8 +253,9 @@ class ConsistentHeight:
         return f"VD({names(self.agents)}, consistent height)"
 
     def planned(self, plan: Plan) -> Evidence:
-        starts = {agent: self._carry_start(plan, agent) for agent in self.agents}
-        if any(start is None for start in starts.values()):
+        found = {agent: self._carry_start(plan, agent) for agent in self.agents}
+        starts = {agent: start for agent, start in found.items() if start is not None}
+        if len(starts) < len(found):
             return Evidence(
                 True, 0.0, HEIGHT_M, f"{names(self.agents)} carry nothing at the same time in this plan"
             )

@@ -40,7 +40,7 @@ def voxels(body: Swept, position: int = 0, inflate_m: float = 0.0) -> Voxels:
 
 def centres_m(occupied: Voxels) -> NDArray[np.float64]:
     """(K, 3) world positions of the middles of voxels."""
-    return (occupied + 0.5) * VOXEL_M
+    return (occupied.astype(np.float64) + 0.5) * VOXEL_M
 
 
 def shared(a: Voxels, b: Voxels) -> Voxels:

@@ -1,7 +1,8 @@
 """Spatial constraints: who may not be where (paper: Spatial Occupancy Validation).
 
-First look cheap and safe (voxels for one state, spheres for paths), second look exact: what the
-first look flags is measured with coal's convex distance, so false alarms do not stop anybody.
+Every question is looked at twice. The first look is cheap and misses nothing: spheres round the
+pieces, which are as safe as voxels filled from volume (`occupancy`, what people look at) and
+cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody.
 """
 
 from dataclasses import dataclass
@@ -11,8 +12,7 @@ from typing import ClassVar
 import numpy as np
 import trimesh
 
-from rf_exp.constraints import occupancy
-from rf_exp.constraints.clearance import Nearest, Swept, closer_than, nearest
+from rf_exp.constraints.clearance import Nearest, Swept, closer_than, nearest, overlap
 from rf_exp.constraints.evidence import Evidence, Plan, agent_name, doing, names
 from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
@@ -24,17 +24,6 @@ CONTACT_N = 1.0  # force between two arms that counts as contact
 ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
 
 
-def penetration(bodies: Bodies, a: int, b: int) -> Nearest | None:
-    """The exact distance of two arms in the scene, if their voxels meet; None if they are clear.
-
-    Bodies that share no voxel do not touch; bodies that do are measured.
-    """
-    first, second = (bodies.arm(agent, bodies.scene.qpos[agent - 1]) for agent in (a, b))
-    if not len(occupancy.shared(occupancy.voxels(first), occupancy.voxels(second))):
-        return None
-    return nearest(first, second)
-
-
 def touching(
     task: Task, scene: Scene, pairs: tuple[tuple[int, int], ...]
 ) -> tuple[tuple[int, int], Evidence] | None:
@@ -44,9 +33,10 @@ def touching(
             reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
             return (a, b), Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S)
     bodies = Bodies(task, scene)
+    arms = [bodies.arm(agent, scene.qpos[agent - 1]) for agent in task.agents]
     for a, b in pairs:
-        gap = bodies.between(a, b)
-        if gap.distance_m < 0:
+        gap = overlap(arms[a - 1], arms[b - 1])
+        if gap is not None:
             reason = (
                 f"{agent_name(a)} and {agent_name(b)} overlap by {-gap.distance_m * 1000:.0f} mm "
                 f"({gap.a} with {gap.b})"

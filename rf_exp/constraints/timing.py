@@ -131,8 +131,8 @@ def schedule(
             if length_a != length_b:
                 return Violation(
                     CHECK, (a, b), 0.0, abs(length_a - length_b) * CONTROL_DT_S, 0.0,
-                    f"Agent_{a} and Agent_{b} move {label!r} together but their motions take "
-                    f"{length_a * CONTROL_DT_S:g} s and {length_b * CONTROL_DT_S:g} s; give both the same length",
+                    f"Agent_{a} and Agent_{b} do {label!r} together but "
+                    f"{length_a * CONTROL_DT_S:g} s and {length_b * CONTROL_DT_S:g} s differ; make both last",
                 )  # fmt: skip
             demands.lockstep(a, start_a, b, start_b, length_a)
     problem, real = _problem(demands, diagrams)
@@ -280,7 +280,8 @@ def _explain(
             _, agent, needed_s, allowed_s = max(late)
             return Violation(
                 CHECK, (agent,), needed_s, needed_s, allowed_s,
-                f"Agent_{agent} cannot be done within {allowed_s:g} s; the shortest schedule needs {needed_s:g} s",
+                f"Agent_{agent} cannot be done within {allowed_s:g} s; "
+                f"the shortest schedule needs {needed_s:g} s",
             )  # fmt: skip
     return Violation(
         CHECK, everyone, 0.0, 0.0, 0.0,

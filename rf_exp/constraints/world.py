@@ -245,8 +245,9 @@ class Bodies:
             return float(self.scene.qpos[agent - 1, ARM_JOINTS:].max())
         points = self.task.asset(name).points
         for segment in trajectory.segments:
-            if segment.subgoal.object == name and segment.subgoal.point in points:
-                return points[segment.subgoal.point].width_m / 2
+            point = segment.subgoal.point
+            if segment.subgoal.object == name and point is not None and point in points:
+                return points[point].width_m / 2
         return FINGERS_OPEN_M
 
     def _rests(

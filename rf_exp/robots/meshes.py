@@ -28,7 +28,10 @@ from rf_exp.transforms import Matrix, apply, transform
 URDF = "panda_v2.urdf"
 KEPT = 0.058  # share of the triangles that stays
 FEWEST = 60  # a piece with fewer triangles than this is left alone
-SMOOTH_RAD = np.deg2rad(35)  # edges sharper than this stay visible
+CARE = (
+    3  # aggressiveness of the decimation, of 0..10; the default 7 pushes black and white through each other
+)
+SMOOTH_RAD = np.deg2rad(20)  # edges sharper than this stay visible
 LAYOUT = 2  # raise when the way of making the files changes
 
 LinkMesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
@@ -37,7 +40,7 @@ LinkMesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 def cache_folder() -> Path:
     """Where the light meshes of the installed ManiSkill live; its name depends on all inputs."""
     folder = description_folder()
-    digest = hashlib.sha256(repr((KEPT, FEWEST, float(SMOOTH_RAD), LAYOUT, str(folder))).encode())
+    digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(folder))).encode())
     for path in [folder / URDF, *sorted((folder / "franka_description/meshes/visual").glob("*.glb"))]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
@@ -126,7 +129,7 @@ def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
     target = max(FEWEST, round(KEPT * len(piece.faces)))
     if target < len(welded.faces):
         vertices, faces, *_ = fast_simplification.simplify(
-            np.asarray(welded.vertices), np.asarray(welded.faces), target_count=target
+            np.asarray(welded.vertices), np.asarray(welded.faces), target_count=target, agg=CARE
         )
         welded = trimesh.Trimesh(vertices, faces, process=True)
     shaded = trimesh.graph.smooth_shade(welded, angle=SMOOTH_RAD, facet_minarea=None)

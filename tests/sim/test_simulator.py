@@ -191,7 +191,7 @@ def test_arms_that_meet_are_reported_with_a_force(lift_barrier: Task) -> None:
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_any_number_of_arms(lift_barrier: Task, count: int) -> None:
-    bases = (RobotSpec(-0.6, 0, 0), RobotSpec(0.7, 0, 180), *lift_barrier.robots)[:count]
+    bases = tuple(RobotSpec(x, y, 90) for x in (-0.6, 0.7) for y in (-1.0, 0.3))[:count]
     cameras = {
         name: CameraSpec((0.5, 0.1, 0.5)) for name in ("global", *(f"agent{k + 1}" for k in range(count)))
     }
@@ -240,10 +240,14 @@ def test_pictures_of_a_simulator_without_rendering_are_refused(lift_barrier: Tas
 
 def without_vulkan(render: bool) -> subprocess.CompletedProcess[str]:
     code = (
-        "from tests.conftest import read_task\nfrom rf_exp.sim import Simulator\nfrom rf_exp.errors import *\n"
+        "from tests.conftest import read_task\n"
+        "from rf_exp.errors import StageError\n"
+        "from rf_exp.sim import Simulator\n"
         "try:\n"
-        f"    s = Simulator(read_task('lift_barrier'), render={render}); s.step(s.command); print('stepped')\n"
-        "except StageError as error:\n    print('StageError', error)\n"
+        f"    simulator = Simulator(read_task('lift_barrier'), render={render})\n"
+        "    print('step', simulator.step(simulator.command).step)\n"
+        "except StageError as error:\n"
+        "    print('StageError', error)\n"
     )
     environment = {**os.environ, "VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
@@ -251,7 +255,7 @@ def without_vulkan(render: bool) -> subprocess.CompletedProcess[str]:
 
 def test_states_are_simulated_on_a_machine_without_vulkan() -> None:
     run = without_vulkan(render=False)
-    assert run.stdout.split() == ["stepped"], run.stderr
+    assert run.stdout.split() == ["step", "1"], run.stderr
 
 
 def test_pictures_on_a_machine_without_vulkan_stop_before_any_work() -> None:

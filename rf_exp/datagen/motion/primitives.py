@@ -151,8 +151,9 @@ class Primitives:
 
     def _let_go(self, subgoal: Subgoal, state: State, touches: frozenset[str]) -> list[Segment]:
         agent = subgoal.agent
+        name, _ = state.held.pop(agent)  # from the first opening on nothing is held, only touched
+        touches = touches | {name}
         opened = self._fingers(subgoal, "open", GRIPPER_OPEN, state, touches)
-        del state.held[agent]
         start = self.arms[agent].tcp(state.qpos[agent])
         line = self._line(agent, state.qpos[agent], start, start @ transform((0.0, 0.0, -RETREAT_M)))
         if line is None:

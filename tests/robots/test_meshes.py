@@ -1,0 +1,110 @@
+"""The light meshes: few triangles, the same robot, made once."""
+
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+
+from rf_exp.errors import StageError
+from rf_exp.robots import meshes
+from rf_exp.robots.panda import LINKS, description_folder, link_poses
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    meshes.light_urdf.cache_clear()
+    yield tmp_path
+    meshes.light_urdf.cache_clear()
+
+
+def test_an_arm_has_about_eight_thousand_triangles() -> None:
+    light = meshes.light_meshes()
+    assert set(light) == set(LINKS)
+    assert 7_000 < sum(len(faces) for _, faces, _ in light.values()) < 9_000
+    for vertices, faces, colours in light.values():
+        assert faces.max() < len(vertices) == len(colours)
+        assert colours.shape[1] == 3 and colours.min() >= 0 and colours.max() <= 1
+
+
+def test_every_link_keeps_its_shape_and_its_colours() -> None:
+    folder = description_folder() / "franka_description/meshes/visual"
+    light = meshes.light_meshes()
+    for link in LINKS[:-2]:
+        full = trimesh.load(folder / f"{link.removeprefix('panda_')}.glb", force="scene").to_mesh()
+        vertices = light[link][0]
+        box = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+        np.testing.assert_allclose(box, full.bounds, atol=2e-3, err_msg=link)
+    assert {tuple(np.round(colour, 1)) for colour in light["panda_link3"][2]} == {
+        (0.9, 0.9, 0.9),
+        (0.1, 0.1, 0.1),
+    }
+
+
+def test_the_fingers_face_one_another() -> None:
+    """The right finger's visual is turned in its link; in the frame of the link it must mirror the left."""
+    light = meshes.light_meshes()
+    left, right = (light[f"panda_{side}finger"][0] for side in ("left", "right"))
+    assert left[:, 1].max() == pytest.approx(-right[:, 1].min(), abs=1e-4)
+    poses = link_poses(np.zeros(9))
+    assert len(poses) == len(LINKS)
+
+
+def test_collisions_and_excused_pairs_are_the_originals() -> None:
+    """Without the SRDF beside it, the simulator would let neighbouring links collide."""
+    light, source = meshes.light_urdf(), description_folder() / meshes.URDF
+    assert light.with_suffix(".srdf").read_bytes() == source.with_suffix(".srdf").read_bytes()
+
+    def collisions(path: Path) -> list[tuple]:
+        return [
+            (
+                link.get("name"),
+                sorted(
+                    (path.parent / e.attrib["filename"]).resolve()
+                    for e in link.iterfind("collision/geometry/mesh")
+                ),
+            )
+            for link in ElementTree.parse(path).iter("link")
+        ]
+
+    assert collisions(light) == collisions(source)
+
+
+def test_meshes_are_made_once(empty_cache: Path) -> None:
+    first = meshes.light_urdf()
+    assert first.is_relative_to(empty_cache)
+    written = {path: path.stat().st_mtime_ns for path in first.parent.iterdir()}
+    meshes.light_urdf.cache_clear()
+    assert meshes.light_urdf() == first
+    assert {path: path.stat().st_mtime_ns for path in first.parent.iterdir()} == written
+    assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]  # nothing left over
+
+
+@pytest.mark.slow
+def test_processes_that_start_together_find_the_same_meshes(empty_cache: Path) -> None:
+    code = "from rf_exp.robots.meshes import light_meshes, light_urdf; light_meshes(); print(light_urdf())"
+    runs = [
+        subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(3)
+    ]
+    results = [run.communicate() for run in runs]
+    assert {out for out, _ in results} == {f"{meshes.light_urdf()}\n"}, results
+    assert len(list((empty_cache / "rf_exp").iterdir())) == 1
+
+
+def test_a_cache_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    meshes.light_urdf.cache_clear()
+    with pytest.raises(StageError) as error:
+        meshes.light_urdf()
+    assert str(error.value) == (
+        f"cannot write the mesh cache {meshes.cache_folder()}: Not a directory; "
+        "set XDG_CACHE_HOME to a writable folder"
+    )

@@ -1,0 +1,132 @@
+"""What the cameras see: every task's pictures are reproducible, different, and show what matters."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mani_skill.agents.robots.panda import Panda as StockPanda
+
+from rf_exp.robots.panda import Panda
+from rf_exp.sim import Simulator, agent
+from rf_exp.sim.environment import hand_from_camera, world_from_camera
+from rf_exp.tasks import CameraSpec, Task
+from rf_exp.transforms import apply, inverse
+from tests.conftest import TASKS, read_task
+from tests.sim.test_simulator import digest, digest_elsewhere, random_walk
+
+pytestmark = pytest.mark.render
+MEAN_LEVELS, SHARE_OF_PIXELS = 1.3, 0.01  # of 255; pixels that differ by more than 40
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
+    with Simulator(read_task(request.param)) as simulator:
+        yield simulator
+
+
+def test_every_camera_gives_a_picture_of_its_own(simulator: Simulator) -> None:
+    simulator.reset(0)
+    pictures = simulator.pictures()
+    assert tuple(pictures) == simulator.cameras == tuple(simulator.task.cameras)
+    for name, picture in pictures.items():
+        assert picture.shape == (240, 320, 3) and picture.dtype == np.uint8
+        assert picture.std() > 20, f"{name} sees next to nothing"
+    names = list(pictures)
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            assert np.abs(pictures[one].astype(int) - pictures[other]).mean() > 10, (one, other)
+
+
+def test_the_same_seed_gives_the_same_pictures_whatever_ran_before(simulator: Simulator) -> None:
+    first = digest(simulator, random_walk(simulator, 5))
+    other = digest(simulator, random_walk(simulator, 6))
+    again = digest(simulator, random_walk(simulator, 5))
+    assert first == again == digest_elsewhere(simulator.task, 5, render=True)
+    assert first != other
+
+
+def test_other_seeds_give_other_pictures(simulator: Simulator) -> None:
+    seen = set()
+    for seed in range(5):
+        simulator.reset(seed)
+        seen |= {picture.tobytes() for picture in simulator.pictures().values()}
+    assert len(seen) == 5 * len(simulator.cameras)
+
+
+def test_objects_and_arms_are_seen_at_the_start(simulator: Simulator) -> None:
+    for seed in range(4):
+        simulator.reset(seed)
+        bodies = simulator.bodies()
+        pixels = {
+            camera: {name: int(np.isin(image, numbers).sum()) for name, numbers in bodies.items()}
+            for camera, image in simulator.segmentation().items()
+        }
+        for name in simulator.task.objects:
+            assert pixels["global"][name] > 40, (seed, name)
+        for k in simulator.task.agents:
+            assert pixels["global"][f"agent{k}"] > 1500
+            assert pixels[f"agent{k}"][f"agent{k}"] > 1500
+            assert sum(pixels[f"agent{k}"][name] for name in simulator.task.objects) > 400
+        assert all(seen["table"] > 10_000 for seen in pixels.values())
+
+
+def test_camera_models_agree_with_the_pictures(simulator: Simulator) -> None:
+    simulator.reset(2)
+    depths, images, bodies = simulator.depth(), simulator.segmentation(), simulator.bodies()
+    for name, model in simulator.camera_models().items():
+        rows, columns = np.nonzero(np.isin(images[name], bodies["table"]) & (depths[name] < 1.2))
+        depth = depths[name][rows, columns]
+        pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
+        rays = np.linalg.solve(model.intrinsics, pixels)  # depth 1
+        height = apply(model.world_from_camera, (rays * depth).T)[:, 2]
+        assert len(height) > 1000
+        assert np.abs(np.median(height)) < 2e-3 and np.quantile(np.abs(height), 0.95) < 5e-3, name
+
+
+def test_a_wrist_camera_rides_on_its_hand(lift_barrier: Task) -> None:
+    cameras = {**lift_barrier.cameras, "agent1": CameraSpec(fov_deg=75, mount="wrist")}
+    with Simulator(replace(lift_barrier, cameras=cameras)) as simulator:
+        start = simulator.reset(0)
+        before, picture = simulator.camera_models(), simulator.pictures()["agent1"]
+        fingers = simulator.segmentation()["agent1"]
+        assert np.isin(fingers, simulator.bodies()["agent1"]).sum() > 500
+        tcp = Panda(lift_barrier.robots[0].world_from_base).tcp(start.qpos[0])
+        seen = apply(inverse(before["agent1"].world_from_camera), tcp[:3, 3])
+        column, row, _ = before["agent1"].intrinsics @ seen / seen[2]
+        assert 60 < column < 260 and 40 < row < 200  # the finger tips are well within the picture
+        action = simulator.command
+        action[0, 0] += 0.3
+        for _ in range(15):
+            simulator.step(action)
+        after = simulator.camera_models()
+        moved = np.abs(simulator.pictures()["agent1"].astype(int) - picture).mean()
+    assert moved > 5
+    turn = before["agent1"].world_from_camera[:3, :3].T @ after["agent1"].world_from_camera[:3, :3]
+    assert np.arccos((np.trace(turn) - 1) / 2) == pytest.approx(0.3, abs=5e-3)
+    np.testing.assert_array_equal(before["global"].world_from_camera, after["global"].world_from_camera)
+
+
+def test_camera_axes_are_right_down_forward() -> None:
+    pose = world_from_camera(CameraSpec((1.0, 0.0, 1.0), (0.0, 0.0, 1.0)))
+    np.testing.assert_allclose(pose[:3, :3], [[0, 0, -1], [1, 0, 0], [0, -1, 0]], atol=1e-12)
+    straight_down = world_from_camera(CameraSpec((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(straight_down[:3, 2], [0, 0, -1], atol=1e-12)
+    assert hand_from_camera()[2, 2] > 0  # along the fingers
+
+
+def test_light_meshes_look_practically_like_the_full_ones(
+    lift_barrier: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pictures = []
+    for urdf in (agent.light_urdf(), StockPanda.urdf_path):
+        monkeypatch.setattr(agent, "light_urdf", lambda urdf=urdf: urdf)
+        with Simulator(lift_barrier) as simulator:
+            simulator.reset(0)
+            pictures.append(simulator.pictures())
+    light, full = pictures
+    for camera in light:
+        difference = np.abs(light[camera].astype(int) - full[camera])
+        assert difference.any(), "both pictures show the same meshes"
+        assert difference.mean() < MEAN_LEVELS, camera
+        assert (difference.max(axis=-1) > 40).mean() < SHARE_OF_PIXELS, camera
