@@ -19,10 +19,11 @@ from rf_exp.sim import Simulator  # first: it chooses the Vulkan driver
 from rf_exp.tasks.configuration import load_task
 
 WIDTH_PX, HEIGHT_PX = 320, 240
+ORDER = (2, 1, 0, 4, 3)  # reset, step, picture, stock step, stock picture
 
 
-def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float]]:
-    """Timers in ms of one picture of a task's scene and of one control step."""
+def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float], Callable[[], float]]:
+    """Timers in ms of one picture of a task's scene, of one control step, and of a reset."""
     from omegaconf import OmegaConf
 
     path = Path(__file__).parents[1] / "conf" / "task" / f"{task_name}.yaml"
@@ -41,7 +42,12 @@ def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float]]:
         simulator.step(simulator.command)
         return (time.perf_counter() - begin) * 1e3
 
-    return picture, step
+    def reset() -> float:
+        begin = time.perf_counter()
+        simulator.reset(0)
+        return (time.perf_counter() - begin) * 1e3
+
+    return picture, step, reset
 
 
 def stock() -> tuple[Callable[[], float], Callable[[], float]]:
@@ -88,16 +94,18 @@ def main() -> None:
     timers = [*ours(arguments.task), *stock()]
     for timer in timers:
         timer()  # the first picture compiles shaders
-    times = np.array([[timers[i]() for i in (1, 0, 3, 2)] for _ in range(arguments.pictures)])
-    step_ms, ours_ms, stock_step_ms, stock_ms = np.median(times, axis=0)
+    times = np.array([[timers[i]() for i in ORDER] for _ in range(arguments.pictures)])
+    reset_ms, step_ms, ours_ms, stock_step_ms, stock_ms = np.median(times, axis=0)
     print(f"picture {WIDTH_PX}x{HEIGHT_PX}: ours {ours_ms:.1f} ms, stock {stock_ms:.1f} ms")
     print(f"control step, two arms: ours {step_ms:.2f} ms at 100 Hz physics, stock {stock_step_ms:.2f} ms")
+    print(f"reset with a new scene: {reset_ms:.1f} ms")
     print(
         json.dumps(
             {
                 "picture_ms": round(float(ours_ms), 2),
                 "stock_picture_ms": round(float(stock_ms), 2),
                 "step_ms": round(float(step_ms), 3),
+                "reset_ms": round(float(reset_ms), 1),
                 "stock_step_ms": round(float(stock_step_ms), 3),
                 "ratio": round(float(stock_ms / ours_ms), 2),
             }

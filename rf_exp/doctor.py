@@ -22,7 +22,7 @@ PYTHONS = ((3, 11), (3, 12))
 # it brings libraries along (libgomp) that the others would then seem to have.
 MODULES = ("pinocchio", "coal", "numpy", "cv2", "toppra", "sapien", "rerun", "mani_skill", "torch")
 IMPORT_TIMEOUT_S = 300.0
-QUICK_GB, PAPER_GB = 2.0, 40.0  # free space: the main job; all demonstrations of one task, profile=paper
+QUICK_GB, PAPER_GB = 1.0, 10.0  # free space: the main job; one task with profile=paper
 
 State = Literal["ok", "note", "missing"]
 

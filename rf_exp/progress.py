@@ -23,7 +23,7 @@ class Progress:
         self._title, self._total, self._unit = title, total, unit
         self._done = self._at_start = done
         self._began = self._said = time.perf_counter()
-        self._note = ""
+        self._note, self._told = "", -1  # what was said last, so that nothing is said twice
         self._bar: Bar | None = None
 
     def __enter__(self) -> Self:
@@ -63,7 +63,9 @@ class Progress:
         return (self._done - self._at_start) / max(time.perf_counter() - self._began, 1e-9)
 
     def _say(self) -> None:
-        self._said = time.perf_counter()
+        if self._done == self._told:
+            return
+        self._said, self._told = time.perf_counter(), self._done
         note = f", {self._note}" if self._note else ""
         if self._bar is None or self._done >= self._total:
             console.print(f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}")

@@ -1,5 +1,6 @@
 """What an episode looks like in rerun: the bridge from simulator, checker and loop to `rf_exp.viz`."""
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -16,10 +17,10 @@ from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.episode import Plan
 from rf_exp.robots import LINKS, Panda
 from rf_exp.robots.meshes import light_meshes
-from rf_exp.sim import Simulator
+from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import Scene, Violation
-from rf_exp.viz import CameraModel, Mesh, Recorder, link_entity, object_entity
+from rf_exp.viz import CameraModel, Mesh, Recorder, camera_entity, link_entity, object_entity
 
 OCCUPANCY_EVERY = 2  # control steps
 TABLE_M = (2.4, 2.4, 0.02)  # what is drawn of the table
@@ -33,8 +34,14 @@ class EpisodeRecorder:
     """
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
+        self._moving = [name for name in world.cameras if task.cameras[name].mount == "wrist"]
         models = {
-            name: CameraModel(model.width_px, model.height_px, model.fov_y_rad, model.world_from_camera)
+            name: CameraModel(
+                model.width_px,
+                model.height_px,
+                model.fov_y_rad,
+                None if name in self._moving else model.world_from_camera,
+            )
             for name, model in world.camera_models().items()
         }
         self._task, self._world = task, world
@@ -46,6 +53,7 @@ class EpisodeRecorder:
         self._since = 0  # step at which the plan began
         self._step = 0
         self._doing: dict[int, str] = {}
+        self._touching = False
 
     def __enter__(self) -> Self:
         self._recorder.__enter__()
@@ -64,7 +72,8 @@ class EpisodeRecorder:
         self._recorder.proposal(plan.proposal)
         self._recorder.code(str(plan.code))
         for entry in checker.certificate()["checks"]:
-            self._recorder.verdict(entry["code"], bool(entry["ok"]), entry["reason"])
+            lane = re.sub(r"\W+", "-", entry["code"]).strip("-")  # what an entity path shows without escapes
+            self._recorder.verdict(lane, bool(entry["ok"]), entry["reason"])
 
     def rejected(self, violation: Violation) -> None:
         self._recorder.violation(violation)
@@ -77,6 +86,15 @@ class EpisodeRecorder:
 
     # -- what a rollout shows ----------------------------------------------------------------------
 
+    def rolled(self, scene: Scene) -> None:
+        """One step of a policy: the scene, its pictures, and contact between arms."""
+        self.look(scene, None, self._world.pictures())
+        touching = scene.arm_contacts
+        reason = "; ".join(f"agents {a} and {b} press with {force:.1f} N" for a, b, force in touching)
+        if bool(touching) != self._touching:
+            self._touching = bool(touching)
+            self._recorder.verdict("contact between arms", not touching, reason or "none")
+
     def look(
         self,
         scene: Scene,
@@ -88,13 +106,11 @@ class EpisodeRecorder:
         for agent, arm in zip(self._task.agents, self._arms, strict=True):
             links = arm.links(scene.qpos[agent - 1])
             poses |= {link_entity(agent, link): pose for link, pose in zip(LINKS, links, strict=True)}
+        for name in self._moving:
+            poses[camera_entity(name)] = self._world.camera_models()[name].world_from_camera
         self._recorder.step(scene.step, poses=poses, qpos=scene.qpos, action=action, pictures=pictures)
         if scene.step % OCCUPANCY_EVERY == 0:
             self._occupancy(scene)
-
-    def violated(self, violation: Violation) -> None:
-        """What the monitor of a rollout saw."""
-        self._recorder.violation(violation)
 
     def _occupancy(self, scene: Scene) -> None:
         """Voxels of every arm with what it holds, and of the objects that nobody holds."""

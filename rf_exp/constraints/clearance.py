@@ -19,7 +19,7 @@ from rf_exp.constraints.shapes import Piece
 
 BLOCK = 32  # positions on the side of the first blocks
 EXACT_BLOCK = 8  # from this size on, an exact distance may settle a block
-SLACK_M = 1e-4  # coal's tolerance, well above it
+SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
 
 Mask = NDArray[np.bool_]
 

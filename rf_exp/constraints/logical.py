@@ -40,39 +40,38 @@ class _Contact:
     segment: Segment
     end: int  # path position at contact
     settled: int  # path position at which the fingers have closed
-    tcp: Matrix  # world_from_tcp
-    object_pose: Matrix  # world_from_object
+
+    def tcp(self, plan: Plan) -> Matrix:
+        """world_from_tcp as planned."""
+        return plan.bodies.arms[self.segment.agent - 1].tcp(self.segment.qpos[-1])
+
+    def object_pose(self, plan: Plan, name: str) -> Matrix:
+        """world_from_object: where it stands, or where a trajectory lets go of it, whichever is met."""
+        poses = [plan.scene.poses[name]]
+        for trajectory in plan.trajectories:
+            arm = plan.bodies.arms[trajectory.agent - 1]
+            for segment in trajectory.segments:
+                if segment.carries == name and segment.tcp_from_object is not None:
+                    poses.append(arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object)
+        tcp = self.tcp(plan)
+        return min(poses, key=lambda pose: _offset_m(tcp, pose))
 
 
 def _contact(plan: Plan, agent: int, name: str) -> _Contact | None:
     """The last contact that the plan of an agent makes with an object."""
     trajectory = plan.trajectory(agent)
-    arm = plan.bodies.arms[agent - 1]
     found: _Contact | None = None
     ends = trajectory.knots[1:]
     for index, (segment, end) in enumerate(zip(trajectory.segments, ends, strict=True)):
         if segment.primitive in CONTACT and segment.subgoal.object == name:
             following = trajectory.segments[index + 1 : index + 2]
             closes = bool(following) and following[0].primitive == "close"
-            tcp = arm.tcp(segment.qpos[-1])
-            pose = min(_poses(plan, name), key=lambda pose, tcp=tcp: _offset_m(tcp, pose))
-            found = _Contact(segment, end, ends[index + 1] if closes else end, tcp, pose)
+            found = _Contact(segment, end, ends[index + 1] if closes else end)
     return found
 
 
 def _offset_m(a: Matrix, b: Matrix) -> float:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
-
-
-def _poses(plan: Plan, name: str) -> list[Matrix]:
-    """Where an object may be met: where it stands, and where trajectories let go of it."""
-    poses = [plan.scene.poses[name]]
-    for trajectory in plan.trajectories:
-        arm = plan.bodies.arms[trajectory.agent - 1]
-        for segment in trajectory.segments:
-            if segment.carries == name and segment.tcp_from_object is not None:
-                poses.append(arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object)
-    return poses
 
 
 def _nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
@@ -113,7 +112,8 @@ class ValidateInteraction:
                 True, 0.0, POSITION_M, f"{agent_name(self.agent)} makes no new contact with {self.object}"
             )
         time_s = plan.time_s(self.agent, contact.end)
-        return self._evidence(plan, contact.tcp, contact.object_pose, POSITION_M, time_s, "would meet")
+        pose = contact.object_pose(plan, self.object)
+        return self._evidence(plan, contact.tcp(plan), pose, POSITION_M, time_s, "would meet")
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         if plan.task.asset(self.object).points[self.point].kind == "place":
@@ -187,10 +187,9 @@ class ValidateDirection:
             return Evidence(
                 True, 0.0, ANGLE_DEG, f"{agent_name(self.agent)} makes no new contact with {self.object}"
             )
-        point = self._point(plan, contact)
-        return self._evidence(
-            contact.tcp, contact.object_pose, point, ANGLE_DEG, plan.time_s(self.agent, contact.end)
-        )
+        point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
+        time_s = plan.time_s(self.agent, contact.end)
+        return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         contact = _contact(plan, self.agent, self.object)
@@ -206,7 +205,7 @@ class ValidateDirection:
         points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
         if named is not None and named in points:
             return points[named]
-        return _nearest_point(plan, self.object, contact.tcp, contact.object_pose)
+        return _nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
 
     def _evidence(
         self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, bound_deg: float, time_s: float

@@ -129,11 +129,12 @@ def schedule(
     for label, runs in joint_runs(trajectories):
         for (a, start_a, length_a), (b, start_b, length_b) in combinations(runs, 2):
             if length_a != length_b:
-                return Violation(
-                    CHECK, (a, b), 0.0, abs(length_a - length_b) * CONTROL_DT_S, 0.0,
-                    f"Agent_{a} and Agent_{b} do {label!r} together but "
-                    f"{length_a * CONTROL_DT_S:g} s and {length_b * CONTROL_DT_S:g} s differ; make both last",
-                )  # fmt: skip
+                seconds = f"{length_a * CONTROL_DT_S:g} s and {length_b * CONTROL_DT_S:g} s"
+                reason = (
+                    f"Agent_{a} and Agent_{b} do {label!r} together but plan {seconds}; plan it as one motion"
+                )
+                apart_s = abs(length_a - length_b) * CONTROL_DT_S
+                return Violation(CHECK, (a, b), 0.0, apart_s, 0.0, reason)
             demands.lockstep(a, start_a, b, start_b, length_a)
     problem, real = _problem(demands, diagrams)
     answer = search.solve(problem, budget)

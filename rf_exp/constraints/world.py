@@ -57,12 +57,16 @@ class Bodies:
         *,
         carries: str | None = None,
         tcp_from_object: Matrix | None = None,
-        touches: Iterable[str] = (),
+        touches: Iterable[str] | None = None,
     ) -> Swept:
         """An arm at joint positions (P, 9) rad and metres, or (P, 7) with open fingers.
 
-        `carries` adds the object that moves with the TCP; `touches` names objects the gripper may touch.
+        `carries` adds the object that moves with the TCP; `touches` names objects the gripper may touch,
+        without it what the agent holds in the scene.
         """
+        if touches is None:
+            held = self.scene.held[agent - 1]
+            touches = () if held is None else (held,)
         qpos = np.atleast_2d(qpos)
         if qpos.shape[1] == ARM_JOINTS:
             qpos = np.hstack([qpos, np.full((len(qpos), 2), FINGERS_OPEN_M)])

@@ -1,7 +1,7 @@
 """What a policy is and how it is trained, as frozen values that check themselves.
 
 Defaults are the paper's (section 4, supplementary "Implementation details") where it states them and
-the authors' release where it does not. `PolicyConfig.compact()` and `TrainConfig.compact()` are sized for two CPU cores.
+the authors' release where it does not. `compact()` of both makes the small ones for two CPU cores.
 """
 
 from dataclasses import dataclass

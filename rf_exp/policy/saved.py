@@ -1,9 +1,9 @@
 """The folder of a policy: configuration, weights with normaliser, curves; never a pickle.
 
-    config.json         policy, view, train, data: what made it; written before training starts
-    model.safetensors   averaged weights and normaliser; there once training is finished
-    curves.csv          loss and learning rate over the steps
-    state.safetensors   what an interrupted training goes on from; removed at the end
+config.json         policy, view, train, data: what made it; written before training starts
+model.safetensors   averaged weights and normaliser; there once training is finished
+curves.csv          loss and learning rate over the steps
+state.safetensors   what an interrupted training goes on from; removed at the end
 """
 
 import json
@@ -65,7 +65,9 @@ def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
 def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, View]:
     """A trained policy, ready to act, and the view it commands. Raises StageError where none is."""
     if not (folder / MODEL).exists():
-        raise StageError(f"no trained policy in {folder}: {MODEL} is missing; train it first (stages=[train])")
+        raise StageError(
+            f"no trained policy in {folder}: {MODEL} is missing; train it first (stages=[train])"
+        )
     made_of = json.loads((folder / CONFIG).read_text())
     streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in made_of["view"]["streams"])
     view = View(made_of["view"]["name"], tuple(streams))

@@ -63,11 +63,8 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         self._film_size = 0
         self.step_features = Timesteps(STEP_SIZE, flip_sin_to_cos=False, downscale_freq_shift=1)
         self.step_embedding = TimestepEmbedding(STEP_SIZE, 4 * STEP_SIZE, "mish", out_dim=STEP_SIZE)
-        widths = (action_size, *channels)
-        last = len(channels) - 1
-        down = [
-            DownResnetBlock1D(a, b, add_downsample=level < last) for level, (a, b) in enumerate(pairwise(widths))
-        ]
+        down = [DownResnetBlock1D(a, b) for a, b in pairwise((action_size, *channels))]
+        down[-1].downsample = None  # the deepest level keeps its length
         up = [UpResnetBlock1D(b, a, add_upsample=True) for a, b in reversed(list(pairwise(channels)))]
         self.down = nn.ModuleList(self._modulated(block) for block in down)
         self.middle = self._modulated(MidResTemporalBlock1D(channels[-1], channels[-1], embed_dim=1))

@@ -28,9 +28,7 @@ from rf_exp.transforms import Matrix, apply, transform
 URDF = "panda_v2.urdf"
 KEPT = 0.058  # share of the triangles that stays
 FEWEST = 60  # a piece with fewer triangles than this is left alone
-CARE = (
-    3  # aggressiveness of the decimation, of 0..10; the default 7 pushes black and white through each other
-)
+CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells break through black ones
 SMOOTH_RAD = np.deg2rad(20)  # edges sharper than this stay visible
 LAYOUT = 2  # raise when the way of making the files changes
 

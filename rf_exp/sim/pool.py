@@ -1,6 +1,7 @@
 """Simulators in many processes: one in each, kept between episodes, results in order."""
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +57,9 @@ def in_order(jobs: Iterable[tuple[Callable[..., Any], tuple[Any, ...], dict[str,
     before = {name: os.environ.get(name) for name in threads}
     os.environ.update({name: value for name, value in threads.items() if before[name] is None})
     try:
-        yield from Parallel(n_jobs=workers, return_as="generator", pre_dispatch="2*n_jobs")(jobs)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "[0-9]+ tasks which were still being processed")
+            yield from Parallel(n_jobs=workers, return_as="generator", pre_dispatch="2*n_jobs")(jobs)
     finally:
         for name, value in before.items():
             if value is None:

@@ -66,6 +66,17 @@ def owned(artifact: Path, configuration: Mapping[str, Any] | None = None) -> Ite
         lock.release()
 
 
+@contextmanager
+def complete(path: Path) -> Iterator[Path]:
+    """Another name to write `path` under; it gets its own only when it is finished."""
+    draft = path.with_name(f".{path.stem}.partial{path.suffix}")
+    try:
+        yield draft
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
 def _same_configuration(artifact: Path, configuration: Mapping[str, Any]) -> None:
     path = artifact.with_name(f"{artifact.stem}.configuration.json")
     if not path.exists():

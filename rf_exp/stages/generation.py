@@ -4,12 +4,15 @@ from dataclasses import asdict
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
-from rf_exp.datagen.episode import Outcome
+from rf_exp.datagen.brain import make_brain
+from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.progress import Progress, console
-from rf_exp.stages.artifacts import data_path, generation_path, owned, plain
+from rf_exp.recording import EpisodeRecorder
+from rf_exp.sim.pool import close_simulator, simulator
+from rf_exp.stages.artifacts import complete, data_path, generation_path, owned, plain, recording_path
 from rf_exp.store import Store
 from rf_exp.tasks import Task
 from rf_exp.types import Row
@@ -57,6 +60,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
                 f"{title}: only {made} of {len(tried)} seeds succeeded, {experiment.demos} demonstrations were "
                 f"wanted; the reasons are in {rows_path}"
             )
+        _record(experiment, task, row, store.seeds[: experiment.recordings].tolist())
 
 
 def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
@@ -67,6 +71,20 @@ def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, obje
     if path.exists():
         return Store.open(path, identity, writable=True)
     return Store.create(path, identity, len(task.agents), cameras, *size)
+
+
+def _record(experiment: Experiment, task: Task, row: Row, seeds: list[int]) -> None:
+    """Makes the first successful episodes once more, being recorded: same seed, same episode."""
+    settings = experiment.settings(task, row)
+    for seed in seeds:
+        path = recording_path(experiment, task, row, "generate", seed)
+        if path.exists():
+            continue
+        world, title = simulator(task, experiment.pictures), f"{task.title}, {row.name}, scene {seed}"
+        with complete(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
+            EpisodeMaker(settings, world, make_brain(settings.brain), recorder).make(seed)
+        console.print(f"recorded {path}")
+    close_simulator()
 
 
 def _row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:

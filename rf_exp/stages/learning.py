@@ -1,7 +1,10 @@
 """Training and evaluation: a policy for each view of an architecture, then consecutive scenes."""
 
 import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import asdict, replace
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from statistics import mean
@@ -14,16 +17,25 @@ from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
-from rf_exp.policy.rollout import load_actors, rollout
+from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.train import Curve, train
 from rf_exp.policy.views import views
 from rf_exp.progress import Progress, console
-from rf_exp.sim.pool import Pictures, in_order, simulator
-from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, owned, policy_path
+from rf_exp.recording import EpisodeRecorder
+from rf_exp.sim.pool import Pictures, close_simulator, in_order, simulator
+from rf_exp.stages.artifacts import (
+    complete,
+    data_path,
+    evaluation_path,
+    generation_path,
+    owned,
+    policy_path,
+    recording_path,
+)
 from rf_exp.stages.logs import curve_log
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
-from rf_exp.types import Arch, Rollout, Row
+from rf_exp.types import Arch, Rollout, Row, Scene
 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
@@ -60,7 +72,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
         missing = [seed for seed in scenes if seed not in seen]
         title = f"evaluate {task.name}/{row.name}/{arch.name}"
         if not missing:
-            console.print(f"{title}: {len(seen)} scenes are there, nothing to do")
+            console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
             return
         successes = sum(r.success for r in known if r.scene_seed in seen)
         with Progress(title, experiment.scenes, "scenes", len(seen)) as progress:
@@ -69,24 +81,36 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
                 rows.append(path, _row(experiment, task, row, arch, limit, result, wall_s))
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
+        for seed in scenes[: experiment.recordings]:
+            name = f"evaluate-{arch.name}-{experiment.demos}"
+            with complete(recording_path(experiment, task, row, name, seed)) as draft:
+                evaluate_scene(task, experiment.pictures, folder, seed, limit, draft)
+        close_simulator()
 
 
 def evaluate_scene(
-    task: Task, pictures: Pictures, folder: Path, seed: int, limit: int
+    task: Task, pictures: Pictures, folder: Path, seed: int, limit: int, record: Path | None = None
 ) -> tuple[Rollout, float]:
-    """A rollout in this process and the seconds it took."""
+    """A rollout in this process and the seconds it took; recorded to a file if one is named."""
     began = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
-    try:
-        world = simulator(task, pictures)
-        start = world.reset(seed)
-        result = rollout(
-            world, Judge(task, start), load_actors(folder), seed, limit, PolicyMonitor(task), start=start
-        )
-    finally:
-        torch.set_num_threads(threads)
+    world, monitor = simulator(task, pictures), PolicyMonitor(task)
+    start = world.reset(seed)
+    with ExitStack() as stack:
+        stack.callback(torch.set_num_threads, threads)
+        look: Callable[[Scene], None] | None = None
+        if record is not None:
+            title = f"{task.title}, policy, scene {seed}"
+            look = stack.enter_context(EpisodeRecorder(record, task, world, title)).rolled
+        result = rollout(world, Judge(task, start), _actors(folder), seed, limit, monitor, look, start)
     return result, time.perf_counter() - began
+
+
+@lru_cache(maxsize=1)
+def _actors(folder: Path) -> tuple[Actor, ...]:
+    """The policies of a folder, loaded once a process; a finished folder never changes."""
+    return load_actors(folder)
 
 
 def step_limit(experiment: Experiment, task: Task, row: Row) -> int:

@@ -76,9 +76,9 @@ def test_camera_models_agree_with_the_pictures(simulator: Simulator) -> None:
     depths, images, bodies = simulator.depth(), simulator.segmentation(), simulator.bodies()
     for name, model in simulator.camera_models().items():
         rows, columns = np.nonzero(np.isin(images[name], bodies["table"]) & (depths[name] < 1.2))
-        depth = depths[name][rows, columns]
+        depth = depths[name][rows, columns].astype(float)
         pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
-        rays = np.linalg.solve(model.intrinsics, pixels)  # depth 1
+        rays = np.linalg.inv(model.intrinsics) @ pixels  # depth 1
         height = apply(model.world_from_camera, (rays * depth).T)[:, 2]
         assert len(height) > 1000
         assert np.abs(np.median(height)) < 2e-3 and np.quantile(np.abs(height), 0.95) < 5e-3, name

@@ -114,7 +114,7 @@ def test_targets_do_the_same_as_maniskills_own_controller(lift_barrier: Task) ->
         for _ in range(10):
             action += rng.normal(0, 0.03, action.shape)
             scene = simulator.step(action)
-            keys = other._env.agent.agents_dict
+            keys = [f"{arm.uid}-{i}" for i, arm in enumerate(other._env.arms)]
             other._env.step({key: row.astype(np.float32) for key, row in zip(keys, action, strict=True)})
         theirs = np.stack([robot.qpos for robot in other._robots])
     np.testing.assert_allclose(scene.qpos, theirs, atol=1e-5)

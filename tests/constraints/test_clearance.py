@@ -1,0 +1,137 @@
+"""Diagrams and distances against brute force with coal over every pair of links."""
+
+import coal
+import numpy as np
+import pytest
+
+from rf_exp.constraints.clearance import SLACK_M, Swept, closer_than, nearest, overlap
+from rf_exp.constraints.world import Bodies
+from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
+
+TWO = team(2)
+
+
+def brute(a: Swept, b: Swept, row: int, column: int) -> float:
+    """The exact distance of two bodies: the least over all pairs of pieces, nothing skipped."""
+    request, best = coal.DistanceRequest(), np.inf
+    for i, x in enumerate(a.pieces):
+        for j, y in enumerate(b.pieces):
+            best = min(
+                best,
+                coal.distance(
+                    x.shape, a.placed(row, i), y.shape, b.placed(column, j), request, coal.DistanceResult()
+                ),
+            )
+    return best
+
+
+@pytest.mark.parametrize("margin_m", [0.0, 0.02])
+def test_the_diagram_is_the_exact_test_of_every_cell(margin_m):
+    a, b = arms(TWO, np.random.default_rng(3), 14)
+    exact = np.array([[brute(a, b, r, c) for c in range(14)] for r in range(14)])
+    diagram = closer_than(a, b, margin_m, between=False)
+    assert 5 < diagram.sum() < 190  # both outcomes are there
+    clear = np.abs(exact - margin_m) > 2 * SLACK_M
+    assert (diagram == (exact < margin_m))[clear].all()
+
+
+def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
+    rng = np.random.default_rng(4)
+    bodies = Bodies(TWO, scene_of(TWO))
+    keys = [random_qpos(rng, 5) for _ in range(2)]
+    paths = [
+        np.stack([np.interp(np.linspace(0, 4, 120), range(5), key[:, k]) for k in range(7)], axis=1) for key in keys
+    ]
+    a, b = bodies.arm(1, paths[0]), bodies.arm(2, paths[1])
+    diagram = closer_than(a, b, 0.01, between=False)
+    cells = rng.integers(0, 120, (400, 2))
+    edge = np.argwhere(diagram[1:, 1:] != diagram[:-1, 1:])[:60]  # where it is decided
+    for row, column in np.concatenate([cells, edge]).tolist():
+        exact = brute(a, b, row, column)
+        assert diagram[row, column] == (exact < 0.01) or abs(exact - 0.01) < 2 * SLACK_M
+
+
+def test_no_collision_is_missed_near_contact():
+    """States close to first contact, on both sides of it, found by bisection."""
+    rng = np.random.default_rng(5)
+    bodies = Bodies(TWO, scene_of(TWO))
+    met = 0
+    while met < 60:
+        here, there = random_qpos(rng, 2)
+        a = bodies.arm(1, here)
+        if brute(a, bodies.arm(2, there), 0, 0) >= 0 or brute(a, bodies.arm(2, REST), 0, 0) <= 0:
+            continue
+        low, high = 0.0, 1.0  # the way of agent 2 back to rest: overlap at low, clear at high
+        for _ in range(14):
+            middle = (low + high) / 2
+            hit = brute(a, bodies.arm(2, there + middle * (REST - there)), 0, 0) < 0
+            low, high = (middle, high) if hit else (low, middle)
+        for fraction in (low, high):
+            b = bodies.arm(2, there + fraction * (REST - there))
+            exact = brute(a, b, 0, 0)
+            assert abs(exact) < 1e-3
+            if exact < 0 or exact > 2 * SLACK_M:  # doubt counts as contact
+                assert closer_than(a, b, 0.0)[0, 0] == (exact < 0)
+            assert closer_than(a, b, 0.01)[0, 0]
+        met += 1
+
+
+def test_swapping_the_agents_transposes_the_diagram():
+    a, b = arms(TWO, np.random.default_rng(6), 20)
+    for between in (False, True):
+        assert (closer_than(a, b, 0.01, between=between) == closer_than(b, a, 0.01, between=between).T).all()
+
+
+def test_free_neighbours_prove_the_motion_between_them():
+    """Half-way and quarter-way states between any two free neighbours keep clear of contact."""
+    rng = np.random.default_rng(7)
+    bodies = Bodies(TWO, scene_of(TWO))
+    fine = 8
+    keys = [random_qpos(rng, 4) for _ in range(2)]
+    paths = [
+        np.stack([np.interp(np.linspace(0, 3, 30 * fine + 1), range(4), key[:, k]) for k in range(7)], axis=1)
+        for key in keys
+    ]
+    coarse = [path[::fine] for path in paths]
+    free = ~closer_than(bodies.arm(1, coarse[0]), bodies.arm(2, coarse[1]), 0.0)
+    hit = closer_than(bodies.arm(1, paths[0]), bodies.arm(2, paths[1]), 0.0, between=False)
+    assert hit.any() and free.any()
+    rows, columns = np.nonzero(free[:-1, :-1] & free[1:, 1:])
+    for step in range(fine + 1):
+        assert not hit[rows * fine + step, columns * fine + step].any()
+
+
+def test_nearest_is_the_least_over_cells_and_pieces():
+    a, b = arms(TWO, np.random.default_rng(8), 6)
+    exact = np.array([[brute(a, b, r, c) for c in range(6)] for r in range(6)])
+    found = nearest(a, b)
+    assert found is not None
+    assert found.distance_m == pytest.approx(exact.min(), abs=1e-6)
+    assert exact[found.at] == pytest.approx(exact.min(), abs=1e-6)
+    one = nearest(a, b, np.array([[2, 3]]))
+    assert one is not None
+    assert one.distance_m == pytest.approx(exact[2, 3], abs=1e-6)
+
+
+def test_overlap_answers_for_touching_bodies_only():
+    rng = np.random.default_rng(9)
+    bodies = Bodies(TWO, scene_of(TWO))
+    outcomes = set()
+    for _ in range(40):
+        a, b = bodies.arm(1, random_qpos(rng, 1)), bodies.arm(2, random_qpos(rng, 1))
+        exact, found = brute(a, b, 0, 0), overlap(a, b)
+        outcomes.add(found is None)
+        assert (found is None) == (exact >= 0)
+        if found is not None:
+            assert found.distance_m == pytest.approx(exact, abs=1e-6)
+    assert outcomes == {True, False}
+
+
+def test_false_alarms_of_the_planning_margin_are_rare():
+    """The margin may refuse states that do not touch: at most 5 % of them."""
+    rng = np.random.default_rng(10)
+    bodies = Bodies(TWO, scene_of(TWO))
+    a, b = bodies.arm(1, random_qpos(rng, 60)), bodies.arm(2, random_qpos(rng, 60))
+    alarm, touch = closer_than(a, b, 0.01, between=False), closer_than(a, b, 0.0, between=False)
+    assert not (touch & ~alarm).any()
+    assert (alarm & ~touch).sum() <= 0.05 * (~touch).sum()

@@ -1,0 +1,93 @@
+"""Voxels filled from volume: complete, nearly tight, and shared by whatever touches."""
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints import occupancy
+from rf_exp.constraints.clearance import overlap
+from rf_exp.constraints.occupancy import VOXEL_M
+from rf_exp.constraints.shapes import Piece, arm_pieces
+from rf_exp.constraints.world import Bodies
+from rf_exp.transforms import apply
+from tests.constraints.robots import random_qpos, scene_of, team
+
+TWO = team(2)
+
+
+def voxel_of(points):
+    return {*map(tuple, np.floor(points / VOXEL_M).astype(int).tolist())}
+
+
+def inside(piece: Piece, count: int, rng: np.random.Generator):
+    weights = rng.dirichlet(np.full(len(piece.vertices), 0.05), count)
+    return np.concatenate([weights @ piece.vertices, piece.vertices])
+
+
+def test_every_point_of_every_link_lies_in_an_occupied_voxel():
+    rng = np.random.default_rng(0)
+    bodies = Bodies(TWO, scene_of(TWO))
+    for qpos in random_qpos(rng, 6):
+        body = bodies.arm(1, qpos)
+        occupied = {*map(tuple, occupancy.voxels(body).tolist())}
+        for piece, pose in zip(body.pieces, body.poses[0], strict=True):
+            assert voxel_of(apply(pose, inside(piece, 800, rng))) <= occupied
+
+
+def test_voxels_are_nearly_tight():
+    """No occupied voxel is a whole voxel away from the arm, and few miss it."""
+    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(1), 1))
+    samples = np.concatenate(
+        [
+            apply(pose, inside(piece, 6000, np.random.default_rng(2)))
+            for piece, pose in zip(arm_pieces(), body.poses[0], strict=True)
+        ]
+    )
+    centres = occupancy.centres_m(occupancy.voxels(body))
+    gaps = np.array([np.abs(samples - centre).max(axis=1).min() for centre in centres])
+    assert gaps.max() < VOXEL_M
+    assert (gaps < 0.6 * VOXEL_M).mean() > 0.8
+
+
+def test_inflated_voxels_hold_everything_within_the_distance():
+    rng = np.random.default_rng(3)
+    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(rng, 1))
+    near = []
+    for piece, pose in zip(body.pieces, body.poses[0], strict=True):
+        directions = rng.normal(size=(300, 3))
+        near.append(apply(pose, inside(piece, 300, rng))[:300] + 0.03 * directions / np.linalg.norm(directions, axis=1)[:, None])
+    grown = {*map(tuple, occupancy.voxels(body, inflate_m=0.03).tolist())}
+    assert voxel_of(np.concatenate(near)) <= grown
+
+
+def test_arms_that_touch_share_a_voxel_and_few_others_do():
+    rng = np.random.default_rng(4)
+    bodies = Bodies(TWO, scene_of(TWO))
+    touched = alarms = clear = 0
+    for _ in range(120):
+        a, b = bodies.arm(1, random_qpos(rng, 1)), bodies.arm(2, random_qpos(rng, 1))
+        meets = len(occupancy.shared(occupancy.voxels(a), occupancy.voxels(b))) > 0
+        if overlap(a, b) is not None:
+            touched += 1
+            assert meets
+        else:
+            clear += 1
+            alarms += meets
+    assert touched > 10
+    assert alarms < 0.4 * clear  # the first look alone; the second one, exact, has none
+
+
+def test_a_box_fills_the_voxels_it_enters():
+    import trimesh
+
+    piece = Piece.of(trimesh.creation.box((0.09, 0.04, 0.04)))
+    pose = np.eye(4)
+    pose[:3, 3] = 0.025
+    expected = {(-1, 0, 0), (0, 0, 0), (1, 0, 0)}
+    assert {*map(tuple, occupancy.fill(piece, pose).tolist())} == expected
+    assert occupancy.centres_m(np.array([[0, 0, 0]])) == pytest.approx(np.full((1, 3), 0.025))
+
+
+def test_shared_voxels_are_sorted_and_may_be_none():
+    a, b = np.array([[0, 0, 0], [1, 0, 0]]), np.array([[1, 0, 0], [2, 0, 0]])
+    assert occupancy.shared(a, b).tolist() == [[1, 0, 0]]
+    assert occupancy.shared(a, b + 5).shape == (0, 3)

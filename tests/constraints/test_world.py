@@ -1,0 +1,147 @@
+"""Arms with what they carry: where objects stand, ride and are left; who may touch what."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints.clearance import closer_than, nearest
+from rf_exp.constraints.world import Bodies, lowest_m
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks.base import FINGERS_OPEN_M
+from rf_exp.transforms import transform
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal, Trajectory
+from tests.constraints.robots import REST, Hand, idle, motion, real, scene_of, team, walk
+
+FOOD = real("place_food")
+
+
+@pytest.fixture(scope="module")
+def lid_plan():
+    """Agent 2 takes the lid off the pot and lifts it."""
+    scene = scene_of(FOOD)
+    hand = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
+    trajectories = (idle(1, scene.qpos[0, :7]), hand.trajectory)
+    return scene, trajectories, Bodies(FOOD, scene, trajectories)
+
+
+def test_an_object_stands_rides_and_is_left(lid_plan):
+    scene, trajectories, bodies = lid_plan
+    body = bodies.along(trajectories[1])
+    lid = body.labels.index("lid")
+    carry = trajectories[1].knots[-2]
+    assert np.allclose(body.poses[: carry + 1, lid], scene.poses["lid"], atol=1e-3)
+    assert body.poses[-1, lid, 2, 3] == pytest.approx(scene.poses["lid"][2, 3] + 0.12, abs=2e-3)
+    assert (np.flatnonzero(body.carried["lid"]) == np.arange(carry, len(body))).all()
+    assert "lid" not in bodies.standing().labels
+
+
+def test_the_gripper_touches_only_what_its_segment_names(lid_plan):
+    scene, trajectories, bodies = lid_plan
+    body = bodies.along(trajectories[1])
+    assert not closer_than(body, bodies.standing(), 0.003).any()
+    blind = replace(
+        trajectories[1], segments=tuple(replace(s, touches=frozenset(), carries=None) for s in trajectories[1].segments)
+    )
+    strict = Bodies(FOOD, scene, (trajectories[0], blind))
+    found = nearest(strict.along(blind), strict.standing(["lid"]))
+    assert found is not None and found.distance_m < 0.003
+    assert "finger" in found.a and found.b == "lid"
+
+
+def test_a_lid_may_scrape_its_pot_only_where_it_is_lifted_off(lid_plan):
+    _, trajectories, bodies = lid_plan
+    body = bodies.along(trajectories[1])
+    assert body.rests["pot"][trajectories[1].knots[-2] :].all()
+    assert not body.rests["pot"][: trajectories[1].knots[-2]].any()
+    assert not body.rests["steak"].any()
+
+
+def test_what_one_arm_carries_is_an_obstacle_for_another(lid_plan):
+    scene, trajectories, bodies = lid_plan
+    over_pot = Hand(FOOD, scene, 1)
+    above = transform((*scene.poses["pot"][:2, 3], 0.30)) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    other = over_pot.to(above, 20, Subgoal(1, "carry", "steak"), "move").trajectory
+    both = Bodies(FOOD, scene, (other, trajectories[1]))
+    diagram = closer_than(both.along(other), both.along(trajectories[1]), 0.01)
+    assert not diagram[0].any()  # at rest, agent 1 is in nobody's way
+    assert diagram[-1, -1]  # over the pot it meets the arm that lifts the lid
+
+
+def test_a_held_object_may_be_touched_until_the_gripper_has_opened():
+    task = real("lift_barrier")
+    scene = scene_of(task)
+    grasped = Hand(task, scene, 1).grasp("barrier", "left")
+    qpos = scene.qpos.copy()
+    qpos[0, :7], qpos[0, 7:] = grasped.qpos, 0.013
+    held = replace(scene, qpos=qpos, held=("barrier", None))
+    subgoal = Subgoal(1, "release", "barrier")
+    opening = Segment(1, subgoal, "open", np.tile(grasped.qpos, (8, 1)), np.full(8, GRIPPER_OPEN))
+    away = Segment(1, subgoal, "retreat", motion(grasped.qpos, REST, 20), np.full(20, GRIPPER_OPEN))
+    trajectory = Trajectory(1, grasped.qpos, GRIPPER_CLOSED, (opening, away))
+    body = Bodies(task, held, (trajectory, idle(2))).along(trajectory)
+    assert body.touches["barrier"].tolist() == [True] * 9 + [False] * 20
+
+
+def test_fingers_are_as_wide_as_they_may_be():
+    scene = scene_of(FOOD)
+    hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
+    bodies = Bodies(FOOD, scene, (hand.trajectory, idle(2)))
+    body = bodies.along(hand.trajectory)
+    left, right = (body.labels.index(f"panda_{side}finger") for side in ("left", "right"))
+    width = np.linalg.norm(body.poses[:, left, :3, 3] - body.poses[:, right, :3, 3], axis=1)
+    assert width[: hand.trajectory.knots[2] + 1] == pytest.approx(2 * FINGERS_OPEN_M)
+    assert width[-1] == pytest.approx(FOOD.asset("steak").points["center"].width_m)
+
+
+def test_the_table_counts_all_but_the_bolted_base():
+    task = team(1)
+    bodies = Bodies(task, scene_of(task))
+    low = REST.copy()
+    low[1] = 1.6
+    assert bodies.below_table(bodies.arm(1, np.stack([REST, low]))).tolist() == [False, True]
+    assert lowest_m(bodies.arm(1, REST))[0] > 0.02
+
+
+def test_clear_sees_arms_objects_and_table():
+    scene = scene_of(FOOD)
+    bodies = Bodies(FOOD, scene)
+    hand = Hand(FOOD, scene, 1).grasp("steak", "center")
+    path = np.concatenate([s.qpos for s in hand.segments])
+    assert not bodies.clear(1, path).all()
+    assert bodies.clear(1, path, touches={"steak"}).all()
+    assert bodies.clear(1, path, objects=False).all()
+    lying = scene.qpos.copy()
+    lying[1, :7] = [0.0, 1.1, 0.0, -0.9, 0.0, 2.0, 0.8]  # agent 2 leans over the middle of the table
+    leaning = Bodies(FOOD, replace(scene, qpos=lying))
+    over = Hand(FOOD, scene, 1).to(
+        transform((0.0, 0.15, 0.25)) @ np.diag([1.0, -1.0, -1.0, 1.0]), 20, Subgoal(1, "carry", "steak"), "move"
+    )
+    path = np.concatenate([s.qpos for s in over.segments])
+    assert not leaning.clear(1, path, objects=False).all()
+    assert leaning.clear(1, path, objects=False, agents=False).all()
+
+
+def test_the_distance_of_two_arms_names_their_links():
+    task = team(2)
+    found = Bodies(task, scene_of(task)).between(1, 2)
+    assert 0.0 < found.distance_m < 1.0
+    assert found.a.startswith("panda_") and found.b.startswith("panda_")
+
+
+def test_an_object_that_does_not_exist_is_named_with_those_that_do():
+    scene = scene_of(FOOD)
+    stray = walk(1, [REST, REST + 0.1], carries="hat", tcp_from_object=np.eye(4))
+    with pytest.raises(ArgumentError, match=r"unknown carried object 'hat'; available: lid, pot, steak"):
+        Bodies(FOOD, scene, (stray, idle(2)))
+    with pytest.raises(ArgumentError, match=r"unknown object 'hat'; available: lid, pot, steak"):
+        Bodies(FOOD, scene).standing(["hat"])
+
+
+def test_carrying_without_a_grip_is_an_error_that_says_so():
+    scene = scene_of(FOOD)
+    loose = walk(1, [REST, REST + 0.1], carries="steak")
+    with pytest.raises(ArgumentError, match=r"agent 1, segment 'move' carries 'steak', but tcp_from_object is missing"):
+        Bodies(FOOD, scene, (loose, idle(2))).along(loose)
+    with pytest.raises(ArgumentError, match=r"agent 1 carries 'steak', but tcp_from_object is missing"):
+        Bodies(FOOD, scene).arm(1, REST, carries="steak")

@@ -1,0 +1,87 @@
+"""A small learnable world: a block somewhere in the picture, and arms that must go where it says."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.store import Store
+from rf_exp.types import Arch, Episode
+
+HEIGHT, WIDTH, STEPS = 32, 48, 24
+ARCHS = tuple(
+    Arch(f"{policy}_{view}", policy == "shared", view == "global")
+    for policy in ("shared", "separate")
+    for view in ("global", "local")
+)
+REST = np.array([0.0, 0.4, 0.0, -1.9, 0.0, 2.3, 0.8])
+
+
+def block_position(seed: int, agents: int) -> NDArray[np.float64]:
+    """(N, 2) where the block of each agent lies, in [-1, 1]."""
+    return np.random.default_rng([seed, 7]).uniform(-1, 1, (agents, 2))
+
+
+def goal(block: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(7,) rad: where an arm must go for a block at (2,)."""
+    change = np.zeros(7)
+    change[[0, 1, 3]] = 0.4 * block[0], 0.3 * block[1], -0.3 * block[1]
+    return REST + change
+
+
+def picture(block: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """A red block on grey: x to the right, y down."""
+    image = np.full((HEIGHT, WIDTH, 3), 110, np.uint8)
+    row, column = round(HEIGHT / 2 + 9 * block[1]), round(WIDTH / 2 + 15 * block[0])
+    image[row - 3 : row + 4, column - 3 : column + 4] = (220, 40, 40)
+    return image
+
+
+def make_episode(seed: int, agents: int) -> Episode:
+    blocks = block_position(seed, agents)
+    part = np.clip(np.arange(STEPS + 1) / (STEPS - 6), 0, 1)
+    path = np.stack(
+        [REST + part[:, None] * (goal(block) - REST) for block in blocks], axis=1
+    )  # (T + 1, N, 7)
+    gripper = np.where(part >= 1, -1.0, 1.0)
+    fingers = np.where(part >= 1, 0.01, 0.04)[:-1, None, None] * np.ones((1, agents, 2))
+    action = np.concatenate([path[1:], np.repeat(gripper[1:, None, None], agents, axis=1)], axis=2)
+    frames = {f"agent{k}": picture(block) for k, block in enumerate(blocks, start=1)}
+    frames["global"] = frames["agent1"]
+    qpos = np.concatenate([path[:-1], fingers], axis=2).astype(np.float32)
+    pictures = {camera: np.repeat(frame[None], STEPS, axis=0) for camera, frame in frames.items()}
+    return Episode("reach", seed, qpos, np.zeros_like(qpos), action.astype(np.float32), pictures)
+
+
+@pytest.fixture(scope="session")
+def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int], Store]:
+    """(agents, episodes) -> a store of that many episodes; made once a session."""
+    made: dict[tuple[int, int], Store] = {}
+
+    def make(agents: int, episodes: int) -> Store:
+        if (agents, episodes) not in made:
+            path: Path = tmp_path_factory.mktemp("store") / "reach.zarr"
+            cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
+            with Store.create(path, {"task": "reach"}, agents, cameras, HEIGHT, WIDTH) as store:
+                for seed in range(episodes):
+                    store.append(make_episode(seed, agents))
+            made[agents, episodes] = Store.open(path)
+        return made[agents, episodes]
+
+    return make
+
+
+@pytest.fixture
+def policy_config() -> PolicyConfig:
+    return PolicyConfig.compact(height=HEIGHT, width=WIDTH, unet_channels=(16, 32))
+
+
+@pytest.fixture
+def train_config() -> TrainConfig:
+    """A few steps only; `checkpoint_every` beyond the end, so that only Ctrl-C writes a state."""
+    return TrainConfig.compact(
+        steps=6, batch_size=16, noise_draws=2, warmup_steps=2, log_every=4, device="cpu"
+    )

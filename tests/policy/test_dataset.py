@@ -1,0 +1,126 @@
+"""Windows: padding at the ends, every window once, every frame once, honest errors."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.dataset import Windows, crop, proprioception
+from rf_exp.policy.views import Stream, View, views
+from rf_exp.store import Store
+from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH
+
+CPU = torch.device("cpu")
+LOCAL = View("agent1", (Stream("agent1", (1,)),))
+
+
+@pytest.fixture
+def store(make_store: Callable[[int, int], Store]) -> Store:
+    return make_store(2, 3)
+
+
+def test_windows_repeat_the_ends_of_their_episode(store: Store, policy_config: PolicyConfig) -> None:
+    windows = Windows(store, LOCAL, policy_config, CPU)
+    first, last = STEPS, 2 * STEPS - 1  # of the second episode
+    batch = windows.batch(np.array([first, first + 1, last]), None)
+    proprio = proprioception(store.qpos[:, :1])
+    action = store.action[:, 0]
+    seen = [[first, first, first], [first, first, first + 1], [last - 2, last - 1, last]]
+    assert np.array_equal(batch.proprio.numpy(), proprio[np.array(seen)])
+    done = [
+        [first, first, first, *range(first + 1, first + 6)],
+        [first, *range(first, first + 7)],
+        [last - 2, last - 1, *[last] * 6],
+    ]
+    assert np.array_equal(batch.action.numpy(), action[np.array(done)])
+
+
+def test_the_action_executed_first_is_the_one_of_the_newest_frame(
+    store: Store, policy_config: PolicyConfig
+) -> None:
+    windows = Windows(store, LOCAL, policy_config, CPU)
+    batch = windows.batch(np.array([10]), None)
+    assert np.array_equal(batch.action[0, policy_config.observation_steps - 1], store.action[10, 0])
+
+
+def test_pictures_of_a_batch_are_unique_and_the_right_ones(store: Store, policy_config: PolicyConfig) -> None:
+    windows = Windows(store, LOCAL, policy_config, CPU)
+    chosen = np.array([5, 6, 7, 8, STEPS, STEPS + 1])
+    batch = windows.batch(chosen, None)
+    assert len(batch.pictures) == 6 + 2  # frames 3..8 and the second episode's 0, 1
+    height, width = policy_config.crop_size
+    top, left = (HEIGHT - height) // 2, (WIDTH - width) // 2
+    stored = np.asarray(store.pictures["agent1"][:])[:, top : top + height, left : left + width]
+    frames = [[3, 4, 5], [4, 5, 6], [5, 6, 7], [6, 7, 8], [STEPS] * 3, [STEPS, STEPS, STEPS + 1]]
+    assert np.array_equal(batch.pictures[batch.frames].numpy(), stored[np.array(frames)])
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_an_epoch_has_every_window_once(arch, store: Store, policy_config: PolicyConfig) -> None:
+    for view in views(arch, 2):
+        windows = Windows(store, view, policy_config, CPU)
+        assert len(windows) == len(view.streams) * 3 * STEPS
+        batches = windows.epoch(16, 4, np.random.default_rng(0))
+        assert len(batches) == windows.batches(16)
+        assert max(map(len, batches)) - min(map(len, batches)) <= 1
+        assert sorted(np.concatenate(batches).tolist()) == list(range(len(windows)))
+        batch = windows.batch(batches[0], None)
+        assert batch.action.shape == (len(batches[0]), policy_config.horizon, view.action_size)
+        assert batch.proprio.shape[1:] == (policy_config.observation_steps, view.proprio_size)
+
+
+def test_streams_of_a_shared_policy_do_not_mix(store: Store, policy_config: PolicyConfig) -> None:
+    shared = views(ARCHS[1], 2)[0]
+    windows = Windows(store, shared, policy_config, CPU)
+    for agent in (1, 2):
+        alone = View("alone", (Stream(f"agent{agent}", (agent,)),))
+        expected = Windows(store, alone, policy_config, CPU).batch(np.arange(4), None)
+        found = windows.batch(np.arange(4) + (agent - 1) * 3 * STEPS, None)
+        for name in ("pictures", "frames", "proprio", "action"):
+            assert torch.equal(getattr(found, name), getattr(expected, name)), name
+
+
+def test_frames_of_a_run_share_a_crop_and_runs_differ(store: Store, policy_config: PolicyConfig) -> None:
+    config = replace(policy_config, crop=0.5)
+    windows = Windows(store, LOCAL, config, CPU)
+    runs = np.concatenate([np.arange(start, start + 4) for start in range(0, 2 * STEPS, 6)])
+    batch = windows.batch(runs, np.random.default_rng(0))
+    of_run = batch.pictures[batch.frames].reshape(len(runs) // 4, 12, -1)
+    assert all((run == run[0]).all() for run in of_run)  # these pictures stand still in an episode
+    assert len({run[0].numpy().tobytes() for run in of_run[:4]}) > 1
+
+
+def test_crops_are_the_slices() -> None:
+    pictures = torch.arange(4 * 6 * 7 * 3, dtype=torch.int32).reshape(4, 6, 7, 3).to(torch.uint8)
+    frames, corners = np.array([1, 2, 2, 0]), np.array([[0, 1], [0, 1], [2, 3], [1, 0]])
+    found = crop(pictures, frames, corners, (4, 4))
+    for piece, frame, (top, left) in zip(found, frames, corners, strict=True):
+        assert torch.equal(piece, pictures[frame, top : top + 4, left : left + 4])
+
+
+def test_proprioception_is_seven_joints_and_the_opening() -> None:
+    qpos = np.arange(18, dtype=float).reshape(1, 2, 9)
+    assert proprioception(qpos).tolist() == [[*range(7), 15.0, *range(9, 16), 33.0]]
+
+
+def test_a_missing_camera_names_what_there_is(store: Store, policy_config: PolicyConfig) -> None:
+    view = View("agent7", (Stream("agent7", (1,)),))
+    with pytest.raises(
+        ArgumentError, match="needs camera 'agent7', but the store has global, agent1, agent2"
+    ):
+        Windows(store, view, policy_config, CPU)
+
+
+def test_pictures_of_another_size(store: Store, policy_config: PolicyConfig) -> None:
+    with pytest.raises(ArgumentError, match="are 32 x 48 pixels; the policy expects 32 x 64"):
+        Windows(store, LOCAL, replace(policy_config, width=64), CPU)
+
+
+def test_a_store_without_episodes(tmp_path, policy_config: PolicyConfig) -> None:
+    with Store.create(tmp_path / "s.zarr", {"task": "reach"}, 1, ("agent1",), HEIGHT, WIDTH) as store:
+        with pytest.raises(ArgumentError, match="the store holds no episode; expected at least one"):
+            Windows(store, LOCAL, policy_config, CPU)

@@ -1,0 +1,136 @@
+"""Sizes of the paper's networks, and the short cuts held to the direct computation."""
+
+import pytest
+import torch
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.encoder import SpatialSoftmax, encoder
+from rf_exp.policy.normaliser import LEAST_RANGE, Normaliser, Range
+from rf_exp.policy.unet import ConditionalUNet1D
+
+
+def count(module: torch.nn.Module) -> int:
+    return sum(parameter.numel() for parameter in module.parameters())
+
+
+def test_the_papers_sizes() -> None:
+    policy = DiffusionPolicy(PolicyConfig(), 8, 8)
+    assert count(policy.unet) == 85_355_912
+    assert count(policy.encoder) == 11_176_512
+
+
+def test_encoders_give_features_of_any_picture() -> None:
+    for name in ("resnet18", "compact"):
+        network = encoder(name)
+        assert network(torch.zeros(2, 3, 64, 80)).shape == (2, network.features)
+
+
+def test_an_unknown_encoder_names_the_known() -> None:
+    with pytest.raises(ArgumentError, match="unknown encoder 'vit'; available: compact, resnet18"):
+        encoder("vit")
+
+
+def test_spatial_softmax_finds_the_brightest_place() -> None:
+    picture = torch.zeros(1, 1, 5, 9)
+    picture[0, 0, 4, 2] = 50.0
+    assert SpatialSoftmax()(picture)[0].tolist() == pytest.approx([1.0, -0.5], abs=1e-5)
+
+
+@pytest.mark.parametrize("channels", [(16,), (16, 20), (0, 16)])
+def test_channels_the_blocks_cannot_hold(channels: tuple[int, ...]) -> None:
+    with pytest.raises(ArgumentError, match="expected at least two levels, each a multiple of 8"):
+        ConditionalUNet1D(8, 30, channels)
+
+
+def test_the_unet_keeps_the_shape_and_round_trips_through_diffusers(tmp_path) -> None:
+    torch.manual_seed(0)
+    unet = ConditionalUNet1D(8, 30, (16, 32, 64)).eval()
+    values = torch.randn(5, 8, 8), torch.tensor([0, 1, 50, 98, 99]), torch.randn(5, 30)
+    unet.save_pretrained(tmp_path)
+    again = ConditionalUNet1D.from_pretrained(tmp_path)
+    assert unet(*values).shape == (5, 8, 8)
+    assert torch.equal(again(*values), unet(*values))
+
+
+def test_the_film_table_is_the_direct_computation() -> None:
+    torch.manual_seed(0)
+    unet = ConditionalUNet1D(8, 30, (16, 32, 64)).eval()
+    sample, observation = torch.randn(5, 8, 8), torch.randn(5, 30)
+    steps = torch.tensor([0, 3, 50, 98, 99])
+    table = unet.film_of_steps(torch.arange(100))
+    quick = unet.modulated(sample, table[steps] + unet.film_of_observations(observation))
+    assert torch.allclose(quick, unet(sample, steps, observation), atol=1e-5)
+
+
+def test_every_weight_that_sees_data_learns() -> None:
+    """Of the outer taps of a kernel of 5 at length 2 no data can be seen; all else must have a gradient."""
+    torch.manual_seed(0)
+    unet = ConditionalUNet1D(8, 30, (16, 32))
+    unet(torch.randn(4, 8, 8), torch.arange(4), torch.randn(4, 30)).square().sum().backward()
+    still = [name for name, p in unet.named_parameters() if p.grad is None or not p.grad.any()]
+    assert still == []
+
+
+def test_normaliser_round_trip() -> None:
+    generator = torch.Generator().manual_seed(0)
+    values = 3.0 * torch.randn(100, 4, generator=generator) + torch.tensor([0.0, 5.0, -2.0, 0.1])
+    bounds = Range(4)
+    bounds.fit(values)
+    inside = bounds.normalise(values)
+    assert inside.amin(dim=0).tolist() == pytest.approx([-1.0] * 4, abs=1e-5)
+    assert inside.amax(dim=0).tolist() == pytest.approx([1.0] * 4, abs=1e-5)
+    assert torch.allclose(bounds.restore(inside), values, atol=1e-5)
+
+
+def test_a_still_joint_is_centred_and_not_blown_up() -> None:
+    bounds = Range(1)
+    bounds.fit(torch.tensor([[0.5], [0.5001]]))
+    assert bounds.normalise(torch.tensor([[0.5001]])).abs().item() < 0.01
+    assert bounds.radius.item() == pytest.approx(LEAST_RANGE / 2)
+
+
+def test_the_fastest_change_is_taken_within_episodes() -> None:
+    normaliser = Normaliser(1, 1)
+    action = torch.tensor([[0.0], [0.1], [5.0], [5.3]])
+    normaliser.fit(torch.zeros(4, 1), action, torch.tensor([True, False, True]))
+    assert normaliser.fastest.item() == pytest.approx(0.3)
+
+
+def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
+    steps = policy.config.observation_steps
+    features = torch.linspace(-1, 1, rows * steps * policy.encoder.features)
+    generators = [torch.Generator().manual_seed(row) for row in range(rows)]
+    return policy.act(features.reshape(rows, steps, -1), torch.zeros(rows, steps, 8), generators)
+
+
+@pytest.mark.parametrize("prediction", ["epsilon", "sample", "v_prediction"])
+@pytest.mark.parametrize("sampler", ["ddpm", "ddim"])
+def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: str) -> None:
+    torch.manual_seed(0)
+    steps = {"ddpm": 20, "ddim": 5}[sampler]
+    config = PolicyConfig.compact(
+        sampler=sampler,
+        train_diffusion_steps=20,
+        inference_diffusion_steps=steps,
+        prediction=prediction,
+        unet_channels=(16, 32),
+    )
+    policy = DiffusionPolicy(config, 8, 8).eval()
+    actions = sampled(policy, 2)
+    assert actions.shape == (2, 8, 8)
+    assert actions.abs().max() <= 1.0 + 1e-5  # clipped to the range of the data
+    assert torch.equal(actions, sampled(policy, 2))
+    assert not torch.allclose(actions[0], actions[1])  # rows have noise of their own
+
+
+def test_the_film_table_does_not_outlive_its_weights() -> None:
+    torch.manual_seed(0)
+    policy = DiffusionPolicy(PolicyConfig.compact(unet_channels=(16, 32)), 8, 8).eval()
+    before = sampled(policy, 1)
+    policy.train()
+    with torch.no_grad():
+        policy.unet.film.weight.mul_(3.0)
+    policy.eval()
+    assert not torch.allclose(sampled(policy, 1), before)

@@ -1,0 +1,205 @@
+"""The rollout loop in a tiny world whose arms go where they are told."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.dataset import proprioception
+from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.rollout import Actor, load_actors, rollout
+from rf_exp.policy.views import View, views
+from rf_exp.types import Rollout, Scene, Verdict, Violation
+from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture
+
+FASTEST_RAD = 0.02  # a control step, of the policies here
+
+
+class Table:
+    """A World without physics: targets are reached at once."""
+
+    def __init__(self, agents: int, size: tuple[int, int] = (HEIGHT, WIDTH)) -> None:
+        self.cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
+        self.agents, self.size = agents, size
+        self.actions: list[NDArray[np.float64]] = []
+        self.pictures_taken: list[int] = []  # at which steps
+
+    def reset(self, seed: int) -> Scene:
+        self.blocks = block_position(seed, self.agents)
+        self.qpos = np.tile(np.append(REST, [0.04, 0.04]), (self.agents, 1))
+        self.actions, self.pictures_taken = [], []
+        return self.scene()
+
+    def scene(self) -> Scene:
+        nothing: Mapping = {}
+        held = (None,) * self.agents
+        return Scene(len(self.actions), self.qpos.copy(), np.zeros_like(self.qpos), nothing, nothing, held)
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        self.actions.append(action)
+        self.qpos[:, :7] = action[:, :7]
+        return self.scene()
+
+    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+        self.pictures_taken.append(len(self.actions))
+        height, width = self.size
+        seen = [picture(self.blocks[0]), *map(picture, self.blocks)]
+        return {name: frame[:height, :width] for name, frame in zip(self.cameras, seen, strict=True)}
+
+
+def judge(scene: Scene) -> Verdict:
+    return Verdict(False, False, {})
+
+
+@pytest.fixture
+def make_actor(policy_config: PolicyConfig):
+    """view -> an actor with random weights that demonstrations of FASTEST_RAD a step would give."""
+
+    def make(view: View, seed: int = 0, **changes) -> Actor:
+        torch.manual_seed(seed)
+        policy = DiffusionPolicy(replace(policy_config, **changes), view.proprio_size, view.action_size)
+        policy.normaliser.fastest.fill_(FASTEST_RAD)
+        return Actor(policy, view)
+
+    return make
+
+
+@pytest.mark.parametrize("agents", range(1, 5))
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_every_architecture_commands_every_agent(arch, agents: int, make_actor) -> None:
+    world = Table(agents)
+    actors = [make_actor(view) for view in views(arch, agents)]
+    assert rollout(world, judge, actors, 3, 8) == Rollout(3, False, False, 8, 0)
+    actions = np.stack(world.actions)  # (T, N, 8)
+    assert actions.shape == (8, agents, 8)
+    assert (np.ptp(actions[..., :7], axis=0).max(axis=1) > 0).all()  # every arm moved
+
+
+def test_the_same_seed_gives_the_same_actions_whatever_ran_before(make_actor) -> None:
+    world, actors = Table(2), [make_actor(view) for view in views(ARCHS[3], 2)]
+    runs = []
+    for seed in (5, 6, 5):
+        rollout(world, judge, actors, seed, 7)
+        runs.append(np.stack(world.actions))
+    assert np.array_equal(runs[0], runs[2])
+    assert not np.array_equal(runs[0], runs[1])
+
+
+def test_an_agent_acts_the_same_in_a_batch_and_alone(make_actor) -> None:
+    """Agents with shared weights are rows of one batch; a row must not depend on its neighbours."""
+    world, (shared,) = Table(2), views(ARCHS[1], 2)
+    rollout(world, judge, [make_actor(shared)], 1, 7)
+    batched = np.stack(world.actions)
+    rollout(world, judge, [make_actor(View("alone", (stream,))) for stream in shared.streams], 1, 7)
+    assert np.allclose(np.stack(world.actions), batched, atol=1e-5)
+
+
+def test_jumps_become_motions_at_the_speed_of_the_demonstrations(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+    rollout(world, judge, actors, 0, 20)
+    path = np.stack([REST, *(action[0, :7] for action in world.actions)])
+    assert np.abs(np.diff(path, axis=0)).max() == pytest.approx(FASTEST_RAD, abs=1e-6)
+
+
+def test_targets_within_reach_are_commanded_exactly(make_actor) -> None:
+    actor = make_actor(views(ARCHS[3], 1)[0])
+    world = Table(1)
+    scene = world.reset(0)
+    target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
+    actor._targets.append(target[None])
+    actor._features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
+    actor._config = replace(actor._config, observation_steps=1)
+    assert np.allclose(actor(scene, {})[0], target)
+
+
+def test_pictures_are_taken_only_for_observations(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+    rollout(world, judge, actors, 0, 14)
+    assert world.pictures_taken == [0, 4, 5, 6, 10, 11, 12]  # three before each prediction at 0, 6, 12
+
+
+def test_the_history_is_that_of_training(make_actor) -> None:
+    """What the policy is given at step 6 are the frames of steps 4, 5 and 6, at step 0 three times the first."""
+    world, actor = Table(1), make_actor(views(ARCHS[3], 1)[0])
+    given, positions = [], []
+    act = actor._policy.act
+
+    def spy(features, proprio, generators):
+        given.append(proprio.clone())
+        return act(features, proprio, generators)
+
+    actor._policy.act = spy
+    rollout(world, judge, [actor], 0, 8, on_step=lambda scene: positions.append(scene.qpos))
+    first = np.append(REST, [0.04, 0.04])[None]
+    assert np.allclose(given[0][0], np.repeat(proprioception(first[None]), 3, axis=0))
+    assert np.allclose(given[1][0], proprioception(np.stack(positions[3:6])))
+
+
+def test_success_is_looked_at_after_every_step(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+    seen: list[int] = []
+
+    def at_eleven(scene: Scene) -> Verdict:
+        seen.append(scene.step)
+        return Verdict(scene.step == 11, scene.step == 4, {})
+
+    assert rollout(world, at_eleven, actors, 0, 40) == Rollout(0, True, True, 11, 0)
+    assert seen == list(range(1, 12))
+
+
+def test_violations_are_counted_in_steps(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+    violation = Violation("ValidateSpatialOccupancy", (1,), 0.0, 0.0, 0.0, "too close")
+
+    def monitor(scene: Scene) -> Violation | None:
+        return violation if scene.step in (2, 3, 7) else None
+
+    assert rollout(world, judge, actors, 0, 9, monitor).violations == 3
+
+
+def test_a_start_the_caller_made_is_not_made_again(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+    start = world.reset(4)
+    rollout(world, judge, actors, 4, 3)
+    expected = np.stack(world.actions)
+    start = world.reset(4)
+    world.reset = lambda seed: pytest.fail("reset again")
+    rollout(world, judge, actors, 4, 3, start=start)
+    assert np.array_equal(np.stack(world.actions), expected)
+
+
+def test_agents_without_a_policy(make_actor) -> None:
+    with pytest.raises(ArgumentError, match=r"policies command agents \[2\]; expected each of \[1, 2\] once"):
+        rollout(Table(2), judge, [make_actor(views(ARCHS[3], 2)[1])], 0, 3)
+
+
+def test_a_step_limit_of_zero(make_actor) -> None:
+    with pytest.raises(ArgumentError, match="step_limit is 0; expected at least 1"):
+        rollout(Table(1), judge, [], 0, 0)
+
+
+def test_a_camera_the_world_lacks(make_actor) -> None:
+    world = Table(2)
+    world.cameras = ("global", "left", "agent2")
+    with pytest.raises(
+        StageError, match="policy 'agent1' needs camera 'agent1'; the world has agent2, global, left"
+    ):
+        rollout(world, judge, [make_actor(view) for view in views(ARCHS[3], 2)], 0, 3)
+
+
+def test_pictures_of_another_size(make_actor) -> None:
+    world = Table(1, size=(HEIGHT, 40))
+    with pytest.raises(
+        StageError, match=r"gives pictures \(32, 40, 3\); policy 'agent1' was trained on \(32, 48, 3\)"
+    ):
+        rollout(world, judge, [make_actor(view) for view in views(ARCHS[3], 1)], 0, 3)
+
+
+def test_a_folder_without_policies(tmp_path) -> None:
+    with pytest.raises(StageError, match="no trained policies in .*; train them first"):
+        load_actors(tmp_path)

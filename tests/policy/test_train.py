@@ -1,0 +1,213 @@
+"""Training: resumable bit for bit, never silently reused, and it learns."""
+
+import csv
+import json
+import signal
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.dataset import Windows
+from rf_exp.policy.saved import CURVES, MODEL, STATE, device_of, load_policy
+from rf_exp.policy.train import Curve, Training, learning_rate, train
+from rf_exp.policy.views import Stream, View, views
+from rf_exp.store import Store
+from tests.policy.conftest import ARCHS
+
+LOCAL = View("agent1", (Stream("agent1", (1,)),))
+
+
+@pytest.fixture
+def store(make_store: Callable[[int, int], Store]) -> Store:
+    return make_store(2, 3)
+
+
+def interrupt(_: Curve) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    with (folder / CURVES).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_resuming_equals_an_uninterrupted_run(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    straight = train(store, LOCAL, policy_config, train_config, tmp_path / "straight")
+    broken = tmp_path / "broken"
+    with pytest.raises(KeyboardInterrupt):
+        train(store, LOCAL, policy_config, train_config, broken, interrupt)
+    assert (broken / STATE).exists()
+    assert not (broken / MODEL).exists()
+    assert train(store, LOCAL, policy_config, train_config, broken) == broken
+    assert not (broken / STATE).exists()
+    expected, found = load_file(straight / MODEL), load_file(broken / MODEL)
+    assert expected.keys() == found.keys()
+    assert all(torch.equal(found[name], expected[name]) for name in expected)
+    columns = ("step", "loss", "learning_rate", "epoch")
+    curves = [[[row[name] for name in columns] for row in rows(f)] for f in (straight, broken)]
+    assert curves[0] == curves[1]
+    assert [row[0] for row in curves[0]] == ["4", "6"]
+
+
+def test_checkpoints_between_curves_resume_too(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    """A state saved in the middle of the average of a curve keeps that average."""
+    windows = Windows(store, LOCAL, policy_config, torch.device("cpu"))
+    straight = Training(windows, LOCAL, policy_config, train_config)
+    expected = [curve.loss for curve in straight.run() if curve]
+    early = Training(windows, LOCAL, policy_config, train_config)
+    for _ in early.run():
+        if early.step == 3:
+            early.save(tmp_path / STATE)
+            break
+    late = Training(windows, LOCAL, policy_config, train_config)
+    late.resume(tmp_path / STATE)
+    assert [curve.loss for curve in late.run() if curve] == expected
+    averages = straight.averaged().state_dict(), late.averaged().state_dict()
+    assert all(torch.equal(value, averages[1][name]) for name, value in averages[0].items())
+
+
+def test_ctrl_c_is_handed_back_afterwards(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        train(store, LOCAL, policy_config, train_config, tmp_path, interrupt)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_trains_outside_the_main_thread(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    config = replace(train_config, steps=1)
+    thread = threading.Thread(target=train, args=(store, LOCAL, policy_config, config, tmp_path))
+    thread.start()
+    thread.join()
+    assert (tmp_path / MODEL).exists()
+
+
+def test_a_finished_folder_is_returned_untouched(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    before = {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in tmp_path.iterdir()}
+    again = replace(train_config, device="auto", log_every=1)  # how, not what
+    assert train(store, LOCAL, policy_config, again, tmp_path, interrupt) == tmp_path
+    assert {path: (path.stat().st_mtime_ns, path.read_bytes()) for path in tmp_path.iterdir()} == before
+
+
+def test_another_configuration_is_named_key_by_key(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    with pytest.raises(StageError) as error:
+        train(store, LOCAL, replace(policy_config, crop=0.8), replace(train_config, seed=4), tmp_path)
+    assert str(error.value) == (
+        f"{tmp_path} holds a policy of another configuration; differing: "
+        "policy.crop: found 0.9, wanted 0.8; train.seed: found 0, wanted 4; "
+        "delete the folder or choose another `out`"
+    )
+
+
+def test_the_policy_loads_as_it_was_saved(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    shared = views(ARCHS[1], 2)[0]
+    train(store, shared, policy_config, train_config, tmp_path)
+    policy, view = load_policy(tmp_path, "cpu")
+    assert view == shared
+    assert policy.config == policy_config
+    saved = load_file(tmp_path / MODEL)
+    assert saved.keys() == policy.state_dict().keys()
+    assert all(torch.equal(value, saved[name]) for name, value in policy.state_dict().items())
+    assert not torch.equal(policy.normaliser.action.radius, torch.ones(8))
+    made_of = json.loads((tmp_path / "config.json").read_text())
+    assert made_of["data"] == {"identity": {"task": "reach"}, "seeds": [0, 1, 2]}
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_does_not(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    torch.manual_seed(1)
+    folders = [train(store, LOCAL, policy_config, train_config, tmp_path / "a")]
+    torch.manual_seed(2)  # the state of the global generator must not matter
+    folders.append(train(store, LOCAL, policy_config, train_config, tmp_path / "b"))
+    folders.append(train(store, LOCAL, policy_config, replace(train_config, seed=1), tmp_path / "c"))
+    first, same, other = ((folder / MODEL).read_bytes() for folder in folders)
+    assert first == same
+    assert first != other
+
+
+def test_a_budget_in_epochs_is_that_many_passes(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig
+) -> None:
+    windows = Windows(store, LOCAL, policy_config, torch.device("cpu"))
+    training = Training(windows, LOCAL, policy_config, replace(train_config, steps=None, epochs=2))
+    assert training.steps == 2 * 5  # 72 windows in batches of at most 16
+
+
+def test_loading_where_nothing_is(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match=r"no trained policy in .*: model.safetensors is missing; train it"):
+        load_policy(tmp_path)
+
+
+def test_an_exploding_loss_stops_the_training(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    config = replace(train_config, learning_rate=1e30, steps=20)
+    with pytest.raises(
+        StageError, match=r"the training loss is (nan|inf) at step \d+; .* lower learning_rate"
+    ):
+        train(store, LOCAL, policy_config, config, tmp_path)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="asks what happens without a GPU")
+def test_cuda_without_a_gpu() -> None:
+    with pytest.raises(ArgumentError, match="torch finds no CUDA GPU; use device=cpu or device=auto"):
+        device_of("cuda")
+
+
+def test_learning_rate_warms_up_and_falls_to_zero() -> None:
+    config = TrainConfig(epochs=None, steps=100, warmup_steps=10, learning_rate=1.0)
+    rates = [learning_rate(step, 100, config) for step in range(101)]
+    assert rates[0] == pytest.approx(0.1)
+    assert rates[9] == rates[10] == 1.0
+    assert rates[55] == pytest.approx(0.5)
+    assert rates[100] == pytest.approx(0.0)
+    assert all(a >= b for a, b in zip(rates[10:], rates[11:], strict=False))
+
+
+def test_it_learns_to_go_where_the_block_lies(
+    make_store: Callable[[int, int], Store], policy_config: PolicyConfig, tmp_path: Path
+) -> None:
+    """From the first picture alone, on episodes it has not seen, better than the mean action by far."""
+    curves: list[Curve] = []
+    config = TrainConfig.compact(steps=250, batch_size=48, warmup_steps=20, log_every=50, device="cpu")
+    store = make_store(1, 40)
+    train(store, LOCAL, policy_config, config, tmp_path, curves.append)
+    assert curves[-1].loss < 0.3 * curves[0].loss
+
+    policy, view = load_policy(tmp_path, "cpu")
+    unseen = make_store(1, 60)
+    windows = Windows(unseen, view, policy_config, torch.device("cpu"))
+    starts = windows._spans[40:, 0]
+    batch = windows.batch(starts, None)
+    generators = [torch.Generator().manual_seed(k) for k in range(len(starts))]
+    with torch.inference_mode():
+        features = policy.encode(batch.pictures)[batch.frames]
+    predicted = policy.act(features, batch.proprio, generators)
+    error = (predicted - batch.action)[:, -1, [0, 1, 3]].abs().mean().item()
+    spread = (batch.action - batch.action.mean(dim=0))[:, -1, [0, 1, 3]].abs().mean().item()
+    assert error < 0.4 * spread, f"error {error:.4f} rad, spread {spread:.4f} rad"
+    assert np.isfinite(error)

@@ -1,0 +1,66 @@
+"""Laws of the four architectures, and the configuration files that name them."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.views import Stream, View, views
+from rf_exp.types import Arch
+from tests.policy.conftest import ARCHS
+
+CONF = Path(__file__).parents[2] / "conf"
+AGENTS = range(1, 5)
+
+
+@pytest.mark.parametrize("agents", AGENTS)
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_every_agent_is_commanded_once(arch: Arch, agents: int) -> None:
+    commanded = [agent for view in views(arch, agents) for agent in view.agents]
+    assert sorted(commanded) == list(range(1, agents + 1))
+
+
+@pytest.mark.parametrize("agents", AGENTS)
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_cameras_and_sizes_follow_the_architecture(arch: Arch, agents: int) -> None:
+    found = views(arch, agents)
+    assert len(found) == (1 if arch.shared_policy else agents)
+    assert len({view.name for view in found}) == len(found)
+    joint = arch.shared_policy and arch.global_view
+    for view in found:
+        assert view.action_size == view.proprio_size == 8 * (agents if joint else 1)
+        for stream in view.streams:
+            expected = "global" if arch.global_view else f"agent{stream.agents[0]}"
+            assert stream.camera == expected
+
+
+def test_the_four_for_two_agents() -> None:
+    joint, shared, seen_by_all, local = (views(arch, 2) for arch in ARCHS)
+    one, two = Stream("agent1", (1,)), Stream("agent2", (2,))
+    assert joint == (View("joint", (Stream("global", (1, 2)),)),)
+    assert shared == (View("shared", (one, two)),)
+    assert seen_by_all == (
+        View("agent1", (Stream("global", (1,)),)),
+        View("agent2", (Stream("global", (2,)),)),
+    )
+    assert local == (View("agent1", (one,)), View("agent2", (two,)))
+
+
+def test_no_agents_is_an_error() -> None:
+    with pytest.raises(ArgumentError, match="agents is 0; expected at least 1"):
+        views(ARCHS[0], 0)
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_the_configuration_file_says_the_same(arch: Arch) -> None:
+    node = OmegaConf.to_container(OmegaConf.load(CONF / "arch" / f"{arch.name}.yaml"))
+    assert node == {arch.name: {"shared_policy": arch.shared_policy, "global_view": arch.global_view}}
+
+
+def test_all_holds_the_four() -> None:
+    with initialize_config_dir(str(CONF / "arch"), version_base=None):
+        found = OmegaConf.to_container(compose("all"))
+    assert isinstance(found, dict)
+    assert found.keys() == {arch.name for arch in ARCHS}

@@ -1,0 +1,48 @@
+"""Everything in conf/ composes and becomes a valid experiment; `all` means all there is."""
+
+from itertools import product
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from rf_exp.experiment import read_experiment
+
+CONF = Path(__file__).parents[1] / "conf"
+GROUPS = {
+    group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+    for group in ("task", "arch", "constraints", "profile", "experiment", "brain")
+}
+
+
+def experiment(*overrides):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("config", list(overrides) + ["name=test", "hydra.run.dir=."], return_hydra_config=False)
+        return read_experiment(OmegaConf.to_container(config, resolve=True))
+
+
+@pytest.mark.parametrize(("group", "name"), [(group, name) for group, names in GROUPS.items() for name in names])
+def test_every_choice_composes(group, name):
+    assert experiment(f"{group}={name}").tasks
+
+
+@pytest.mark.parametrize("group", ["task", "arch", "constraints"])
+def test_all_means_every_file_there_is(group):
+    everything = getattr(experiment(f"{group}=all"), {"task": "tasks", "arch": "archs", "constraints": "rows"}[group])
+    assert sorted(each.name for each in everything) == [name for name in GROUPS[group] if name != "all"]
+
+
+def test_rows_of_the_ablation_are_the_papers():
+    rows = {row.name: (row.spatial, row.temporal) for row in experiment("constraints=all").rows}
+    names = ("logical", "logical_temporal", "logical_spatial", "full")
+    assert rows == dict(zip(names, product((False, True), repeat=2), strict=True))
+
+
+def test_the_paper_profile_has_the_papers_settings():
+    paper = experiment("profile=paper")
+    assert (paper.demos, paper.scenes, paper.pictures.width, paper.pictures.height) == (150, 100, 320, 240)
+    policy, training = paper.policy, paper.training
+    assert (policy.horizon, policy.observation_steps, policy.action_steps) == (8, 3, 6)
+    assert (training.batch_size, training.epochs, training.warmup_steps) == (128, 300, 500)
+    assert (training.learning_rate, training.betas, training.epsilon) == (1e-4, (0.95, 0.999), 1e-8)

@@ -1,0 +1,161 @@
+"""The command line as its users meet it: exit codes, messages, skipping, resuming, sharing."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rf_exp.store import Store
+
+ROOT = Path(__file__).parents[1]
+
+TINY = (
+    "demos=2",
+    "scenes=1",
+    "recordings=1",
+    "workers=1",
+    "wandb=offline",
+    "picture={width: 64, height: 48}",
+    "training.steps=3",
+    "training.batch_size=8",
+)
+
+
+def run(*arguments, environment=None, timeout_s=600):
+    """The command in a process of its own, as a user would start it."""
+    return subprocess.run(
+        [sys.executable, "-m", "rf_exp.run", *arguments],
+        cwd=ROOT,
+        env={**os.environ, **(environment or {})},
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["task=juggle"], "lift_barrier"),
+        (["arch=monolith"], "separate_local"),
+        (["constraints=none_at_all"], "logical_spatial"),
+        (["brain=oracle"], "scripted"),
+        (["stages=[bake]"], "unknown stage 'bake'; available: generate, train, evaluate, report"),
+        (["demos=-3"], "demos is -3; it must be at least 1"),
+        (["attempts=0"], "attempts is 0; it must be at least 1"),
+        (["training.steps=-5"], "steps is -5; expected a number above 0"),
+        (["scenes=0"], "scenes is 0; it must be at least 1"),
+        (["limits.velocity_rad_s=-1"], "velocity_rad_s is -1"),
+        (["seed=1000000"], "generation must stay below 1000000"),
+        (["render=false"], "render=false makes no pictures to learn from"),
+        (["task.lift_barrier.objects.barrier.x_m=[0.2,-0.2]"], "the wrong way round; write [-0.2, 0.2]"),
+        (["task.lift_barrier.objects.barrier.asset=lamp"], "unknown asset 'lamp'; available: barrier"),
+        (["demoz=3"], "demoz"),
+        (["workers=many"], "workers"),
+    ],
+)
+def test_wrong_arguments_exit_with_2_and_say_what_is_possible(arguments, message, tmp_path):
+    result = run(*arguments, f"out={tmp_path / 'out'}")
+    assert result.returncode == 2, result.stdout + result.stderr
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not list(tmp_path.glob("out/data/*")), "no work before arguments are checked"
+
+
+def test_output_below_a_file_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    result = run("stages=[generate]", "render=false", "demos=1", f"out={tmp_path / 'file' / 'out'}", "hydra.run.dir=" + str(tmp_path))
+    assert result.returncode == 2
+    assert "cannot write below" in result.stderr and "out=FOLDER" in result.stderr
+
+
+def test_training_without_data_says_what_to_run(tmp_path):
+    result = run("stages=[train]", f"out={tmp_path}")
+    assert result.returncode == 1
+    assert "run stages=[generate] first" in result.stderr.strip().splitlines()[-1]
+
+
+def test_rendering_without_vulkan_fails_before_any_work(tmp_path):
+    nothing = {"VK_DRIVER_FILES": "/nonexistent.json", "VK_ICD_FILENAMES": "/nonexistent.json"}
+    result = run("stages=[generate]", "demos=1", "workers=1", f"out={tmp_path}", environment=nothing)
+    assert result.returncode == 1
+    assert "Vulkan" in result.stderr and "render=false" in result.stderr
+    assert not list(tmp_path.glob("results/generate/*/*.jsonl"))
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    """Two demonstrations of each task without pictures, made by one process."""
+    out = tmp_path_factory.mktemp("generated")
+    arguments = ["stages=[generate]", "task=all", "render=false", "episodes=2", "recordings=0", "workers=1"]
+    result = run(*arguments, f"out={out}")
+    assert result.returncode == 0, result.stderr
+    return out, arguments
+
+
+def test_every_seed_is_a_row(generated):
+    out, _ = generated
+    for task in ("lift_barrier", "place_food"):
+        rows = [json.loads(line) for line in (out / f"results/generate/{task}/full.jsonl").read_text().splitlines()]
+        assert [row["seed"] for row in rows] == [0, 1]
+        assert all(row["success"] and row["reason"] == "" for row in rows)
+
+
+def test_finished_work_is_skipped(generated):
+    out, arguments = generated
+    before = {path: path.stat().st_mtime_ns for path in (out / "data").rglob("*") if path.is_file()}
+    result = run(*arguments, f"out={out}")
+    assert result.returncode == 0
+    assert result.stdout.count("nothing to do") == 2
+    assert before == {path: path.stat().st_mtime_ns for path in before}
+
+
+def test_two_workers_make_the_same_bytes_as_one(generated, tmp_path):
+    out, arguments = generated
+    result = run(*arguments[:-1], "workers=2", f"out={tmp_path}")
+    assert result.returncode == 0, result.stderr
+    for task in ("lift_barrier", "place_food"):
+        one, two = (Store.open(folder / f"data/{task}/full/quick.zarr") for folder in (out, tmp_path))
+        assert one.digest() == two.digest()
+
+
+def test_a_changed_configuration_is_not_reused(generated):
+    out, arguments = generated
+    result = run(*arguments, "limits.velocity_rad_s=0.5", f"out={out}")
+    assert result.returncode == 1
+    assert "limits" in result.stderr and "0.9" in result.stderr and "0.5" in result.stderr
+    assert "out=FOLDER" in result.stderr
+
+
+def test_more_episodes_continue_where_fewer_stopped(generated, tmp_path):
+    out, arguments = generated
+    run("stages=[generate]", "render=false", "episodes=1", "recordings=0", "workers=1", f"out={tmp_path}")
+    result = run("stages=[generate]", "render=false", "episodes=2", "recordings=0", "workers=1", f"out={tmp_path}")
+    assert result.returncode == 0, result.stderr
+    resumed, whole = (Store.open(folder / "data/lift_barrier/full/quick.zarr") for folder in (tmp_path, out))
+    assert resumed.digest() == whole.digest()
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_the_whole_experiment_at_a_tiny_size(tmp_path):
+    arguments = (*TINY, "arch=all", f"out={tmp_path}")
+    result = run(*arguments)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "report:" in result.stdout and "rerun " in result.stdout
+    for arch in ("shared_global", "shared_local", "separate_global", "separate_local"):
+        policies = list((tmp_path / "policies/lift_barrier/full" / arch / "2-0").glob("*/model.safetensors"))
+        assert len(policies) == (1 if arch.startswith("shared") else 2)
+        line = (tmp_path / f"results/evaluate/lift_barrier/{arch}/full-2.jsonl").read_text()
+        assert json.loads(line)["scene_seed"] == 1_000_000
+        assert (tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.rrd").stat().st_size > 50_000
+    assert (tmp_path / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
+    assert (tmp_path / "report.html").stat().st_size > 10_000
+    for name in ("tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"):
+        assert {path.suffix for path in (tmp_path / "tables").glob(f"{name}.*")} == {".md", ".csv", ".tex"}
+    again = run(*arguments)
+    assert again.returncode == 0 and "nothing to do" in again.stdout
