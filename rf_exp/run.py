@@ -9,6 +9,7 @@ import os
 import sys
 from collections.abc import Callable
 from itertools import product
+from pathlib import Path
 
 import hydra
 from hydra.errors import HydraException
@@ -20,7 +21,10 @@ from rf_exp.experiment import read_experiment
 from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
 
 
-@hydra.main(version_base="1.3", config_path="../conf", config_name="config")
+CONF = Path(__file__).resolve().parents[1] / "conf"
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen row of constraints and architecture."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]

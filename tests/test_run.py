@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from hydra.core.global_hydra import GlobalHydra
 
+from rf_exp.run import guarded, main
 from rf_exp.store import Store
 
 ROOT = Path(__file__).parents[1]
@@ -22,6 +24,20 @@ TINY = (
     "training.steps=3",
     "training.batch_size=8",
 )
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """The command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
+        GlobalHydra.instance().clear()
+        capsys.readouterr()
+        code = guarded(main)
+        return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
+
+    return call
 
 
 def run(*arguments, environment=None, timeout_s=600):
@@ -58,27 +74,28 @@ def run(*arguments, environment=None, timeout_s=600):
         (["workers=many"], "workers"),
     ],
 )
-def test_wrong_arguments_exit_with_2_and_say_what_is_possible(arguments, message, tmp_path):
-    result = run(*arguments, f"out={tmp_path / 'out'}")
+def test_wrong_arguments_exit_with_2_and_say_what_is_possible(command, arguments, message, tmp_path):
+    result = command(*arguments, f"out={tmp_path / 'out'}")
     assert result.returncode == 2, result.stdout + result.stderr
     assert message in result.stderr
     assert "Traceback" not in result.stderr
     assert not list(tmp_path.glob("out/data/*")), "no work before arguments are checked"
 
 
-def test_output_below_a_file_cannot_be_written(tmp_path):
+def test_output_below_a_file_cannot_be_written(command, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    result = run("stages=[generate]", "render=false", "demos=1", f"out={tmp_path / 'file' / 'out'}", "hydra.run.dir=" + str(tmp_path))
+    result = command("stages=[generate]", "render=false", "demos=1", f"out={tmp_path / 'file' / 'out'}", "hydra.run.dir=" + str(tmp_path))
     assert result.returncode == 2
     assert "cannot write below" in result.stderr and "out=FOLDER" in result.stderr
 
 
-def test_training_without_data_says_what_to_run(tmp_path):
-    result = run("stages=[train]", f"out={tmp_path}")
+def test_training_without_data_says_what_to_run(command, tmp_path):
+    result = command("stages=[train]", f"out={tmp_path}")
     assert result.returncode == 1
     assert "run stages=[generate] first" in result.stderr.strip().splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_rendering_without_vulkan_fails_before_any_work(tmp_path):
     nothing = {"VK_DRIVER_FILES": "/nonexistent.json", "VK_ICD_FILENAMES": "/nonexistent.json"}
     result = run("stages=[generate]", "demos=1", "workers=1", f"out={tmp_path}", environment=nothing)
@@ -97,6 +114,7 @@ def generated(tmp_path_factory):
     return out, arguments
 
 
+@pytest.mark.slow
 def test_every_seed_is_a_row(generated):
     out, _ = generated
     for task in ("lift_barrier", "place_food"):
@@ -105,6 +123,7 @@ def test_every_seed_is_a_row(generated):
         assert all(row["success"] and row["reason"] == "" for row in rows)
 
 
+@pytest.mark.slow
 def test_finished_work_is_skipped(generated):
     out, arguments = generated
     before = {path: path.stat().st_mtime_ns for path in (out / "data").rglob("*") if path.is_file()}
@@ -114,6 +133,7 @@ def test_finished_work_is_skipped(generated):
     assert before == {path: path.stat().st_mtime_ns for path in before}
 
 
+@pytest.mark.slow
 def test_two_workers_make_the_same_bytes_as_one(generated, tmp_path):
     out, arguments = generated
     result = run(*arguments[:-1], "workers=2", f"out={tmp_path}")
@@ -123,6 +143,7 @@ def test_two_workers_make_the_same_bytes_as_one(generated, tmp_path):
         assert one.digest() == two.digest()
 
 
+@pytest.mark.slow
 def test_a_changed_configuration_is_not_reused(generated):
     out, arguments = generated
     result = run(*arguments, "limits.velocity_rad_s=0.5", f"out={out}")
@@ -131,6 +152,7 @@ def test_a_changed_configuration_is_not_reused(generated):
     assert "out=FOLDER" in result.stderr
 
 
+@pytest.mark.slow
 def test_more_episodes_continue_where_fewer_stopped(generated, tmp_path):
     out, arguments = generated
     run("stages=[generate]", "render=false", "episodes=1", "recordings=0", "workers=1", f"out={tmp_path}")

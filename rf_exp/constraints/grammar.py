@@ -46,15 +46,18 @@ DIRECTIONS = {
 
 _AGENT = r"agent[ _]?\d{1,3}"
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d{1,3})?"
+_VERB = rf"(?:{'|'.join(stem for stems in VERBS.values() for stem in stems)})[a-z]*(?: up| down| off| of)?"
+_NOUN = r"(?!(?:only|after|before|from|at|by|on|in|to|within|and|together)\b)\w+"
+_NAME = rf"(?:(?:the|an?|its) )?{_NOUN}(?: {_NOUN})?"
 _POINT3 = rf"\( *{_NUMBER} *, *{_NUMBER} *, *{_NUMBER} *\)"
 _NOTATION = {
     "{a}": rf"(?P<a>{_AGENT})",
     "{b}": rf"(?P<b>{_AGENT})",
     "{agents}": rf"(?P<agents>{_AGENT}(?:(?:, and |, | and |,){_AGENT})+)",
-    "{verb}": r"(?P<verb>let go of|[a-z]+(?: up| down| off)?)",
-    "{verb2}": r"(?P<verb2>let go of|[a-z]+(?: up| down| off)?)",
-    "{object}": r"(?P<object>\w+(?: \w+)?)",
-    "{object2}": r"(?P<object2>\w+(?: \w+)?)",
+    "{verb}": rf"(?P<verb>{_VERB})",
+    "{verb2}": rf"(?P<verb2>{_VERB})",
+    "{object}": rf"(?P<object>{_NAME})",
+    "{object2}": rf"(?P<object2>{_NAME})",
     "{point}": r"(?P<point>\w+)",
     "{direction}": rf"(?P<direction>{'|'.join(DIRECTIONS)})\w*",
     "{s}": rf"(?P<s>{_NUMBER}) ?s(?:ec|ecs|econds?)?",
@@ -110,9 +113,7 @@ class Words:
         word = self._parts.get(verb)
         if not word:
             return Step(agent)
-        canonical = next((v for v, stems in VERBS.items() if word.startswith(stems)), None)
-        if canonical is None:
-            raise choices(f"verb in constraint {self.text!r}:", word, VERBS)
+        canonical = next(verb for verb, stems in VERBS.items() if word.startswith(stems))
         step = Step(agent, canonical, self.object(name))
         mine = self._proposal.of(agent)
         if not any((subgoal.verb, subgoal.object) == (step.verb, step.object) for subgoal in mine):
@@ -264,6 +265,11 @@ FORMS = (
         _placing,
     ),
     _form(
+        "Agent_1 must approach barrier perpendicularly.",
+        rf"{{a}} {{must}} (?:approach|grasp|press|reach) {{object}} (?:from (?:the )?)?{{direction}}{_WHEN}",
+        _direction,
+    ),
+    _form(
         "Agent_1 must grasp barrier at its left point.",
         rf"{{a}} (?:{{must}} )?{{verb}} {{object}} (?:at|by|on|from) (?:its |the )?{{point}}(?: "
         rf"(?:interaction |contact |grasp )?(?:point|side|end|part|handle))?(?: of (?:it|the "
@@ -280,11 +286,6 @@ FORMS = (
         rf"the (?:gripper|hand) of {{a}} (?:{{must}} (?:be|stay|remain|point|be "
         rf"kept)|is|stays|remains|points) {{direction}}(?: to| with| over| towards?| at| of)? "
         rf"{{object}}{_WHEN}",
-        _direction,
-    ),
-    _form(
-        "Agent_1 must approach barrier perpendicularly.",
-        rf"{{a}} {{must}} (?:approach|grasp|press|reach) {{object}} (?:from (?:the )?)?{{direction}}{_WHEN}",
         _direction,
     ),
     _form(
@@ -319,15 +320,15 @@ FORMS = (
         _sequential,
     ),
     _form(
-        "Agent_2 must lift lid before Agent_1 begins.",
-        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?{{starts}}(?: "
-        rf"{{task}})?{_WHEN}",
-        _sequential,
-    ),
-    _form(
         "Agent_2 must lift lid before Agent_1 may place steak.",
         rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?(?:(?:begin|start)s? "
         rf"to )?{{verb2}} {{object2}}{_WHEN}",
+        _sequential,
+    ),
+    _form(
+        "Agent_2 must lift lid before Agent_1 begins.",
+        rf"{{a}} (?:{{must}} )?{{verb}} {{object}} before {{b}} (?:{{must}} )?{{starts}}(?: "
+        rf"{{task}})?{_WHEN}",
         _sequential,
     ),
     _form(
@@ -339,7 +340,7 @@ FORMS = (
     _form(
         "Agent_1 must wait 2 s after Agent_2 lifts lid.",
         rf"{{a}} (?:{{must}} )?waits? (?:for )?(?:at least )?{{s}} after {{b}} (?:has |have "
-        rf")?(?!finish|complet|end|stop|is |start|begin){{verb}} {{object}}{_WHEN}",
+        rf")?{{verb}} {{object}}{_WHEN}",
         _wait,
     ),
     _form(
@@ -422,4 +423,6 @@ def parse(constraint: Constraint, task: Task, proposal: Proposal) -> Check:
                 parts[key] = parts.get(key) or parts.get(f"{key}2")
             return form.build(Words(parts, text, task, proposal, constraint))
     forms = "\n  ".join(form.example for form in FORMS)
-    raise ArgumentError(f"constraint {text!r} is not understood; forms that are:\n  {forms}")
+    raise ArgumentError(
+        f"constraint {text!r} is not understood; forms that are:\n  {forms}\nwith the verbs {', '.join(VERBS)}"
+    )

@@ -213,6 +213,8 @@ class Training:
         moments: dict[int, dict[str, Tensor]] = {}
         for key, value in parts["optimiser"].items():
             index, name = key.split(".", 1)
+            if value.dim():  # fused AdamW walks the memory: moments must lie as their parameter does
+                value = torch.empty_like(self._parameters[int(index)]).copy_(value)
             moments.setdefault(int(index), {})[name] = value
         groups = self._optimiser.state_dict()["param_groups"]
         self._optimiser.load_state_dict({"state": moments, "param_groups": groups})

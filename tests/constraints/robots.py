@@ -57,7 +57,9 @@ def motion(start: NDArray[np.float64], goal: NDArray[np.float64], steps: int) ->
     return start + fraction[:, None] * (goal - start)
 
 
-def walk(agent: int, keys: Sequence[NDArray[np.float64]], steps: int | Sequence[int] = 10, **segment) -> Trajectory:
+def walk(
+    agent: int, keys: Sequence[NDArray[np.float64]], steps: int | Sequence[int] = 10, **segment
+) -> Trajectory:
     """A trajectory through joint keys (7,), one segment and one subgoal between two of them."""
     counts = [steps] * (len(keys) - 1) if isinstance(steps, int) else steps
     segments = tuple(
@@ -90,7 +92,9 @@ class Hand:
         self.held: tuple[str, Matrix] | None = None
         self.gripper = GRIPPER_OPEN
 
-    def to(self, goal: Matrix, steps: int, subgoal: Subgoal, primitive: str, touches=(), joined=None) -> "Hand":
+    def to(
+        self, goal: Matrix, steps: int, subgoal: Subgoal, primitive: str, touches=(), joined=None
+    ) -> "Hand":
         """The TCP goes straight to a pose."""
         start = self.arm.tcp(self.qpos)
         joints = []
@@ -137,7 +141,9 @@ class Hand:
     @property
     def trajectory(self) -> Trajectory:
         held = self.scene.held[self.agent - 1] is not None
-        return Trajectory(self.agent, self.start, GRIPPER_CLOSED if held else GRIPPER_OPEN, tuple(self.segments))
+        return Trajectory(
+            self.agent, self.start, GRIPPER_CLOSED if held else GRIPPER_OPEN, tuple(self.segments)
+        )
 
     def _add(self, joints, subgoal: Subgoal, primitive: str, touches, joined) -> "Hand":
         name, pose = self.held or (None, None)

@@ -40,7 +40,8 @@ def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
     bodies = Bodies(TWO, scene_of(TWO))
     keys = [random_qpos(rng, 5) for _ in range(2)]
     paths = [
-        np.stack([np.interp(np.linspace(0, 4, 120), range(5), key[:, k]) for k in range(7)], axis=1) for key in keys
+        np.stack([np.interp(np.linspace(0, 4, 120), range(5), key[:, k]) for k in range(7)], axis=1)
+        for key in keys
     ]
     a, b = bodies.arm(1, paths[0]), bodies.arm(2, paths[1])
     diagram = closer_than(a, b, 0.01, between=False)

@@ -54,7 +54,10 @@ def test_inflated_voxels_hold_everything_within_the_distance():
     near = []
     for piece, pose in zip(body.pieces, body.poses[0], strict=True):
         directions = rng.normal(size=(300, 3))
-        near.append(apply(pose, inside(piece, 300, rng))[:300] + 0.03 * directions / np.linalg.norm(directions, axis=1)[:, None])
+        near.append(
+            apply(pose, inside(piece, 300, rng))[:300]
+            + 0.03 * directions / np.linalg.norm(directions, axis=1)[:, None]
+        )
     grown = {*map(tuple, occupancy.voxels(body, inflate_m=0.03).tolist())}
     assert voxel_of(np.concatenate(near)) <= grown
 

@@ -7,7 +7,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.constraints.search import UNREACHABLE, Found, Impossible, Problem, blocked_region, remaining, solve
+from rf_exp.constraints.search import (
+    UNREACHABLE,
+    Found,
+    Impossible,
+    Problem,
+    blocked_region,
+    remaining,
+    solve,
+)
 
 
 def brute_force(problem: Problem) -> int | None:
@@ -25,7 +33,9 @@ def brute_force(problem: Problem) -> int | None:
             moves = {position + 1} if position < length else set()
             options.append(moves | ({position} if position in knots else set()))
         for following in product(*options):
-            if following in seen or any(d[following[i], following[j]] for (i, j), d in problem.diagrams.items()):
+            if following in seen or any(
+                d[following[i], following[j]] for (i, j), d in problem.diagrams.items()
+            ):
                 continue
             if any(following[a] < p and step + 1 + p - following[a] > t for a, p, t in problem.deadlines):
                 continue
@@ -35,8 +45,8 @@ def brute_force(problem: Problem) -> int | None:
 
 
 @st.composite
-def problems(draw, agents=st.integers(2, 3), longest: int = 7):
-    count = draw(agents)
+def problems(draw, most_agents: int = 3, longest: int = 7):
+    count = draw(st.integers(2, most_agents))
     lengths = tuple(draw(st.integers(0, longest)) for _ in range(count))
     knots = tuple(frozenset({0, n, *draw(st.sets(st.integers(0, n), max_size=3))}) for n in lengths)
     diagrams = {}
@@ -93,7 +103,7 @@ def test_a_small_budget_keeps_the_bound_and_the_rules(problem, budget):
 
 
 @settings(max_examples=100, deadline=None)
-@given(problems(agents=st.just(2)))
+@given(problems(most_agents=2))
 def test_the_table_of_two_agents_says_what_is_left(problem):
     problem = Problem(problem.knots, problem.lengths, problem.diagrams)
     table = remaining(problem.diagrams[0, 1], *problem.knots)

@@ -45,10 +45,17 @@ def test_the_exact_shape_has_the_size_of_the_hull(piece):
     probe, request, result = coal.Sphere(0.001), coal.DistanceRequest(), coal.DistanceResult()
     for direction in np.random.default_rng(2).normal(size=(20, 3)):
         direction = direction / np.linalg.norm(direction)
-        far = piece.centre + direction  # one metre out: the distance along the plane through the extreme point
+        far = (
+            piece.centre + direction
+        )  # one metre out: the distance along the plane through the extreme point
         result.clear()
         gap = coal.distance(
-            piece.shape, coal.Transform3s(np.eye(3), np.zeros(3)), probe, coal.Transform3s(np.eye(3), far), request, result
+            piece.shape,
+            coal.Transform3s(np.eye(3), np.zeros(3)),
+            probe,
+            coal.Transform3s(np.eye(3), far),
+            request,
+            result,
         )
         assert gap >= (direction @ far) - (piece.vertices @ direction).max() - 0.001 - 1e-6
         nearest_vertex = np.linalg.norm(piece.vertices - far, axis=1).min()

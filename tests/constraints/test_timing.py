@@ -68,9 +68,7 @@ def test_swapping_the_agents_swaps_the_schedule_length():
     diagram[0, 0] = diagram[-1, -1] = False
     a, b = pair((10, 10, 10), (5, 10, 10))
     forward = schedule((a, b), {(1, 2): diagram})
-    swapped = schedule(
-        (walk(1, KEYS[:4], (5, 10, 10)), walk(2, KEYS[:4], (10, 10, 10))), {(1, 2): diagram.T}
-    )
+    swapped = schedule((walk(1, KEYS[:4], (5, 10, 10)), walk(2, KEYS[:4], (10, 10, 10))), {(1, 2): diagram.T})
     assert isinstance(forward, Schedule) and isinstance(swapped, Schedule)
     assert len(forward) == len(swapped)
 
@@ -91,7 +89,9 @@ def test_a_whole_task_before_another():
     assert moving(timed, 2, 0) >= arrived(timed, 1, 10)
 
 
-@pytest.mark.parametrize(("first", "then"), [(Step(2), Step(1)), (Step(2, "carry", "thing0"), Step(1, "carry", "thing1"))])
+@pytest.mark.parametrize(
+    ("first", "then"), [(Step(2), Step(1)), (Step(2, "carry", "thing0"), Step(1, "carry", "thing1"))]
+)
 def test_a_pause_after_another_agent(first, then):
     """At the end of the other's path, and in the middle of it."""
     trajectories = pair()
@@ -126,7 +126,12 @@ def test_simultaneous_holds_for_a_bound_longer_than_the_segments():
 def test_joined_segments_run_in_lockstep():
     first = walk(1, KEYS[:2], (10,)), walk(2, KEYS[:2], (17,))
     trajectories = tuple(
-        type(t)(t.agent, t.start_qpos, t.start_gripper, (*t.segments, *walk(t.agent, KEYS[1:3], (12,), joined="lift").segments))
+        type(t)(
+            t.agent,
+            t.start_qpos,
+            t.start_gripper,
+            (*t.segments, *walk(t.agent, KEYS[1:3], (12,), joined="lift").segments),
+        )
         for t in first
     )
     timed = schedule(trajectories)
@@ -140,7 +145,10 @@ def test_joined_segments_of_different_length_are_refused():
     trajectories = walk(1, KEYS[:2], 10, joined="lift barrier"), walk(2, KEYS[:2], 12, joined="lift barrier")
     answer = schedule(trajectories)
     assert isinstance(answer, Violation)
-    assert answer.reason == "Agent_1 and Agent_2 do 'lift barrier' together but plan 0.5 s and 0.6 s; plan it as one motion"
+    assert (
+        answer.reason
+        == "Agent_1 and Agent_2 do 'lift barrier' together but plan 0.5 s and 0.6 s; plan it as one motion"
+    )
 
 
 def test_a_deadline_is_met_or_explained():
@@ -180,7 +188,10 @@ def blocked(diagram, rules=(), trajectories=None):
 def test_reason_already_too_close():
     diagram = np.zeros((31, 31), dtype=bool)
     diagram[0, 0] = True
-    assert blocked(diagram).reason == "Agent_1 and Agent_2 already stand too close to each other; move one of them away first"
+    assert (
+        blocked(diagram).reason
+        == "Agent_1 and Agent_2 already stand too close to each other; move one of them away first"
+    )
 
 
 def test_reason_would_end_too_close():
@@ -203,8 +214,9 @@ def test_reason_a_parked_arm_blocks_the_way(blocker):
     other = 3 - blocker
     assert answer.agents == (1, 2)
     assert answer.reason == (
-        f"where Agent_{blocker} stands before and after its motion blocks Agent_{other} 0.70 s along its own way, "
-        f"to carry thing1 (move); timing cannot help, Agent_{other} needs another path or Agent_{blocker} must make room"
+        f"where Agent_{blocker} stands before and after its motion blocks Agent_{other} 0.70 s along its own "
+        f"way, to carry thing1 (move); timing cannot help, Agent_{other} needs another path "
+        f"or Agent_{blocker} must make room"
     )
 
 
@@ -230,8 +242,8 @@ def test_reason_contradicting_orders():
     answer = schedule(pair(), rules=orders)
     assert isinstance(answer, Violation)
     assert answer.reason == (
-        "the constraints on the order of Agent_1 and Agent_2 contradict one another: they get no further than "
-        "Agent_1 0.00 s along its own way, to carry thing0 (move) and Agent_2 0.00 s along its own way, "
+        "the constraints on the order of Agent_1 and Agent_2 contradict one another: they get no further "
+        "than Agent_1 0.00 s along its own way, to carry thing0 (move) and Agent_2 0.00 s along its own way, "
         "to carry thing0 (move); drop or change one of them"
     )
 
@@ -241,7 +253,10 @@ def test_reason_three_agents_in_a_circle():
     orders = [Sequential(Step(a), Step(b)) for a, b in ((1, 2), (2, 3), (3, 1))]
     answer = schedule(trajectories, rules=orders)
     assert isinstance(answer, Violation)
-    assert answer.reason == "every pair of agents could pass, but not all together; let some of them finish first"
+    assert (
+        answer.reason
+        == "every pair of agents could pass, but not all together; let some of them finish first"
+    )
 
 
 def test_reason_out_of_budget():
@@ -253,7 +268,10 @@ def test_reason_out_of_budget():
     diagrams = {pair: diagram & (rng.random() < 2) for pair, diagram in diagrams.items()}
     answer = schedule(trajectories, diagrams, budget=1)
     if isinstance(answer, Violation) and "budget" in answer.reason:
-        assert answer.reason == "no schedule was found within the search budget; plan fewer subgoals at once or in turns"
+        assert (
+            answer.reason
+            == "no schedule was found within the search budget; plan fewer subgoals at once or in turns"
+        )
 
 
 def test_serial_takes_turns_in_the_order_of_the_plan():
@@ -284,12 +302,16 @@ def test_actions_are_the_next_row_of_each_path():
 
 def test_agents_must_be_all_and_in_order():
     a, b = pair()
-    with pytest.raises(ArgumentError, match=r"trajectories are of agents \[2, 1\]; expected one for each agent 1 to N"):
+    with pytest.raises(
+        ArgumentError, match=r"trajectories are of agents \[2, 1\]; expected one for each agent 1 to N"
+    ):
         schedule((b, a))
 
 
 def test_diagrams_must_fit():
-    with pytest.raises(ArgumentError, match=r"diagram of agents \(1, 2\) has shape \(3, 3\); expected \(31, 31\)"):
+    with pytest.raises(
+        ArgumentError, match=r"diagram of agents \(1, 2\) has shape \(3, 3\); expected \(31, 31\)"
+    ):
         schedule(pair(), {(1, 2): np.zeros((3, 3), dtype=bool)})
     with pytest.raises(ArgumentError, match=r"diagram of agents \(2, 1\); expected i < j of agents 1 to 2"):
         schedule(pair(), {(2, 1): np.zeros((31, 31), dtype=bool)})

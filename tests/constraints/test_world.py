@@ -41,7 +41,8 @@ def test_the_gripper_touches_only_what_its_segment_names(lid_plan):
     body = bodies.along(trajectories[1])
     assert not closer_than(body, bodies.standing(), 0.003).any()
     blind = replace(
-        trajectories[1], segments=tuple(replace(s, touches=frozenset(), carries=None) for s in trajectories[1].segments)
+        trajectories[1],
+        segments=tuple(replace(s, touches=frozenset(), carries=None) for s in trajectories[1].segments),
     )
     strict = Bodies(FOOD, scene, (trajectories[0], blind))
     found = nearest(strict.along(blind), strict.standing(["lid"]))
@@ -58,7 +59,7 @@ def test_a_lid_may_scrape_its_pot_only_where_it_is_lifted_off(lid_plan):
 
 
 def test_what_one_arm_carries_is_an_obstacle_for_another(lid_plan):
-    scene, trajectories, bodies = lid_plan
+    scene, trajectories, _ = lid_plan
     over_pot = Hand(FOOD, scene, 1)
     above = transform((*scene.poses["pot"][:2, 3], 0.30)) @ np.diag([1.0, -1.0, -1.0, 1.0])
     other = over_pot.to(above, 20, Subgoal(1, "carry", "steak"), "move").trajectory
@@ -108,6 +109,7 @@ def test_clear_sees_arms_objects_and_table():
     bodies = Bodies(FOOD, scene)
     hand = Hand(FOOD, scene, 1).grasp("steak", "center")
     path = np.concatenate([s.qpos for s in hand.segments])
+    path = np.hstack([path, np.full((len(path), 2), 0.026)])  # fingers 1 mm wider than the steak
     assert not bodies.clear(1, path).all()
     assert bodies.clear(1, path, touches={"steak"}).all()
     assert bodies.clear(1, path, objects=False).all()
@@ -115,7 +117,10 @@ def test_clear_sees_arms_objects_and_table():
     lying[1, :7] = [0.0, 1.1, 0.0, -0.9, 0.0, 2.0, 0.8]  # agent 2 leans over the middle of the table
     leaning = Bodies(FOOD, replace(scene, qpos=lying))
     over = Hand(FOOD, scene, 1).to(
-        transform((0.0, 0.15, 0.25)) @ np.diag([1.0, -1.0, -1.0, 1.0]), 20, Subgoal(1, "carry", "steak"), "move"
+        transform((0.0, 0.0, 0.25)) @ np.diag([1.0, -1.0, -1.0, 1.0]),
+        20,
+        Subgoal(1, "carry", "steak"),
+        "move",
     )
     path = np.concatenate([s.qpos for s in over.segments])
     assert not leaning.clear(1, path, objects=False).all()
@@ -123,8 +128,7 @@ def test_clear_sees_arms_objects_and_table():
 
 
 def test_the_distance_of_two_arms_names_their_links():
-    task = team(2)
-    found = Bodies(task, scene_of(task)).between(1, 2)
+    found = Bodies(FOOD, scene_of(FOOD)).between(1, 2)
     assert 0.0 < found.distance_m < 1.0
     assert found.a.startswith("panda_") and found.b.startswith("panda_")
 
@@ -141,7 +145,9 @@ def test_an_object_that_does_not_exist_is_named_with_those_that_do():
 def test_carrying_without_a_grip_is_an_error_that_says_so():
     scene = scene_of(FOOD)
     loose = walk(1, [REST, REST + 0.1], carries="steak")
-    with pytest.raises(ArgumentError, match=r"agent 1, segment 'move' carries 'steak', but tcp_from_object is missing"):
+    with pytest.raises(
+        ArgumentError, match=r"agent 1, segment 'move' carries 'steak', but tcp_from_object is missing"
+    ):
         Bodies(FOOD, scene, (loose, idle(2))).along(loose)
     with pytest.raises(ArgumentError, match=r"agent 1 carries 'steak', but tcp_from_object is missing"):
         Bodies(FOOD, scene).arm(1, REST, carries="steak")

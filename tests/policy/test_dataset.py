@@ -121,6 +121,6 @@ def test_pictures_of_another_size(store: Store, policy_config: PolicyConfig) -> 
 
 
 def test_a_store_without_episodes(tmp_path, policy_config: PolicyConfig) -> None:
-    with Store.create(tmp_path / "s.zarr", {"task": "reach"}, 1, ("agent1",), HEIGHT, WIDTH) as store:
-        with pytest.raises(ArgumentError, match="the store holds no episode; expected at least one"):
-            Windows(store, LOCAL, policy_config, CPU)
+    store = Store.create(tmp_path / "s.zarr", {"task": "reach"}, 1, ("agent1",), HEIGHT, WIDTH)
+    with pytest.raises(ArgumentError, match="the store holds no episode; expected at least one"):
+        Windows(store, LOCAL, policy_config, CPU)

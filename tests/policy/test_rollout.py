@@ -124,7 +124,7 @@ def test_pictures_are_taken_only_for_observations(make_actor) -> None:
 
 
 def test_the_history_is_that_of_training(make_actor) -> None:
-    """What the policy is given at step 6 are the frames of steps 4, 5 and 6, at step 0 three times the first."""
+    """At step 6 the policy is given the frames of steps 4, 5 and 6, at step 0 three times the first."""
     world, actor = Table(1), make_actor(views(ARCHS[3], 1)[0])
     given, positions = [], []
     act = actor._policy.act
@@ -201,5 +201,5 @@ def test_pictures_of_another_size(make_actor) -> None:
 
 
 def test_a_folder_without_policies(tmp_path) -> None:
-    with pytest.raises(StageError, match="no trained policies in .*; train them first"):
+    with pytest.raises(StageError, match=r"no trained policies in .*; train them first"):
         load_actors(tmp_path)

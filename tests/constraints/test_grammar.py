@@ -1,0 +1,242 @@
+"""Every way to state a constraint, what it means, and what happens to sentences that mean nothing."""
+
+from itertools import permutations
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from rf_exp.constraints.checker import compile
+from rf_exp.constraints.grammar import FORMS, MAX_LENGTH, parse
+from rf_exp.constraints.spatial import StayOut
+from rf_exp.constraints.temporal import Deadline, Sequential, Simultaneous
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import say
+from rf_exp.types import Constraint, Proposal, Subgoal
+from tests.constraints.robots import real, scene_of, team
+
+FOOD, BAR = real("place_food"), real("lift_barrier")
+PROPOSAL = Proposal(
+    (
+        Subgoal(1, "grasp", "steak", "center"),
+        Subgoal(1, "place", "steak", target="pot", target_point="inside"),
+        Subgoal(2, "grasp", "lid", "knob"),
+        Subgoal(2, "lift", "lid", height_m=0.1),
+        Subgoal(2, "place", "lid", target="aside"),
+    ),
+    (),
+)
+BOTH = Proposal(tuple(Subgoal(agent, verb, "barrier") for agent in (1, 2) for verb in ("grasp", "lift")), ())
+
+
+def read(text: str, task=FOOD, proposal=PROPOSAL, agents=(1, 2)) -> str:
+    return repr(parse(Constraint("logical", agents, text), task, proposal))
+
+
+LOGICAL = [
+    ("Agent_1 must grasp steak at its center point.", "VI(Agent_1, steak, center)"),
+    ("agent 1 should pick up the steak by its centre", "VI(Agent_1, steak, center)"),
+    ("Agent_2 must grasp the knob point of lid.", "VI(Agent_2, lid, knob)"),
+    ("Agent_1 must place steak at the inside point of pot.", "VI(Agent_1, pot, inside)"),
+    ("Agent_1 must put the steak into the inside of the pot", "VI(Agent_1, pot, inside)"),
+    ("The gripper of Agent_1 must be perpendicular to steak.", "VD(Agent_1, steak, perpendicular)"),
+    ("The gripper of Agent_1 is perpendicular to steak when grasping.", "VD(Agent_1, steak, perpendicular)"),
+    ("The gripper of Agent_2 should stay level at the lid", "VD(Agent_2, lid, level)"),
+    ("The gripper of Agent_2 must be horizontal to lid", "VD(Agent_2, lid, horizontal)"),
+    ("Agent_1 must approach steak from above.", "VD(Agent_1, steak, vertical)"),
+    ("Agent_1 must approach steak perpendicularly.", "VD(Agent_1, steak, perpendicular)"),
+    (
+        "Agent_1 and Agent_2 must keep a consistent gripper height.",
+        "VD([Agent_1, Agent_2], consistent height)",
+    ),
+    (
+        "Agent_1 and Agent_2 must maintain a consistent gripper height",
+        "VD([Agent_1, Agent_2], consistent height)",
+    ),
+    (
+        "Keep the gripper height consistent between Agent_1 and Agent_2 to make the pot remain horizontal.",
+        "VD([Agent_1, Agent_2], consistent height)",
+    ),
+]
+TEMPORAL = [
+    ("Agent_1 and Agent_2 perform tasks simultaneously without interference.",
+     "VS([Agent_1, Agent_2], simultaneous, within 0.1 s)"),
+    ("Agent_1 and Agent_2 must perform their tasks at the same time within 2 seconds",
+     "VS([Agent_1, Agent_2], simultaneous, within 2 s)"),
+    ("Agent_2 must lift lid before Agent_1 may place steak.",
+     "VS([Agent_2, Agent_1], sequential, lift lid, place steak)"),
+    ("Agent_2 must raise the lid before Agent_1 begins to put the steak",
+     "VS([Agent_2, Agent_1], sequential, lift lid, place steak)"),
+    ("Agent_1 must place steak only after Agent_2 lifts lid.",
+     "VS([Agent_2, Agent_1], sequential, lift lid, place steak)"),
+    ("Agent_1 places the steak after Agent_2 has opened the lid",
+     "VS([Agent_2, Agent_1], sequential, lift lid, place steak)"),
+    ("Agent_2 must complete its task before Agent_1 begins.", "VS([Agent_2, Agent_1], sequential)"),
+    ("Agent_2 must complete the task before Agent_1 can begin their action.",
+     "VS([Agent_2, Agent_1], sequential)"),
+    ("Agent_2 must lift lid before Agent_1 starts.", "VS([Agent_2, Agent_1], sequential, lift lid)"),
+    ("Agent_1 must wait 2 s after Agent_2 has finished.", "VS([Agent_2, Agent_1], sequential, wait 2 s)"),
+    ("Agent_1 waits at least 0.5 seconds after Agent_2", "VS([Agent_2, Agent_1], sequential, wait 0.5 s)"),
+    ("Agent_1 must wait 2 s after Agent_2 lifts lid.",
+     "VS([Agent_2, Agent_1], sequential, lift lid, wait 2 s)"),
+    ("Agent_1 must finish within 10 s.", "VS(Agent_1, deadline, 10 s)"),
+    ("Agent_2 must lift lid within 10 s.", "VS(Agent_2, deadline, lift lid, 10 s)"),
+    ("Agent_1 and Agent_2 may share the same space one after the other.",
+     "VS([Agent_1, Agent_2], share space)"),
+    ("Agent_2 and Agent_1 could share the same space chronologically.",
+     "VS([Agent_2, Agent_1], share space)"),
+]  # fmt: skip
+SPATIAL = [
+    ("Avoid collision between Agent_1 and other agents.", "VSO(Agent_1)"),
+    ("AVOID COLLISIONS BETWEEN AGENT_2 AND OTHER AGENTS", "VSO(Agent_2)"),
+    ("Agent_2 must not intersect with the trajectories of other agents.", "VSO(Agent_2)"),
+    ("Avoid collision between Agent_1 and Agent_2.", "VSO([Agent_1, Agent_2])"),
+    (
+        "Agent_1 should not occupy the same space as Agent_2 in the designated area.",
+        "VSO([Agent_1, Agent_2])",
+    ),
+    (
+        "Agents must avoid colliding with each other when moving in close proximity.",
+        "VSO([Agent_1, Agent_2])",
+    ),
+    ("Agent_1 and Agent_2 must not collide.", "VSO([Agent_1, Agent_2])"),
+    ("Avoid collision between Agent_1 and the objects.", "VSO(Agent_1, objects)"),
+    ("Agent_1 must not touch any other objects", "VSO(Agent_1, objects)"),
+    ("Avoid collision between Agent_2 and the environment.", "VSO(Agent_2, objects)"),
+    (
+        "Agent_1 must stay out of zone (-0.1, 0.2, 0) to (0.1, 0.4, 0.5).",
+        "VSO(Agent_1, zone (-0.1, 0.2, 0.0) to (0.1, 0.4, 0.5))",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "code"), [*LOGICAL, *TEMPORAL, *SPATIAL])
+def test_a_sentence_becomes_its_check(text, code):
+    assert read(text) == code
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        (
+            "Agent_1 and Agent_2 must lift barrier simultaneously within 0.5 s.",
+            "VS([Agent_1, Agent_2], simultaneous, lift barrier, within 0.5 s)",
+        ),
+        (
+            "Agent 1 and agent 2 grasp the barrier together",
+            "VS([Agent_1, Agent_2], simultaneous, grasp barrier, within 0.1 s)",
+        ),
+        ("Agent_1 must grasp the left end of barrier.", "VI(Agent_1, barrier, left)"),
+    ],
+)
+def test_a_sentence_about_two_arms_and_one_thing(text, code):
+    assert read(text, BAR, BOTH) == code
+
+
+def test_every_example_of_a_form_is_read_by_its_own_form():
+    """The examples of the error message are the truth: the first form that takes one is its own."""
+    for form in FORMS:
+        sentence = " ".join(form.example.lower().split()).rstrip(".")
+        first = next(other for other in FORMS if other.pattern.fullmatch(sentence))
+        assert first is form, f"{form.example!r} is read by {first.example!r}"
+
+
+def test_plans_and_grammar_do_not_drift_apart():
+    """Everything that `say` can say is understood, and so are the scripted plans."""
+    said = [
+        say.grasp_at(1, "steak", "center"), say.perpendicular(1, "steak"), say.same_height(1, 2),
+        say.before(2, "lift", "lid", 1, "place", "steak"), say.share_space(1, 2), say.avoid_agents(1),
+        say.avoid_objects(2),
+    ]  # fmt: skip
+    code = compile(said, FOOD, PROPOSAL)
+    assert [check.kind for check in code.checks] == [constraint.kind for constraint in said]
+    assert [check.text for check in code.checks] == [constraint.text for constraint in said]
+    for task in (FOOD, BAR):
+        proposal = task.module.plan(scene_of(task), task)
+        for constraint in proposal.constraints:
+            assert parse(constraint, task, proposal).kind == constraint.kind
+
+
+def test_parameters_arrive_as_values():
+    simultaneous = parse(
+        Constraint("temporal", (1, 2), "Agent_1 and Agent_2 must lift barrier simultaneously within 0.25 s."),
+        BAR,
+        BOTH,
+    )
+    assert isinstance(simultaneous, Simultaneous) and simultaneous.within_s == 0.25
+    zone = parse(
+        Constraint("spatial", (1,), "Agent_1 must avoid zone (.1, 1e-1, 0) to (-.1, 0.5, +1)"), FOOD, PROPOSAL
+    )
+    assert isinstance(zone, StayOut)
+    assert zone.low_m == (-0.1, 0.1, 0.0) and zone.high_m == (0.1, 0.5, 1.0)
+    deadline = parse(Constraint("temporal", (1,), "Agent_1 must finish within 3 s"), FOOD, PROPOSAL)
+    assert isinstance(deadline, Deadline) and deadline.within_s == 3
+    for a, b in permutations((1, 2)):
+        order = parse(
+            Constraint("temporal", (a, b), f"Agent_{a} must finish before Agent_{b} begins"), FOOD, PROPOSAL
+        )
+        assert isinstance(order, Sequential)
+        assert (order.first.agent, order.then.agent) == (a, b)
+
+
+def test_each_other_without_names_means_those_it_is_filed_under():
+    text = "Agents must avoid colliding with each other."
+    three = team(3)
+    assert read(text, three, Proposal((), ()), (1, 3)) == "VSO([Agent_1, Agent_3])"
+    assert read(text, three, Proposal((), ()), ()) == "VSO([Agent_1, Agent_2, Agent_3])"
+
+
+ERRORS = [
+    ("Be nice to each other.", r"constraint 'Be nice to each other.' is not understood; forms that are:"),
+    ("", r"constraint '' is not understood; forms that are:\n  Agent_1 must place steak"),
+    ("Agent_7 must grasp steak at its center point.",
+     r"unknown agent in constraint 'Agent_7 .*': 'Agent_7'; available: Agent_1, Agent_2"),
+    ("Agent_1 must grasp hat at its center point.",
+     r"unknown object in constraint '.*': 'hat'; available: lid, pot, steak"),
+    ("Agent_1 must grasp steak at its nose point.",
+     r"unknown point of steak in constraint '.*': 'nose'; available: center"),
+    ("Agent_2 must juggle lid before Agent_1 may place steak.",
+     r"is not understood; forms that are:(.|\n)*with the verbs grasp, lift, carry, place, press"),
+    ("Agent_2 must press lid before Agent_1 may place steak.",
+     r"speaks of Agent_2: press lid, which is no subgoal of Agent_2; its subgoals: grasp lid at knob;"),
+    ("Agent_1 must finish before Agent_1 begins.", r"needs two different agents; it names Agent_1"),
+    ("Avoid collision between Agent_2 and Agent_2.", r"needs two different agents; it names Agent_2"),
+    ("Agent_1 and Agent_1 must keep a consistent gripper height.", r"needs two different agents; it names 1"),
+    ("Agent_1 must finish within 1e9 s.", r"1e\+09 s is not between 0 and 600 s"),
+    ("Agent_1 must finish within -1 s.", r"-1 s is not between 0 and 600 s"),
+    ("Agent_1 must stay out of zone (0, 0, 0) to (1e99, 1, 1).", r"zones lie within 10 m of the origin"),
+    ("Agent_1 must stay out of zone (0, 0, 0) to (1, 1, 0).",
+     r"the zone is flat; each side must be at least 1 mm"),
+    ("Avoid " * 80, rf"constraint of 480 characters; a constraint is one sentence of up to {MAX_LENGTH}"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "message"), ERRORS)
+def test_a_sentence_that_cannot_be_used_says_why(text, message):
+    with pytest.raises(ArgumentError, match=message):
+        read(text)
+
+
+WORDS = (
+    "Agent_1 Agent_2 Agent_99 agent must grasp lift before after and , the of steak lid zone ( ) to simultaneously "
+    "within 1e999 -0 nan inf s other agents not avoid collision between ; __import__('os') {0} %s \\ \x00 \n"
+)
+HOSTILE = st.one_of(
+    st.text(max_size=400), st.lists(st.sampled_from(WORDS.split(" ")), max_size=25).map(" ".join)
+)
+
+
+@settings(max_examples=400, deadline=500)
+@given(HOSTILE)
+@example("__import__('os').system('touch /tmp/owned')")
+@example("Agent_1 must finish within 1e999 s.")
+@example("Agent_" + "9" * 200 + " must finish within 1 s.")
+@example("Agent_1" + " and Agent_1" * 23 + " must")
+@example("the " * 70)
+def test_hostile_text_is_refused_or_understood_but_never_run(text):
+    try:
+        check = parse(Constraint("spatial", (1, 2), text), FOOD, PROPOSAL)
+    except ArgumentError as error:
+        assert str(error)
+    else:
+        assert check.text == text

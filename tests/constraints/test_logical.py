@@ -1,0 +1,193 @@
+"""Interaction position, direction and gripper height, planned and measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rf_exp.constraints.evidence import Plan
+from rf_exp.constraints.logical import ORIENTATIONS, ConsistentHeight, ValidateDirection, ValidateInteraction
+from rf_exp.constraints.timing import schedule
+from rf_exp.transforms import transform
+from rf_exp.types import Row, Schedule, Subgoal
+from tests.constraints.robots import Hand, idle, real, scene_of
+
+BAR, FOOD = real("lift_barrier"), real("place_food")
+FULL, TIMELESS = Row("full"), Row("logical_spatial", temporal=False)
+
+
+def plan_of(task, scene, *trajectories, row=FULL) -> Plan:
+    timed = schedule(trajectories)
+    assert isinstance(timed, Schedule)
+    return Plan(task, row, scene, trajectories, timed)
+
+
+@pytest.fixture(scope="module")
+def grasp() -> Plan:
+    scene = scene_of(BAR)
+    return plan_of(
+        BAR, scene, Hand(BAR, scene, 1).grasp("barrier", "left").trajectory, idle(2, scene.qpos[1, :7])
+    )
+
+
+def shifted(shift_m) -> Plan:
+    scene = scene_of(BAR)
+    hand = Hand(BAR, scene, 1).grasp("barrier", "left", shift_m=shift_m)
+    return plan_of(BAR, scene, hand.trajectory, idle(2))
+
+
+def test_meeting_the_annotated_point(grasp):
+    evidence = ValidateInteraction(1, "barrier", "left").planned(grasp)
+    assert evidence.ok and evidence.value < 1e-3 and evidence.bound == 0.01
+    assert evidence.time_s == pytest.approx(1.5)
+
+
+def test_meeting_another_point_or_missing_it():
+    far = ValidateInteraction(1, "barrier", "right").planned(shifted((0, 0, 0)))
+    assert not far.ok and far.value == pytest.approx(0.444, abs=0.01)
+    missed = ValidateInteraction(1, "barrier", "left").planned(shifted((0, 0, 0.03)))
+    assert not missed.ok
+    assert missed.reason == "Agent_1 would meet barrier 3.0 cm from its left point (allowed 1.0 cm)"
+
+
+def test_no_contact_is_no_violation(grasp):
+    evidence = ValidateInteraction(2, "barrier", "right").planned(grasp)
+    assert evidence.ok and evidence.reason == "Agent_2 makes no new contact with barrier"
+    assert ValidateDirection(2, "barrier", "perpendicular").planned(grasp).ok
+
+
+def measured(plan: Plan, position: int, **changes):
+    qpos = plan.scene.qpos.copy()
+    qpos[0, :7] = plan.trajectories[0].path()[position, :7]
+    return replace(plan.scene, step=int(np.searchsorted(plan.positions(1), position)), qpos=qpos, **changes)
+
+
+def test_real_contact_is_judged_once_the_fingers_have_closed(grasp):
+    check = ValidateInteraction(1, "barrier", "left")
+    closed = grasp.trajectories[0].knots[-1]
+    assert check.measured(measured(grasp, closed - 1), grasp) is None
+    good = check.measured(measured(grasp, closed), grasp)
+    assert good is not None and good.ok
+    poses = {"barrier": transform((0.0, 0.0, 0.05)) @ grasp.scene.poses["barrier"]}
+    bad = check.measured(measured(grasp, closed, poses=poses), grasp)
+    assert bad is not None and not bad.ok
+    assert bad.reason == "Agent_1 meets barrier 5.0 cm from its left point (allowed 3.0 cm)"
+
+
+def test_real_direction_is_judged_once_the_fingers_have_closed(grasp):
+    check = ValidateDirection(1, "barrier", "perpendicular")
+    closed = grasp.trajectories[0].knots[-1]
+    assert check.measured(measured(grasp, closed - 3), grasp) is None
+    good = check.measured(measured(grasp, closed), grasp)
+    assert good is not None and good.ok
+    tipped = grasp.scene.poses["barrier"] @ transform(rotation=Rotation.from_euler("y", 30, degrees=True))
+    bad = check.measured(measured(grasp, closed, poses={"barrier": tipped}), grasp)
+    assert bad is not None and not bad.ok and bad.value == pytest.approx(30, abs=2)
+
+
+def tilted(degrees: float) -> Plan:
+    scene = scene_of(BAR)
+    hand = Hand(BAR, scene, 1)
+    goal = hand.goal("barrier", "left") @ transform(rotation=Rotation.from_euler("y", degrees, degrees=True))
+    subgoal = Subgoal(1, "grasp", "barrier", "left")
+    hand.to(goal @ transform((0, 0, -0.1)), 20, subgoal, "move").to(
+        goal, 10, subgoal, "approach", {"barrier"}
+    )
+    return plan_of(BAR, scene, hand.trajectory, idle(2))
+
+
+@pytest.mark.parametrize("orientation", ["perpendicular", "vertical", "level"])
+def test_a_straight_grasp_has_every_direction_but_the_horizontal(grasp, orientation):
+    assert ValidateDirection(1, "barrier", orientation).planned(grasp).ok
+
+
+def test_a_straight_grasp_is_not_horizontal(grasp):
+    evidence = ValidateDirection(1, "barrier", "horizontal").planned(grasp)
+    assert not evidence.ok and evidence.value == pytest.approx(90, abs=1)
+
+
+@pytest.mark.parametrize(("degrees", "ok"), [(5, True), (25, False)])
+def test_a_tilted_grasp_is_measured_in_degrees(degrees, ok):
+    evidence = ValidateDirection(1, "barrier", "perpendicular").planned(tilted(degrees))
+    assert evidence.ok is ok
+    assert evidence.value == pytest.approx(degrees, abs=0.5)
+    assert evidence.reason.startswith(
+        f"the gripper of Agent_1 is {degrees} deg off the annotated direction at barrier"
+    )
+
+
+def test_every_orientation_word_is_judged(grasp):
+    for orientation in ORIENTATIONS:
+        assert np.isfinite(ValidateDirection(1, "barrier", orientation).planned(grasp).value)
+
+
+def test_a_thing_is_put_at_the_place_point():
+    scene = scene_of(FOOD)
+    for offset_m, ok in ((0.0, True), (0.06, False)):
+        hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.2)
+        assert hand.held is not None
+        goal = scene.poses["pot"] @ FOOD.asset("pot").points["inside"].object_from_tcp
+        goal[0, 3] += offset_m
+        goal[2, 3] += 0.15  # high: only the level counts
+        now = hand.arm.tcp(hand.qpos) @ hand.held[1]
+        goal[:3, :3] = now[:3, :3]
+        subgoal = Subgoal(1, "place", "steak", target="pot", target_point="inside")
+        hand.to(goal @ np.linalg.inv(hand.held[1]), 20, subgoal, "lower", {"steak", "pot"})
+        check = ValidateInteraction(1, "pot", "inside")
+        evidence = check.planned(plan_of(FOOD, scene, hand.trajectory, idle(2)))
+        assert evidence.ok is ok
+        assert evidence.value == pytest.approx(offset_m, abs=2e-3)
+    assert evidence.reason == "Agent_1 would put steak 6.0 cm beside the inside point of pot (allowed 4.0 cm)"
+
+
+def lifting(heights_m, row=FULL, joined="lift barrier") -> Plan:
+    """Both arms hold the barrier and lift it, each by its height."""
+    start = scene_of(BAR)
+    qpos = start.qpos.copy()
+    for agent, point in ((1, "left"), (2, "right")):
+        qpos[agent - 1, :7] = Hand(BAR, start, agent).grasp("barrier", point).qpos
+    scene = replace(start, qpos=qpos, held=("barrier", "barrier"))
+    hands = [
+        Hand(BAR, scene, agent).hold("barrier").lift(height, joined=joined)
+        for agent, height in zip((1, 2), heights_m, strict=True)
+    ]
+    return plan_of(BAR, scene, *(hand.trajectory for hand in hands), row=row)
+
+
+def test_heights_in_lockstep_are_consistent():
+    evidence = ConsistentHeight((1, 2)).planned(lifting((0.15, 0.15)))
+    assert evidence.ok and evidence.value < 2e-3
+
+
+def test_heights_that_drift_apart():
+    evidence = ConsistentHeight((1, 2)).planned(lifting((0.15, 0.10)))
+    assert not evidence.ok and evidence.value == pytest.approx(0.05, abs=2e-3)
+    assert evidence.reason == "the gripper heights of [Agent_1, Agent_2] drift 5.0 cm apart (allowed 2.0 cm)"
+
+
+def test_without_a_model_of_time_only_the_end_counts():
+    plan = lifting((0.15, 0.15), row=TIMELESS, joined=None)
+    alone = np.array([[k, 0] for k in range(21)] + [[20, k] for k in range(1, 21)])
+    turns = Schedule(alone, 20)
+    assert ConsistentHeight((1, 2)).planned(Plan(BAR, TIMELESS, plan.scene, plan.trajectories, turns)).ok
+    timed = ConsistentHeight((1, 2)).planned(Plan(BAR, FULL, plan.scene, plan.trajectories, turns))
+    assert not timed.ok and timed.value == pytest.approx(0.15, abs=2e-3)
+
+
+def test_measured_heights_of_two_that_hold_one_thing():
+    plan, check = lifting((0.15, 0.15)), ConsistentHeight((1, 2))
+    paths = [trajectory.path()[:, :7] for trajectory in plan.trajectories]
+    for positions, ok in (((12, 12), True), ((18, 4), False)):
+        qpos = plan.scene.qpos.copy()
+        for k in range(2):
+            qpos[k, :7] = paths[k][positions[k]]
+        evidence = check.measured(replace(plan.scene, step=15, qpos=qpos), plan)
+        assert evidence is not None and evidence.ok is ok
+    assert check.measured(replace(plan.scene, step=15, held=("barrier", None)), plan) is None
+
+
+def test_nothing_carried_has_no_height(grasp):
+    evidence = ConsistentHeight((1, 2)).planned(grasp)
+    assert evidence.ok
+    assert evidence.reason == "[Agent_1, Agent_2] carry nothing at the same time in this plan"
