@@ -45,7 +45,7 @@ imports: setup
 	$(BIN)/lint-imports
 
 fast-tests: setup
-	$(BIN)/python -m pytest -q -m "not render and not slow"
+	$(BIN)/python -m pytest -q -m "not render and not slow" --durations=10 --durations-min=3
 
 fix: setup ## let ruff format and mend what it can
 	$(BIN)/ruff format .

@@ -45,6 +45,7 @@ class Swept:
     carried: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it moves with the hand
     touches: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) the gripper may touch it
     rests: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) what is carried may touch it
+    holds: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it is in the gripper
     gripper: frozenset[str] = frozenset()  # the labels that may touch
 
     def __len__(self) -> int:
@@ -133,10 +134,11 @@ def _pairs(a: Swept, b: Swept) -> Iterator[_Pair]:
                 if (columns & moves_b).any():
                     yield _Pair(i, j, rows & ~moves_a, columns & moves_b)
                 continue
-            if y in b.objects and x in a.gripper:
-                rows = ~a.touches.get(y, ~everywhere_a)
-            if x in a.objects and y in b.gripper:
-                columns = ~b.touches.get(x, ~everywhere_b)
+            # Between two that hold one thing it is no obstacle: it goes with both of them.
+            if y in b.objects:
+                rows = ~(a.touches if x in a.gripper else a.holds).get(y, ~everywhere_a)
+            if x in a.objects:
+                columns = ~(b.touches if y in b.gripper else b.holds).get(x, ~everywhere_b)
             if rows.any() and columns.any():
                 yield _Pair(i, j, rows, columns)
 

@@ -1,7 +1,7 @@
 """What a check looks at, and what it answers with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Protocol
 
@@ -12,6 +12,8 @@ from rf_exp.constraints.clearance import Mask, Swept, closer_than
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Kind, Row, Scene, Schedule, Segment, Trajectory, Violation
+
+FINER = 8  # steps of the second look in one control step
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,22 @@ class Plan:
 
     @cached_property
     def blocked(self) -> tuple[Mask, ...]:
-        """(P,) for each agent: too close to an object that nobody moves, or in the table."""
+        """(P,) for each agent: too close to an object that nobody moves, or in the table.
+
+        Between two positions a fast arm may move further than a gap is wide, so what the bound on the
+        motion flags gets a second look at a path of finer steps.
+        """
         still = self.bodies.standing()
-        return tuple(
-            closer_than(body, still, OBJECT_MARGIN_M)[:, 0] | self.bodies.below_table(body)
-            for body in self.swept
-        )
+        found = []
+        for trajectory, body in zip(self.trajectories, self.swept, strict=True):
+            near = closer_than(body, still, OBJECT_MARGIN_M)[:, 0]
+            if near.any():
+                finer = self.bodies.along(_finer(trajectory))
+                close = closer_than(finer, still, OBJECT_MARGIN_M)[:, 0]
+                near = np.array([close[max(0, at - FINER // 2) : at + FINER // 2 + 1].any() for at in
+                                 range(0, len(close), FINER)])  # fmt: skip
+            found.append(near | self.bodies.below_table(body))
+        return tuple(found)
 
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
@@ -119,6 +131,18 @@ class Plan:
             if position <= end:
                 return segment
         return trajectory.segments[-1] if trajectory.segments else None
+
+
+def _finer(trajectory: Trajectory) -> Trajectory:
+    """The same motion with FINER path positions for each one, straight in joint space."""
+    segments, last = [], trajectory.start_qpos
+    for segment in trajectory.segments:
+        corners = np.concatenate([last[None], segment.qpos])
+        at = np.arange(1, FINER * len(segment) + 1) / FINER
+        qpos = np.column_stack([np.interp(at, np.arange(len(corners)), joint) for joint in corners.T])
+        segments.append(replace(segment, qpos=qpos, gripper=np.repeat(segment.gripper, FINER)))
+        last = segment.qpos[-1]
+    return replace(trajectory, segments=tuple(segments))
 
 
 def agent_name(agent: int) -> str:

@@ -422,7 +422,7 @@ def parse(constraint: Constraint, task: Task, proposal: Proposal) -> Check:
             for key in ("a", "agents"):
                 parts[key] = parts.get(key) or parts.get(f"{key}2")
             return form.build(Words(parts, text, task, proposal, constraint))
-    forms = "\n  ".join(form.example for form in FORMS)
+    forms, verbs = "\n  ".join(form.example for form in FORMS), ", ".join(VERBS)
     raise ArgumentError(
-        f"constraint {text!r} is not understood; forms that are:\n  {forms}\nwith the verbs {', '.join(VERBS)}"
+        f"constraint {text!r} is not understood; forms that are:\n  {forms}\nwith the verbs {verbs}"
     )

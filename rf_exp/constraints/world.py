@@ -64,9 +64,7 @@ class Bodies:
         `carries` adds the object that moves with the TCP; `touches` names objects the gripper may touch,
         without it what the agent holds in the scene.
         """
-        if touches is None:
-            held = self.scene.held[agent - 1]
-            touches = () if held is None else (held,)
+        held = self.scene.held[agent - 1] if touches is None else None
         qpos = np.atleast_2d(qpos)
         if qpos.shape[1] == ARM_JOINTS:
             qpos = np.hstack([qpos, np.full((len(qpos), 2), FINGERS_OPEN_M)])
@@ -77,8 +75,9 @@ class Bodies:
                 raise ArgumentError(f"agent {agent} carries {carries!r}, but tcp_from_object is missing")
             moved = {carries: self.arms[agent - 1].tcp(qpos) @ tcp_from_object}
             carried = {carries: everywhere}
-        allowed = {name: everywhere for name in {*touches, *moved}}
-        return self._body(agent, qpos, moved, carried, allowed, {})
+        holds = {name: everywhere for name in (*moved, *((held,) if held else ()))}
+        allowed = {name: everywhere for name in {*(touches or ()), *holds}}
+        return self._body(agent, qpos, moved, carried=carried, touches=allowed, holds=holds)
 
     def along(self, trajectory: Trajectory) -> Swept:
         """An agent along its trajectory, with every object it moves.
@@ -113,12 +112,14 @@ class Bodies:
             name: np.array([any(name in s.touches or name == s.carries for s in at) for at in segments])
             for name in self.task.objects
         }
+        holds = dict(carried)
         held = self.scene.held[agent - 1]
         if held is not None:  # until the end of the segment that lets go
-            touches[held] = touches[held] | (np.arange(len(path)) <= self._let_go(trajectory))
-        return self._body(
-            agent, qpos, moved, carried, touches, self._rests(trajectory, moved, carried, segments)
-        )
+            gripped = np.arange(len(path)) <= self._let_go(trajectory)
+            holds[held] = holds.get(held, gripped) | gripped
+            touches[held] = touches[held] | gripped
+        rests = self._rests(trajectory, moved, carried, segments)
+        return self._body(agent, qpos, moved, carried=carried, touches=touches, rests=rests, holds=holds)
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
         """Objects as they stand in the scene (P = 1); without names, those that no trajectory moves."""
@@ -189,9 +190,7 @@ class Bodies:
         agent: int,
         qpos: NDArray[np.float64],
         moved: Mapping[str, NDArray[np.float64]],
-        carried: Mapping[str, Mask],
-        touches: Mapping[str, Mask],
-        rests: Mapping[str, Mask],
+        **masks: Mapping[str, Mask],
     ) -> Swept:
         pieces, labels = list(arm_pieces()), list(LINKS)
         poses = [self.arms[agent - 1].links(qpos)]
@@ -205,10 +204,8 @@ class Bodies:
             tuple(labels),
             np.concatenate(poses, axis=1),
             objects=frozenset(moved),
-            carried=carried,
-            touches=touches,
-            rests=rests,
             gripper=GRIPPER,
+            **masks,
         )
 
     @staticmethod
@@ -271,7 +268,8 @@ class Bodies:
         }
         knots = np.array(trajectory.knots)
         for name, poses in moved.items():
-            others = [other for other in self.task.objects if other != name]
+            # What another agent moves will not lie there any more; if it is the place, its segment names it.
+            others = [other for other in self.task.objects if other != name and other not in self.moved]
             places = np.flatnonzero(carried[name])
             for first, position in ((True, int(places[0])), (False, int(places[-1]))):
                 end = knots[knots > position].min() if first else position

@@ -7,7 +7,7 @@ half-way through costs what is left, not what is done.
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +20,7 @@ from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import (
+    ARM_JOINTS,
     CONTROL_DT_S,
     Episode,
     Proposal,
@@ -154,7 +155,8 @@ class EpisodeMaker:
     # -- planning --------------------------------------------------------------------------------
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Plan | Violation | None:
-        task, row, scene = self._settings.task, self._settings.row, question.scene
+        task, row = self._settings.task, self._settings.row
+        scene = self._as_commanded(question.scene)
         try:
             proposal = from_json(self._brain.answer(question), task)
         except BadAnswer as error:
@@ -196,6 +198,16 @@ class EpisodeMaker:
             self._observer.planned(plan, checker)
             return plan
         return violation
+
+    def _as_commanded(self, scene: Scene) -> Scene:
+        """The scene with the arms where they were last sent.
+
+        They trail their targets a little; motion that began at the measured joints would jerk back.
+        """
+        if not self._frames:
+            return scene
+        command = self._frames[-1][1]
+        return replace(scene, qpos=np.hstack([command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
 
     # -- execution -------------------------------------------------------------------------------
 

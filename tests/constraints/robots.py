@@ -18,6 +18,8 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, 
 CONF = Path(__file__).parents[2] / "conf" / "task"
 BASES = ((0.0, -0.5, 90.0), (0.0, 0.5, -90.0), (0.6, 0.0, 180.0), (-0.6, 0.0, 0.0))
 REST = np.array(REST_QPOS)
+# With the tool 0.3 m above the middle of the table of two facing arms: clear of one at rest, not of two.
+REACHING = np.array([0.2, 0.34, -0.22, -1.69, 0.08, 2.02, 2.3])
 
 
 def team(count: int) -> Task:

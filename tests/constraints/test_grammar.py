@@ -218,8 +218,9 @@ def test_a_sentence_that_cannot_be_used_says_why(text, message):
 
 
 WORDS = (
-    "Agent_1 Agent_2 Agent_99 agent must grasp lift before after and , the of steak lid zone ( ) to simultaneously "
-    "within 1e999 -0 nan inf s other agents not avoid collision between ; __import__('os') {0} %s \\ \x00 \n"
+    "Agent_1 Agent_2 Agent_99 agent must grasp lift before after and , the of steak lid zone ( ) to "
+    "simultaneously within 1e999 -0 nan inf s other agents not avoid collision between ; __import__('os') "
+    "{0} %s \\ \x00 \n"
 )
 HOSTILE = st.one_of(
     st.text(max_size=400), st.lists(st.sampled_from(WORDS.split(" ")), max_size=25).map(" ".join)

@@ -141,7 +141,7 @@ def test_a_thing_is_put_at_the_place_point():
     assert evidence.reason == "Agent_1 would put steak 6.0 cm beside the inside point of pot (allowed 4.0 cm)"
 
 
-def lifting(heights_m, row=FULL, joined="lift barrier") -> Plan:
+def lifting(heights_m, row=FULL, joined: str | None = "lift barrier") -> Plan:
     """Both arms hold the barrier and lift it, each by its height."""
     start = scene_of(BAR)
     qpos = start.qpos.copy()

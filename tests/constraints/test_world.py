@@ -95,6 +95,21 @@ def test_fingers_are_as_wide_as_they_may_be():
     assert width[-1] == pytest.approx(FOOD.asset("steak").points["center"].width_m)
 
 
+def test_what_two_arms_hold_is_no_obstacle_between_them():
+    """One end of the barrier goes up before the other: the other arm's wrist is not in the way."""
+    task = real("lift_barrier")
+    start = scene_of(task)
+    qpos = start.qpos.copy()
+    for agent, point in ((1, "left"), (2, "right")):
+        qpos[agent - 1, :7] = Hand(task, start, agent).grasp("barrier", point).qpos
+    held = replace(start, qpos=qpos, held=("barrier", "barrier"))
+    for scene, blocked in ((held, False), (replace(held, held=("barrier", None)), True)):
+        lift = Hand(task, scene, 1).hold("barrier").lift(0.17).trajectory
+        bodies = Bodies(task, scene, (lift, idle(2, qpos[1, :7])))
+        other = bodies.arm(2, scene.qpos[1])
+        assert closer_than(bodies.along(lift), other, 0.01).any() == blocked
+
+
 def test_the_table_counts_all_but_the_bolted_base():
     task = team(1)
     bodies = Bodies(task, scene_of(task))

@@ -37,7 +37,7 @@ def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
         velocity = np.diff(joints, axis=0) * 20
         padded = np.concatenate([np.zeros((1, 7)), velocity, np.zeros((1, 7))])
         assert np.abs(velocity).max() <= LIMITS.velocity_rad_s * 1.01
-        assert np.abs(np.diff(padded, axis=0)).max() * 20 <= LIMITS.acceleration_rad_s2 * 1.15
+        assert np.abs(np.diff(padded, axis=0)).max() * 20 <= LIMITS.acceleration_rad_s2 * 1.01
         assert (joints > low).all() and (joints < high).all()
         for knot in trajectory.knots[1:-1]:  # at rest: one sample on either side moves at most as far as
             step = LIMITS.acceleration_rad_s2 / 20**2  # the acceleration allows from a standstill
@@ -116,21 +116,21 @@ def test_unreachable_says_why(place_food, subgoals, message):
         plan(place_food, Proposal(subgoals, ()), start_scene(place_food, 0))
 
 
-def test_a_blind_planner_goes_through_what_a_seeing_one_goes_round(lift_barrier):
-    scene = start_scene(lift_barrier, 0)
-    # The other arm is parked right above the end that agent 1 is to grasp.
-    other = Panda(lift_barrier.robots[1].world_from_base)
-    above = scene.poses["barrier"] @ lift_barrier.asset("barrier").points["left"].object_from_tcp
-    above[2, 3] += 0.05
+def test_a_seeing_planner_does_not_go_through_an_arm_that_a_blind_one_does_not_see(place_food):
+    scene = start_scene(place_food, 0)
+    # The other arm is parked with its fingers just above the knob that agent 1 is to grasp.
+    other = Panda(place_food.robots[1].world_from_base)
+    above = scene.poses["lid"] @ place_food.asset("lid").points["knob"].object_from_tcp
+    above[2, 3] += 0.06
     parked = other.solve(above, np.array(REST_QPOS))
     assert parked is not None
     qpos = scene.qpos.copy()
     qpos[1, :7] = parked
     scene = replace(scene, qpos=qpos)
-    grasp = Proposal((Subgoal(1, "grasp", "barrier", "left"),), ())
-    plan(lift_barrier, grasp, scene, row=Row("logical", spatial=False, temporal=False), avoid_arms=True)
-    with pytest.raises(Unreachable, match="Agent_1 cannot grasp barrier at left"):
-        plan(lift_barrier, grasp, scene, avoid_arms=True)
+    grasp = Proposal((Subgoal(1, "grasp", "lid", "knob"),), ())
+    plan(place_food, grasp, scene, row=Row("logical", spatial=False, temporal=False), avoid_arms=True)
+    with pytest.raises(Unreachable, match="Agent_1 cannot grasp lid at knob"):
+        plan(place_food, grasp, scene, avoid_arms=True)
 
 
 def test_rrt_goes_round_a_wall():

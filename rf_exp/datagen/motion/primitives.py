@@ -4,7 +4,7 @@ A subgoal is carried out from the state in which the previous one leaves the age
 proposal is planned ahead of its execution. `State` is that predicted state.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -22,7 +22,8 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
 
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
-BLEND_RAD = 0.15  # corners between free motion and straight approach are rounded over this
+BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
+_CHECK_EVERY = 3  # dense path points
 PLACE_CLEARANCE_M = 0.10  # above the place from which an object is lowered
 RETREAT_M = 0.08
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
@@ -99,7 +100,7 @@ class Primitives:
     def _place(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (name, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
         goals = self._above(subgoal, state, tcp_from_object, DROP_M)
-        touches = frozenset({name, _required(subgoal.target)} & set(self.task.objects))
+        touches = frozenset({name})  # until it is let go there is a little air below, so nothing else
         points = self._reach(agent, goals, PLACE_CLEARANCE_M, state, touches, subgoal.text, down=True)
         segments = [self._segment(subgoal, "lower", points, state, touches)]
         return [*segments, *self._let_go(subgoal, state, touches)]
@@ -119,7 +120,7 @@ class Primitives:
 
     def _home(self, subgoal: Subgoal, state: State) -> list[Segment]:
         path = self._free_path(subgoal.agent, np.array(REST_QPOS), state, "go home")
-        points = parameterise(blend(densify(path), BLEND_RAD), self.limits)
+        points = parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
         return [self._segment(subgoal, "move", points, state)]
 
     def _hold(self, subgoal: Subgoal, state: State) -> list[Segment]:
@@ -222,24 +223,27 @@ class Primitives:
             if path is None:
                 reasons.append("no free path")
                 continue
-            if len(line) > 1 and (obstacle := self.blocked(agent, line, state, touches)):
-                reasons.append(f"{obstacle} is in the way")
-                continue
-            points = blend(densify(np.concatenate([path, line])), BLEND_RAD)
-            if self.blocked(agent, points[::3], state, touches) is not None:
-                points = densify(np.concatenate([path, line]))  # the rounded corner touched something
-                points = blend(points, 0.03)
-            return parameterise(points, self.limits)
+            corners = densify(np.concatenate([path, line]))
+            for radius_rad in BLEND_RAD:
+                points = blend(corners, radius_rad)
+                obstacle = self.blocked(agent, points[::_CHECK_EVERY], state, touches)
+                if obstacle is None:
+                    return parameterise(points, self.limits)
+            reasons.append(f"{obstacle} is in the way")
         reason = f": {', '.join(dict.fromkeys(reasons))}" if reasons else ": out of reach"
         raise Unreachable(f"Agent_{agent} cannot {what}{reason}")
 
     def _candidates(
         self, agent: int, goals: Iterable[Matrix], standoff_m: float, state: State, down: bool
-    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """(joints before the approach, joint points of the approach), cheapest motion first."""
+    ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """(joints before the approach, joint points of the approach).
+
+        Goals that come `down` are in order of preference; others are equal, so the cheapest motion
+        comes first.
+        """
         arm, current = self.arms[agent], state.qpos[agent]
         found = []
-        for order, goal in enumerate(goals):
+        for goal in goals:
             pre = goal.copy() if down else goal @ transform((0.0, 0.0, -standoff_m))
             if down:
                 pre[2, 3] += standoff_m
@@ -248,11 +252,12 @@ class Primitives:
                 line = None if joints is None else self._line(agent, joints, pre, goal)
                 if joints is not None and line is not None:
                     cost = np.abs(joints - current).max() + np.abs(line[-1] - line[0]).max()
-                    found.append((round(float(cost), 6), order, joints, line))
+                    found.append((round(float(cost), 6), len(found), joints, line))
                     break
             if down and found:
-                break  # the nearest yaw that works is the one that was asked for
-        return [(joints, line) for _, _, joints, line in sorted(found, key=lambda item: item[:2])]
+                yield found.pop()[2:]
+        for _, _, joints, line in sorted(found, key=lambda item: item[:2]):
+            yield joints, line
 
     def _seeds(self, agent: int, goal: Matrix, current: NDArray[np.float64], found: bool):
         yield current

@@ -50,12 +50,15 @@ def blend(points: NDArray[np.float64], radius_rad: float) -> NDArray[np.float64]
     half = min(int(radius_rad / SPACING_RAD), (len(points) - 1) // 2)
     if half < 1:
         return points
-    # Reflecting through the end points makes the average exact there.
-    head = 2 * points[0] - points[half:0:-1]
-    tail = 2 * points[-1] - points[-2 : -half - 2 : -1]
-    padded = np.concatenate([head, points, tail])
-    smooth = uniform_filter1d(padded, 2 * half + 1, axis=0, mode="nearest")
-    smooth = uniform_filter1d(smooth, 2 * (half // 2) + 1, axis=0, mode="nearest")[half:-half]
+    # Two passes, so that the rounding has no edge of its own. Padding by reflection through the end
+    # points makes averages of a straight end exact.
+    pad = half + half // 2
+    head = 2 * points[0] - points[pad:0:-1]
+    tail = 2 * points[-1] - points[-2 : -pad - 2 : -1]
+    smooth = np.concatenate([head, points, tail])
+    for window in (half, half // 2):
+        smooth = uniform_filter1d(smooth, 2 * window + 1, axis=0, mode="nearest")
+    smooth = smooth[pad:-pad]
     smooth[0], smooth[-1] = points[0], points[-1]
     return smooth
 
@@ -88,4 +91,21 @@ def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np
     if motion is None:
         raise StageError(f"no time parameterisation within {limits} exists for a path of {len(points)} points")
     steps = int(np.ceil(motion.duration / CONTROL_DT_S - 1e-6))
-    return motion(np.arange(1, steps + 1) * (motion.duration / steps))
+    while True:
+        timed = motion(np.arange(1, steps + 1) * (motion.duration / steps))
+        excess = _excess(points[0], timed, limits)
+        if excess <= 1.0 + 1e-3:
+            return timed
+        # TOPP-RA keeps the limits on its own grid; what the samples exceed them by is taken out by time.
+        steps = max(steps + 1, int(np.ceil(steps * excess)))
+
+
+def _excess(start: NDArray[np.float64], timed: NDArray[np.float64], limits: JointLimits) -> float:
+    """By what factor the samples (T, D) would have to be slowed down to keep the limits."""
+    positions = np.concatenate([start[None], start[None], timed, timed[-1:]])
+    velocity = np.diff(positions, axis=0) / CONTROL_DT_S
+    acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
+    return max(
+        float(np.abs(velocity).max()) / limits.velocity_rad_s,
+        float(np.sqrt(np.abs(acceleration).max() / limits.acceleration_rad_s2)),
+    )

@@ -1,0 +1,114 @@
+"""What schedules gain over taking turns, how far from the proven bound they are, and what they cost.
+
+    python benchmarks/schedule.py [--cases 10] [--positions 200] [--seed 0]
+
+Random cases of two and of four arms that work in a shared middle: out, two places, home. The last line is
+JSON: medians of makespan against serial motion and against the bound, and ms for diagrams and search.
+"""
+
+import argparse
+import json
+import statistics
+import time
+
+import numpy as np
+
+from rf_exp.constraints.clearance import closer_than
+from rf_exp.constraints.timing import schedule
+from rf_exp.constraints.world import AGENT_MARGIN_M, Bodies
+from rf_exp.tasks import CameraSpec, RobotSpec, Task
+from rf_exp.tasks.base import REST_QPOS
+from rf_exp.transforms import transform
+from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajectory
+
+BASES = ((0.0, -0.75, 90.0), (0.0, 0.75, -90.0), (0.75, 0.0, 180.0), (-0.75, 0.0, 0.0))  # m, m, deg
+SHARED_M = 0.15  # half side of the middle in which everybody works
+HEIGHT_M = (0.12, 0.30)
+
+
+def team(count: int) -> tuple[Task, Scene]:
+    cameras = {"global": CameraSpec(), **{f"agent{k}": CameraSpec() for k in range(1, count + 1)}}
+    task = Task("team", "", "", "", tuple(RobotSpec(*base) for base in BASES[:count]), {}, cameras, {})
+    qpos = np.tile([*REST_QPOS, 0.04, 0.04], (count, 1))
+    return task, Scene(0, qpos, 0 * qpos, {}, {}, (None,) * count)
+
+
+def trajectory(agent: int, bodies: Bodies, positions: int, rng: np.random.Generator) -> Trajectory:
+    """Rest, two random places in the middle with a stop at each, rest."""
+    arm, rest = bodies.arms[agent - 1], np.array(REST_QPOS)
+    keys = [rest]
+    while len(keys) < 3:
+        place = (*rng.uniform(-SHARED_M, SHARED_M, 2), rng.uniform(*HEIGHT_M))
+        facing = transform() if agent != 2 else np.diag([-1.0, -1.0, 1.0, 1.0])
+        solved = arm.solve(transform(place) @ facing @ np.diag([1.0, -1.0, -1.0, 1.0]), keys[-1])
+        if solved is not None and np.abs(solved - rest).max() < 1.8:
+            keys.append(solved)
+    keys.append(rest)
+    counts = np.diff(np.linspace(0, positions, len(keys)).astype(int))
+    segments = []
+    for k, count in enumerate(counts.tolist()):
+        fraction = (1 - np.cos(np.pi * np.arange(1, count + 1) / count)) / 2
+        path = keys[k] + fraction[:, None] * (keys[k + 1] - keys[k])
+        segments.append(Segment(agent, Subgoal(agent, "carry", f"thing{k}"), "move", path, np.full(count, GRIPPER_OPEN)))
+    return Trajectory(agent, rest, GRIPPER_OPEN, tuple(segments))
+
+
+def case(count: int, positions: int, rng: np.random.Generator) -> dict[str, float] | None:
+    """One random case: None where timing cannot help (its explanation is part of the cost)."""
+    task, scene = team(count)
+    bodies = Bodies(task, scene)
+    trajectories = [trajectory(agent, bodies, positions, rng) for agent in task.agents]
+    begin = time.perf_counter()
+    swept = [bodies.along(each) for each in trajectories]
+    diagrams = {
+        (i, j): closer_than(swept[i - 1], swept[j - 1], AGENT_MARGIN_M)
+        for i in task.agents
+        for j in task.agents
+        if i < j
+    }
+    drawn = time.perf_counter()
+    timed = schedule(trajectories, diagrams)
+    done = time.perf_counter()
+    cost = {"diagrams_ms": 1e3 * (drawn - begin), "search_ms": 1e3 * (done - drawn)}
+    if not isinstance(timed, Schedule):
+        return {"feasible": 0.0, **cost}
+    serial = sum(map(len, trajectories))
+    return {
+        "feasible": 1.0,
+        "of_serial": len(timed) / serial,
+        "gap": len(timed) / timed.makespan_bound - 1,
+        "forbidden": float(np.mean([diagram.mean() for diagram in diagrams.values()])),
+        **cost,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", type=int, default=10, help="random cases for each number of arms")
+    parser.add_argument("--positions", type=int, default=200, help="control steps of each arm alone")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+
+    rng = np.random.default_rng(arguments.seed)
+    case(2, 20, rng)  # warm up: meshes and covers are made once
+    result: dict[str, object] = {"benchmark": "schedule", "positions": arguments.positions}
+    for count in (2, 4):
+        runs = [run for _ in range(arguments.cases) if (run := case(count, arguments.positions, rng))]
+        keys = ("of_serial", "gap", "forbidden", "diagrams_ms", "search_ms")
+        medians = {
+            key: round(statistics.median([run[key] for run in runs if key in run] or [float("nan")]), 4) for key in keys
+        }
+        worst_ms = max(run["diagrams_ms"] + run["search_ms"] for run in runs)
+        solved = int(sum(run["feasible"] for run in runs))
+        exact = sum(run.get("gap", 1.0) == 0 for run in runs)
+        print(
+            f"{count} arms: {solved} of {len(runs)} cases can be scheduled, {exact} proven optimal; makespan "
+            f"{medians['of_serial']:.0%} of serial, {medians['gap']:.1%} above the bound; diagrams "
+            f"{medians['diagrams_ms']:.0f} ms, search {medians['search_ms']:.0f} ms, worst {worst_ms:.0f} ms"
+        )
+        result[f"{count}_arms"] = {"cases": len(runs), "solved": solved, "optimal": exact, **medians, "worst_ms": round(worst_ms)}
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

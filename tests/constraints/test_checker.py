@@ -1,0 +1,252 @@
+"""RoboChecker from sentences to verdicts: rows, schedules, certificates and the monitor."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints import CheckCode, Checker, RoboChecker, compile
+from rf_exp.constraints.checker import LOST_STEPS, TRACKING_RAD
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import say
+from rf_exp.types import Constraint, Proposal, Row, Schedule, Subgoal, Violation
+from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, walk
+
+BAR, FOOD = real("lift_barrier"), real("place_food")
+FULL = Row("full")
+LOGICAL = Row("logical", spatial=False, temporal=False)
+TEMPORAL = Row("logical_temporal", spatial=False)
+SPATIAL = Row("logical_spatial", temporal=False)
+
+
+@pytest.fixture(scope="module")
+def food():
+    """Agent 2 lifts the lid; agent 1 fetches the steak and holds it over the pot."""
+    scene = scene_of(FOOD)
+    cook = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
+    helper = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
+    trajectories = cook.trajectory, helper.trajectory
+    goals = tuple(dict.fromkeys(s.subgoal for t in trajectories for s in t.segments))
+    said = (
+        say.grasp_at(2, "lid", "knob"), say.perpendicular(1, "steak"),
+        say.before(2, "lift", "lid", 1, "lift", "steak"), say.avoid_agents(1), say.avoid_objects(1),
+    )  # fmt: skip
+    return scene, trajectories, Proposal(goals, said)
+
+
+def scheduled(checker: Checker, trajectories, scene) -> Schedule:
+    timed = checker.schedule(trajectories, scene)
+    assert isinstance(timed, Schedule), timed
+    return timed
+
+
+def test_check_code_prints_like_the_paper(food):
+    _, _, proposal = food
+    code = compile(proposal.constraints, FOOD, proposal)
+    assert (
+        repr(code)
+        == str(code)
+        == (
+            "VI(Agent_2, lid, knob) and VD(Agent_1, steak, perpendicular) and "
+            "VS([Agent_2, Agent_1], sequential, lift lid, lift steak) and "
+            "VSO(Agent_1) and VSO(Agent_1, objects)"
+        )
+    )
+    assert repr(CheckCode(())) == "True"
+
+
+@pytest.mark.parametrize(
+    ("row", "kinds"),
+    [
+        (LOGICAL, {"logical"}),
+        (TEMPORAL, {"logical", "temporal"}),
+        (SPATIAL, {"logical", "spatial"}),
+        (FULL, {"logical", "spatial", "temporal"}),
+    ],
+)
+def test_a_row_switches_its_checks_on(food, row, kinds):
+    scene, trajectories, proposal = food
+    checker = RoboChecker(FOOD, proposal, row)
+    assert {check.kind for check in checker.checks} == kinds
+    timed = scheduled(checker, trajectories, scene)
+    assert checker.check(trajectories, timed, scene) == []
+    if not row.temporal:
+        assert len(timed) == sum(map(len, trajectories))
+    else:
+        assert len(timed) < sum(map(len, trajectories))
+
+
+def test_clearance_is_checked_even_if_nobody_asked_for_it():
+    silent = RoboChecker(BAR, Proposal((), ()), FULL)
+    assert [repr(check) for check in silent.checks] == [
+        "VSO([Agent_1, Agent_2])",
+        "VSO([Agent_1, Agent_2], objects)",
+    ]
+    assert RoboChecker(BAR, Proposal((), ()), TEMPORAL).checks == ()
+    half = RoboChecker(BAR, Proposal((), (say.avoid_agents(1), say.avoid_objects(2))), FULL)
+    assert [repr(check) for check in half.checks] == [
+        "VSO(Agent_1)",
+        "VSO(Agent_2, objects)",
+        "VSO(Agent_1, objects)",
+    ]
+
+
+def test_collisions_are_violations_only_where_space_counts():
+    scene = scene_of(BAR)
+    trajectories = walk(1, [REST, REACHING, REST], 20), walk(2, [REST, REACHING, REST], 20)
+    proposal = Proposal((), ())
+    blind = RoboChecker(BAR, proposal, TEMPORAL)
+    at_once = scheduled(blind, trajectories, scene)
+    assert len(at_once) == 40 and blind.check(trajectories, at_once, scene) == []
+    seeing = RoboChecker(BAR, proposal, FULL)
+    (violation,) = seeing.check(trajectories, at_once, scene)
+    assert violation.check == "ValidateSpatialOccupancy" and violation.agents == (1, 2)
+    in_time = scheduled(seeing, trajectories, scene)
+    assert 40 < len(in_time) < 80
+    assert seeing.check(trajectories, in_time, scene) == []
+    turns = RoboChecker(BAR, proposal, SPATIAL)
+    timed = scheduled(turns, trajectories, scene)
+    assert len(timed) == 80
+    assert turns.check(trajectories, timed, scene) == []
+
+
+def test_a_parked_arm_in_the_way_asks_for_another_path():
+    scene = scene_of(BAR)
+    qpos = scene.qpos.copy()
+    qpos[1, :7] = REACHING
+    scene = replace(scene, qpos=qpos)
+    trajectories = walk(1, [REST, REACHING, REST], 20), idle(2, REACHING)
+    answer = RoboChecker(BAR, Proposal((), ()), FULL).schedule(trajectories, scene)
+    assert isinstance(answer, Violation)
+    assert "where Agent_2 stands before and after its motion blocks Agent_1" in answer.reason
+    assert "needs another path" in answer.reason
+
+
+def test_lockstep_names_what_must_be_one_motion():
+    goals = tuple(Subgoal(agent, "lift", "barrier") for agent in (1, 2))
+    proposal = Proposal(goals, (say.together(1, 2, "lift", "barrier", 0.1),))
+    expected = {(frozenset({1, 2}), "lift", "barrier")}
+    assert RoboChecker(BAR, proposal, FULL).lockstep == expected
+    assert RoboChecker(BAR, proposal, SPATIAL).lockstep == frozenset()
+
+
+def test_violations_come_earliest_first_with_evidence(food):
+    scene, _, _ = food
+    late = Hand(FOOD, scene, 1).grasp("steak", "center", shift_m=(0, 0, 0.05), steps=40).trajectory
+    early = Hand(FOOD, scene, 2).grasp("lid", "knob", shift_m=(0, 0, 0.05)).trajectory
+    said = (say.grasp_at(1, "steak", "center"), say.grasp_at(2, "lid", "knob"))
+    checker = RoboChecker(FOOD, Proposal((), said), LOGICAL)
+    together = RoboChecker(FOOD, Proposal((), ()), TEMPORAL)
+    violations = checker.check((late, early), scheduled(together, (late, early), scene), scene)
+    assert [v.agents for v in violations] == [(2,), (1,)]
+    assert violations[0].check == "ValidateInteraction"
+    assert violations[0].value == pytest.approx(0.05, abs=1e-3) and violations[0].bound == 0.01
+
+
+def test_text_that_is_not_understood():
+    said = (Constraint("logical", (1,), "Agent_1 must feel good."),)
+    with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
+        compile(said, BAR, Proposal((), said))
+    code = RoboChecker(BAR, Proposal((), said), FULL).code
+    assert isinstance(code, Violation)
+    assert code.check == "CheckCode" and "Agent_1 must feel good." in code.reason
+
+
+def test_the_certificate_is_json_with_every_check(food):
+    scene, trajectories, proposal = food
+    checker = RoboChecker(FOOD, proposal, FULL)
+    timed = scheduled(checker, trajectories, scene)
+    checker.check(trajectories, timed, scene)
+    certificate = json.loads(json.dumps(checker.certificate()))
+    assert certificate["row"] == "full"
+    assert certificate["makespan_s"] == pytest.approx(len(timed) / 20)
+    assert certificate["makespan_bound_s"] <= certificate["makespan_s"]
+    assert [entry["text"] for entry in certificate["checks"][:5]] == [c.text for c in proposal.constraints]
+    for entry in certificate["checks"]:
+        assert entry["ok"] is True
+        assert {"check", "kind", "code", "value", "bound", "time_s", "reason"} <= entry.keys()
+    clearance = next(entry for entry in certificate["checks"] if entry["code"] == "VSO(Agent_1)")
+    assert clearance["value"] >= clearance["bound"] == certificate["margins_m"]["agents"]
+
+
+@pytest.fixture
+def running(food):
+    """A checker with a checked plan, and a function from control steps to undisturbed scenes."""
+    scene, trajectories, proposal = food
+    checker = RoboChecker(FOOD, proposal, FULL)
+    timed = scheduled(checker, trajectories, scene)
+    assert checker.check(trajectories, timed, scene) == []
+    paths = [trajectory.path() for trajectory in trajectories]
+
+    def at(step: int, lag: int = 2, **changes):
+        """The measured scene `step` control steps on: joints trail by `lag`, loads ride along."""
+        qpos, poses, held = scene.qpos.copy(), dict(scene.poses), [None, None]
+        for k, trajectory in enumerate(trajectories):
+            position = int(timed.positions[min(step, len(timed)), k])
+            trailing = int(timed.positions[np.clip(step - lag, 0, len(timed)), k])
+            qpos[k, :7] = paths[k][trailing, :7]
+            begin = 0
+            for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+                if begin < position <= end and segment.carries:
+                    held[k] = segment.carries
+                begin = end
+        return replace(scene, step=scene.step + step, qpos=qpos, poses=poses, held=tuple(held), **changes)
+
+    return checker, timed, at
+
+
+def test_an_undisturbed_run_has_no_violation(running):
+    checker, timed, at = running
+    assert [v for step in range(len(timed) + 1) if (v := checker.monitor(at(step))) is not None] == []
+
+
+def test_a_lost_object_is_noticed_after_a_moment(running):
+    checker, timed, at = running
+    seen = []
+    for step in range(len(timed) + 1):
+        scene = at(step)
+        seen.append(checker.monitor(replace(scene, held=(None, scene.held[1]))))
+    violations = [v for v in seen if v is not None]
+    first = violations[0]
+    assert first.check == "ValidateInteraction" and first.agents == (1,)
+    assert first.reason == "Agent_1, to lift steak by 0.1 m (lift), no longer holds steak"
+    starts = next(step for step in range(len(timed)) if at(step).held[0] == "steak")
+    assert seen.index(first) == starts + LOST_STEPS - 1
+
+
+def test_a_slip_of_one_step_is_forgiven(running):
+    checker, timed, at = running
+    starts = next(step for step in range(len(timed)) if at(step).held[1] == "lid")
+    for step in range(starts, len(timed)):
+        scene = at(step)
+        slipped = step % 3 == 0
+        assert checker.monitor(replace(scene, held=(scene.held[0], None)) if slipped else scene) is None
+
+
+def test_an_arm_off_its_path_is_noticed(running):
+    checker, _, at = running
+    scene = at(10)
+    qpos = scene.qpos.copy()
+    qpos[1, 4] += 2 * TRACKING_RAD
+    violation = checker.monitor(replace(scene, qpos=qpos))
+    assert violation is not None
+    assert (violation.check, violation.agents, violation.bound) == ("Tracking", (2,), TRACKING_RAD)
+    assert "rad off its path (allowed 0.15 rad): something is in its way" in violation.reason
+
+
+def test_contact_between_arms_is_noticed_where_space_counts(running, food):
+    checker, _, at = running
+    pushed = replace(at(10), arm_contacts=((1, 2, 12.0),))
+    violation = checker.monitor(pushed)
+    assert violation is not None and violation.check == "ValidateSpatialOccupancy"
+    assert violation.reason == "Agent_1 and Agent_2 touch each other with 12 N"
+    scene, trajectories, proposal = food
+    blind = RoboChecker(FOOD, proposal, TEMPORAL)
+    blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
+    assert blind.monitor(replace(scene, arm_contacts=((1, 2, 12.0),))) is None
+
+
+def test_monitoring_without_a_plan_is_an_error_that_says_so():
+    with pytest.raises(ArgumentError, match=r"nothing to monitor yet; call check\(\) with a plan first"):
+        Checker(BAR, CheckCode(()), FULL).monitor(scene_of(BAR))

@@ -1,0 +1,147 @@
+"""Who may not be where: other agents, objects, zones; before and while moving."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints.clearance import nearest
+from rf_exp.constraints.evidence import Plan
+from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, PolicyMonitor, StayOut, touching
+from rf_exp.constraints.timing import schedule
+from rf_exp.constraints.world import Bodies
+from rf_exp.transforms import transform
+from rf_exp.types import Row, Schedule, Subgoal
+from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, team, walk
+
+BAR, FOOD = real("lift_barrier"), real("place_food")
+FULL = Row("full")
+
+
+def together(trajectories) -> Schedule:
+    """Everybody at once, blind to collisions."""
+    timed = schedule(trajectories)
+    assert isinstance(timed, Schedule)
+    return timed
+
+
+def plan_of(task, scene, trajectories, timed=None) -> Plan:
+    return Plan(task, FULL, scene, trajectories, timed or together(trajectories))
+
+
+@pytest.fixture(scope="module")
+def crossing() -> Plan:
+    """Both arms reach over the middle at the same time."""
+    scene = scene_of(BAR)
+    return plan_of(BAR, scene, (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20)))
+
+
+def test_arms_that_meet_are_named_with_time_and_links(crossing):
+    evidence = AvoidAgents((1,)).planned(crossing)
+    assert not evidence.ok and evidence.value < 0.05 and 0 < evidence.time_s < 1.0
+    near = f"comes within {evidence.value * 100:.1f} cm of Agent_2, to carry thing0 (move) (panda_"
+    assert evidence.reason.startswith(f"at {evidence.time_s:.2f} s Agent_1, to carry thing0 (move), {near}")
+
+
+def test_taking_turns_is_proven_clear_with_its_distance(crossing):
+    there_and_back = tuple(walk(agent, [REST, REACHING, REST], 20) for agent in (1, 2))
+    plan = Plan(BAR, FULL, crossing.scene, there_and_back)
+    timed = schedule(there_and_back, plan.diagrams)
+    assert isinstance(timed, Schedule)
+    assert 40 < len(timed) < 80  # overlapping, but not blindly
+    evidence = AvoidAgents((1, 2)).planned(plan_of(BAR, crossing.scene, there_and_back, timed))
+    assert evidence.ok and evidence.value >= evidence.bound
+    bodies = [plan.bodies.along(trajectory) for trajectory in there_and_back]
+    least = nearest(*bodies, at=timed.positions)
+    assert least is not None and least.distance_m == pytest.approx(evidence.value)
+
+
+def test_waiting_where_the_other_arm_reaches_is_seen(crossing):
+    trajectories = (idle(1, REACHING), walk(2, [REST, REACHING], 20))
+    scene = scene_of(BAR)
+    assert not AvoidAgents((1, 2)).planned(plan_of(BAR, scene, trajectories)).ok
+
+
+def test_one_agent_means_all_its_pairs():
+    four = team(4)
+    assert AvoidAgents((2,)).pairs(four) == ((1, 2), (2, 3), (2, 4))
+    assert AvoidAgents((1, 3, 4)).pairs(four) == ((1, 3), (1, 4), (3, 4))
+    alone = team(1)
+    scene = scene_of(alone)
+    assert AvoidAgents((1,)).planned(plan_of(alone, scene, (idle(1),))).ok
+
+
+def test_objects_in_the_way_are_named():
+    scene = scene_of(FOOD)
+    hand = Hand(FOOD, scene, 1)
+    over = scene.poses["pot"] @ transform((0, 0, 0.12)) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    hand.to(over, 20, Subgoal(1, "carry", "steak"), "move")  # fingers into the lid's knob
+    evidence = AvoidObjects((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
+    assert not evidence.ok and evidence.value < 0.01
+    assert "Agent_1, to carry steak (move), comes within" in evidence.reason
+    assert "of lid (panda_" in evidence.reason and evidence.reason.endswith("which it may not touch")
+
+
+def test_what_a_segment_is_about_may_be_touched():
+    scene = scene_of(FOOD)
+    hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
+    evidence = AvoidObjects((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
+    assert evidence.ok and evidence.value > 0.003
+    assert evidence.reason.startswith("Agent_")
+
+
+def test_an_arm_in_the_table_is_named():
+    scene = scene_of(BAR)
+    aside, low = REST.copy(), REST.copy()
+    aside[0] = low[0] = 1.5  # away from the barrier
+    low[1] = 1.6
+    evidence = AvoidObjects((1,)).planned(plan_of(BAR, scene, (walk(1, [aside, low], 20), idle(2))))
+    assert not evidence.ok and evidence.value < 0.02
+    assert "of the table (arm), which it may not touch" in evidence.reason
+
+
+def test_a_zone_is_kept_or_entered():
+    scene = scene_of(BAR)
+    plan = plan_of(BAR, scene, (walk(1, [REST, REACHING], 20), idle(2)))
+    empty = StayOut(1, (0.5, 0.5, 0.0), (0.7, 0.7, 0.5)).planned(plan)
+    assert empty.ok and empty.value > 0.2
+    assert empty.reason.startswith("Agent_1 stays out of the zone (0.5, 0.5, 0.0) to (0.7, 0.7, 0.5) (panda_")
+    crossed = StayOut(1, (-0.1, -0.05, 0.0), (0.1, 0.2, 0.6)).planned(plan)
+    assert not crossed.ok and 0 < crossed.time_s < 1
+    assert f"Agent_1 at {crossed.time_s:.2f} s enters the zone" in crossed.reason
+    here = plan.bodies.arms[0].tcp(REST)[:3, 3]
+    zone = StayOut(1, tuple((here - 0.05).tolist()), tuple((here + 0.05).tolist()))
+    measured = zone.measured(scene, plan)
+    assert measured is not None and not measured.ok
+
+
+def test_the_monitor_of_policies_sees_force_and_overlap():
+    scene = scene_of(BAR, step=40)
+    monitor = PolicyMonitor(BAR)
+    assert monitor(scene) is None
+    assert monitor(replace(scene, arm_contacts=((1, 2, 0.4),))) is None
+    pushed = monitor(replace(scene, arm_contacts=((1, 2, 7.0),)))
+    assert pushed is not None
+    assert (pushed.check, pushed.agents, pushed.time_s, pushed.value, pushed.bound) == (
+        "ValidateSpatialOccupancy", (1, 2), 2.0, 7.0, 1.0,
+    )  # fmt: skip
+    assert pushed.reason == "Agent_1 and Agent_2 touch each other with 7 N"
+    qpos = scene.qpos.copy()
+    qpos[:, :7] = REACHING
+    crossed = monitor(replace(scene, qpos=qpos))
+    assert crossed is not None and crossed.value < 0
+    assert crossed.reason.startswith(f"Agent_1 and Agent_2 overlap by {-crossed.value * 1000:.0f} mm (panda_")
+
+
+def test_touching_agrees_with_the_exact_distance():
+    rng = np.random.default_rng(0)
+    outcomes = set()
+    for _ in range(60):
+        qpos = scene_of(BAR).qpos
+        qpos[:, :7] = REACHING + rng.normal(0, 0.25, (2, 7))
+        scene = scene_of(BAR, qpos=qpos)
+        exact = Bodies(BAR, scene).between(1, 2).distance_m
+        found = touching(BAR, scene, ((1, 2),))
+        outcomes.add(found is None)
+        assert (found is None) == (exact >= 0)
+    assert outcomes == {True, False}

@@ -1,0 +1,133 @@
+"""The generation loop in the real simulator: feedback, replanning, budgets, honest reasons."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.datagen.brain import ScriptedBrain, from_json, to_json
+from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.errors import ArgumentError
+from rf_exp.sim.simulator import Simulator
+from rf_exp.types import Row, Subgoal
+from tests.conftest import read_task
+
+FULL = Row("full")
+LOGICAL = Row("logical", spatial=False, temporal=False)
+
+
+@pytest.fixture(scope="module")
+def lift_world():
+    with Simulator(read_task("lift_barrier"), render=False) as world:
+        yield world
+
+
+class Mistaken(ScriptedBrain):
+    """Changes the first answers, and keeps the questions it was asked."""
+
+    def __init__(self, change, times=1):
+        self.change, self.times, self.questions = change, times, []
+
+    def answer(self, question):
+        self.questions.append(question)
+        text = super().answer(question)
+        if len(self.questions) > self.times:
+            return text
+        changed = self.change(from_json(text, question.task))
+        return changed if isinstance(changed, str) else to_json(changed)
+
+
+class Watcher(Nobody):
+    def __init__(self):
+        self.rejections, self.plans, self.steps = [], [], 0
+
+    def planned(self, plan, checker):
+        self.plans.append(plan)
+
+    def rejected(self, violation):
+        self.rejections.append(violation)
+
+    def stepped(self, scene, action, pictures):
+        self.steps += 1
+
+
+def both_left(proposal):
+    """Agent 2 is sent to the end that Agent 1 is to grasp, with the constraints as they were."""
+    return replace(proposal, subgoals=(proposal.subgoals[0], Subgoal(2, "grasp", "barrier", "left")))
+
+
+def settings(task, row=FULL, **keywords):
+    return Settings(task, row, "scripted", **keywords)
+
+
+def test_an_episode_succeeds_and_carries_its_certificate(lift_world):
+    watcher = Watcher()
+    outcome = EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain(), watcher).make(0)
+    episode = outcome.episode
+    assert outcome.success and outcome.success_paper and outcome.reason == "" and outcome.attempts == 1
+    assert episode is not None and outcome.steps == watcher.steps == len(episode.qpos)
+    assert episode.qpos.shape[1:] == (2, 9) and episode.action.shape[1:] == (2, 8)
+    rounds = json.loads(json.dumps(episode.certificate))["rounds"]
+    assert [len(each["checks"]) > 0 and all(c["ok"] for c in each["checks"]) for each in rounds] == [True, True]
+    assert "VI(Agent_1, barrier, left)" in rounds[0]["check_code"]
+
+
+def test_measured_motion_follows_the_commands_within_the_joint_limits(lift_world):
+    episode = EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain()).make(1).episode
+    commanded = np.diff(episode.action[..., :7], axis=0) * 20
+    assert np.abs(commanded).max() <= 0.9 * 1.01
+    assert np.abs(np.diff(commanded, axis=0)).max() * 20 <= 0.9 * 1.01
+    assert np.abs(episode.qvel[..., :7]).max() <= 0.9 * 1.1
+
+
+def test_recorded_actions_replay_to_success(lift_world):
+    episode = EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain()).make(2).episode
+    lift_world.reset(2)
+    for row, action in zip(episode.qpos, episode.action, strict=True):
+        scene = lift_world.step(action.astype(float))
+        assert np.isfinite(row).all()
+    assert scene.held == ("barrier", "barrier")
+    assert scene.poses["barrier"][2, 3] > 0.15
+
+
+def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift_world):
+    watcher, brain = Watcher(), Mistaken(both_left)
+    outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain, watcher).make(0)
+    assert outcome.success and outcome.attempts == 2
+    (violation,) = watcher.rejections
+    assert violation.time_s == pytest.approx(violation.time_s) and "Agent_2" in violation.reason
+    second = brain.questions[1]
+    assert second.feedback == (violation,) and second.scene.step == 0
+
+
+@pytest.mark.parametrize("answer", ["no json", '{"Subgoals": {"Agent_9": "home"}}', '{"Subgoals": {"Agent_1": "fly"}}'])
+def test_a_bad_answer_is_feedback_too(lift_world, answer):
+    brain = Mistaken(lambda proposal: answer)
+    outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain).make(0)
+    assert outcome.success and outcome.attempts == 2
+    assert brain.questions[1].feedback[0].check == "RoboBrain"
+
+
+def test_the_budget_of_attempts_ends_an_episode_with_its_reason(lift_world):
+    brain = Mistaken(lambda proposal: "never any json", times=99)
+    outcome = EpisodeMaker(settings(lift_world.task, attempts=3), lift_world, brain).make(0)
+    assert not outcome.success and outcome.episode is None
+    assert outcome.attempts == 3 == len(brain.questions)
+    assert "not the expected JSON" in outcome.reason and outcome.steps == 0
+
+
+def test_arms_take_turns_without_a_model_of_time(lift_world):
+    watcher = Watcher()
+    EpisodeMaker(settings(lift_world.task, LOGICAL), lift_world, ScriptedBrain(), watcher).make(0)
+    for plan in watcher.plans:
+        moves = np.diff(plan.schedule.positions, axis=0)
+        assert (moves.sum(axis=1) == 1).all()
+    full = Watcher()
+    EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain(), full).make(0)
+    assert (np.diff(full.plans[1].schedule.positions, axis=0) == 1).all()  # the lift is one motion of both
+
+
+def test_attempts_must_be_positive(lift_barrier):
+    with pytest.raises(ArgumentError, match="attempts is 0; at least 1"):
+        settings(lift_barrier, attempts=0)
