@@ -49,7 +49,9 @@ def trajectory(agent: int, bodies: Bodies, positions: int, rng: np.random.Genera
     for k, count in enumerate(counts.tolist()):
         fraction = (1 - np.cos(np.pi * np.arange(1, count + 1) / count)) / 2
         path = keys[k] + fraction[:, None] * (keys[k + 1] - keys[k])
-        segments.append(Segment(agent, Subgoal(agent, "carry", f"thing{k}"), "move", path, np.full(count, GRIPPER_OPEN)))
+        segments.append(
+            Segment(agent, Subgoal(agent, "carry", f"thing{k}"), "move", path, np.full(count, GRIPPER_OPEN))
+        )
     return Trajectory(agent, rest, GRIPPER_OPEN, tuple(segments))
 
 
@@ -83,7 +85,9 @@ def case(count: int, positions: int, rng: np.random.Generator) -> dict[str, floa
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cases", type=int, default=10, help="random cases for each number of arms")
     parser.add_argument("--positions", type=int, default=200, help="control steps of each arm alone")
     parser.add_argument("--seed", type=int, default=0)
@@ -96,7 +100,8 @@ def main() -> None:
         runs = [run for _ in range(arguments.cases) if (run := case(count, arguments.positions, rng))]
         keys = ("of_serial", "gap", "forbidden", "diagrams_ms", "search_ms")
         medians = {
-            key: round(statistics.median([run[key] for run in runs if key in run] or [float("nan")]), 4) for key in keys
+            key: round(statistics.median([run[key] for run in runs if key in run] or [float("nan")]), 4)
+            for key in keys
         }
         worst_ms = max(run["diagrams_ms"] + run["search_ms"] for run in runs)
         solved = int(sum(run["feasible"] for run in runs))
@@ -106,7 +111,13 @@ def main() -> None:
             f"{medians['of_serial']:.0%} of serial, {medians['gap']:.1%} above the bound; diagrams "
             f"{medians['diagrams_ms']:.0f} ms, search {medians['search_ms']:.0f} ms, worst {worst_ms:.0f} ms"
         )
-        result[f"{count}_arms"] = {"cases": len(runs), "solved": solved, "optimal": exact, **medians, "worst_ms": round(worst_ms)}
+        result[f"{count}_arms"] = {
+            "cases": len(runs),
+            "solved": solved,
+            "optimal": exact,
+            **medians,
+            "worst_ms": round(worst_ms),
+        }
     print(json.dumps(result))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints.clearance import Mask, Swept, closer_than
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Kind, Row, Scene, Schedule, Segment, Trajectory, Violation
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Row, Scene, Schedule, Segment, Trajectory, Violation
 
 FINER = 8  # steps of the second look in one control step
 
@@ -134,14 +134,14 @@ class Plan:
 
 
 def _finer(trajectory: Trajectory) -> Trajectory:
-    """The same motion with FINER path positions for each one, straight in joint space."""
-    segments, last = [], trajectory.start_qpos
-    for segment in trajectory.segments:
-        corners = np.concatenate([last[None], segment.qpos])
-        at = np.arange(1, FINER * len(segment) + 1) / FINER
-        qpos = np.column_stack([np.interp(at, np.arange(len(corners)), joint) for joint in corners.T])
-        segments.append(replace(segment, qpos=qpos, gripper=np.repeat(segment.gripper, FINER)))
-        last = segment.qpos[-1]
+    """The same motion with FINER path positions for each one, straight in joints and gripper."""
+    path, start = trajectory.path(), 0
+    segments = []
+    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+        at = np.arange(FINER * start + 1, FINER * end + 1) / FINER
+        finer = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+        segments.append(replace(segment, qpos=finer[:, :ARM_JOINTS], gripper=finer[:, ARM_JOINTS]))
+        start = end
     return replace(trajectory, segments=tuple(segments))
 
 

@@ -26,12 +26,19 @@ class Obstacles:
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
 
-        def test(agent: int, points: NDArray[np.float64], state: State, touches: frozenset[str]) -> str | None:
+        def test(
+            agent: int,
+            points: NDArray[np.float64],
+            state: State,
+            touches: frozenset[str],
+            *,
+            between: bool = False,
+        ) -> str | None:
             bodies = self._bodies(state)
             body = self._body(bodies, agent, points, state, touches)
             hit = bodies.below_table(body)
             for name, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
-                near = closer_than(body, other, margin_m, between=False)[:, 0]
+                near = closer_than(body, other, margin_m, between=between)[:, 0]
                 if near.any():
                     return name
             return "the table" if hit.any() else None

@@ -34,4 +34,4 @@ def curve_log(experiment: Experiment, title: str) -> Iterator[Callable[[Curve], 
         yield log
     finally:
         if run is not None:
-            run.finish(quiet=True)
+            run.finish()

@@ -91,7 +91,7 @@ def test_the_makespan_is_that_of_breadth_first_search(problem):
 
 
 @settings(max_examples=100, deadline=None)
-@given(problems(), st.integers(1, 12))
+@given(problems(most_agents=4, longest=4), st.integers(1, 12))
 def test_a_small_budget_keeps_the_bound_and_the_rules(problem, budget):
     expected, answer = brute_force(problem), solve(problem, budget)
     if isinstance(answer, Found):

@@ -4,9 +4,9 @@ A subgoal is carried out from the state in which the previous one leaves the age
 proposal is planned ahead of its execution. `State` is that predicted state.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
-_CHECK_EVERY = 3  # dense path points
 PLACE_CLEARANCE_M = 0.10  # above the place from which an object is lowered
 RETREAT_M = 0.08
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
@@ -51,8 +50,21 @@ class State:
     places: Mapping[str, Matrix] = field(default_factory=dict)
 
 
-# (agent, joint points (K, 7), state, gripper may touch) -> what is in the way, or None
-Blocked = Callable[[int, NDArray[np.float64], State, frozenset[str]], str | None]
+class Blocked(Protocol):
+    """Knows the obstacles: what is in the way of an agent at joint points (K, 7), or None.
+
+    The gripper may touch `touches`. With `between`, the motion from each point to the next counts too.
+    """
+
+    def __call__(
+        self,
+        agent: int,
+        points: NDArray[np.float64],
+        state: State,
+        touches: frozenset[str],
+        *,
+        between: bool = False,
+    ) -> str | None: ...
 
 
 @dataclass(frozen=True)
@@ -226,7 +238,7 @@ class Primitives:
             corners = densify(np.concatenate([path, line]))
             for radius_rad in BLEND_RAD:
                 points = blend(corners, radius_rad)
-                obstacle = self.blocked(agent, points[::_CHECK_EVERY], state, touches)
+                obstacle = self.blocked(agent, points, state, touches, between=True)
                 if obstacle is None:
                     return parameterise(points, self.limits)
             reasons.append(f"{obstacle} is in the way")
