@@ -17,32 +17,34 @@ from rf_exp.constraints.clearance import closer_than
 from rf_exp.constraints.timing import schedule
 from rf_exp.constraints.world import AGENT_MARGIN_M, Bodies
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
-from rf_exp.tasks.base import REST_QPOS
-from rf_exp.transforms import transform
 from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajectory
 
 BASES = ((0.0, -0.75, 90.0), (0.0, 0.75, -90.0), (0.75, 0.0, 180.0), (-0.75, 0.0, 0.0))  # m, m, deg
 SHARED_M = 0.15  # half side of the middle in which everybody works
 HEIGHT_M = (0.12, 0.30)
+HOME = (0.0, -0.7, 0.0, -2.5, 0.0, 1.8, np.pi / 4)  # rad, drawn back: four at rest leave the middle free
 
 
 def team(count: int) -> tuple[Task, Scene]:
     cameras = {"global": CameraSpec(), **{f"agent{k}": CameraSpec() for k in range(1, count + 1)}}
     task = Task("team", "", "", "", tuple(RobotSpec(*base) for base in BASES[:count]), {}, cameras, {})
-    qpos = np.tile([*REST_QPOS, 0.04, 0.04], (count, 1))
+    qpos = np.tile([*HOME, 0.04, 0.04], (count, 1))
     return task, Scene(0, qpos, 0 * qpos, {}, {}, (None,) * count)
 
 
 def trajectory(agent: int, bodies: Bodies, positions: int, rng: np.random.Generator) -> Trajectory:
     """Rest, two random places in the middle with a stop at each, rest."""
-    arm, rest = bodies.arms[agent - 1], np.array(REST_QPOS)
+    arm, rest = bodies.arms[agent - 1], np.array(HOME)
+    down = np.diag([1.0, -1.0, -1.0, 1.0])
     keys = [rest]
-    while len(keys) < 3:
-        place = (*rng.uniform(-SHARED_M, SHARED_M, 2), rng.uniform(*HEIGHT_M))
-        facing = transform() if agent != 2 else np.diag([-1.0, -1.0, 1.0, 1.0])
-        solved = arm.solve(transform(place) @ facing @ np.diag([1.0, -1.0, -1.0, 1.0]), keys[-1])
-        if solved is not None and np.abs(solved - rest).max() < 1.8:
-            keys.append(solved)
+    for _ in range(2):
+        solved = None
+        while solved is None:
+            place = (*rng.uniform(-SHARED_M, SHARED_M, 2), rng.uniform(*HEIGHT_M))
+            turned = arm.world_from_base.copy()
+            turned[:3, 3] = place
+            solved = arm.solve(turned @ down, keys[-1])
+        keys.append(solved)
     keys.append(rest)
     counts = np.diff(np.linspace(0, positions, len(keys)).astype(int))
     segments = []

@@ -130,7 +130,8 @@ def main() -> None:
         return round(100 * float(alarm[among].mean()), 2) if among.any() else 0.0
 
     print(
-        f"{len(random)} random pairs of arms, {truth[~is_near].mean():.1%} collide; {len(near)} near first contact"
+        f"{len(random)} random pairs of arms, {truth[~is_near].mean():.1%} collide; "
+        f"{len(near)} near first contact"
     )
     print(f"{'model':30}{'missed':>9}{'missed near':>13}{'false alarms':>14}{'us a pair':>11}")
     result = {}

@@ -22,6 +22,7 @@ PYTHONS = ((3, 11), (3, 12))
 # it brings libraries along (libgomp) that the others would then seem to have.
 MODULES = ("pinocchio", "coal", "numpy", "cv2", "toppra", "sapien", "rerun", "mani_skill", "torch")
 IMPORT_TIMEOUT_S = 300.0
+LISTED = 4  # problems named on one line
 QUICK_GB, PAPER_GB = 1.0, 10.0  # free space: the main job; one task with profile=paper
 
 State = Literal["ok", "note", "missing"]
@@ -68,7 +69,8 @@ def packages(distribution: str = "rf_exp") -> Check:
     wanted = [text for text in required if "extra ==" not in text]
     wrong = [problem for text in wanted if (problem := _unmet(text))]
     if wrong:
-        return Check("packages", "missing", ", ".join(wrong), "everything that uses them", SET_UP)
+        found = ", ".join(wrong[:LISTED]) + (f" and {len(wrong) - LISTED} more" if wrong[LISTED:] else "")
+        return Check("packages", "missing", found, "everything that uses them", SET_UP)
     try:
         found = f"opencv-python {metadata.version('opencv-python')} lies over the headless build"
         return Check("packages", "note", found, "cv2 on machines without libGL", SET_UP)

@@ -3,16 +3,16 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import dacite
 
 from rf_exp.datagen.brain import make_brain
 from rf_exp.datagen.episode import Settings
-from rf_exp.sim.pool import Pictures
 from rf_exp.datagen.motion import JointLimits
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.sim.pool import Pictures
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Arch, Row
@@ -43,21 +43,30 @@ class Experiment:
     policy: PolicyConfig
     training: TrainConfig
     train_seed: int
-    wandb: str
+    wandb: Literal["online", "offline", "disabled"]
     scenes: int
 
     def __post_init__(self) -> None:
         unknown = [stage for stage in self.stages if stage not in STAGES]
         if unknown:
             raise ArgumentError(f"unknown stage {unknown[0]!r}; available: {', '.join(STAGES)}")
-        lowest = {"seed": 0, "demos": 1, "workers": 1, "attempts": 1, "recordings": 0, "scenes": 1, "train_seed": 0}
+        lowest = {
+            "seed": 0,
+            "demos": 1,
+            "workers": 1,
+            "attempts": 1,
+            "recordings": 0,
+            "scenes": 1,
+            "train_seed": 0,
+        }
         lowest |= {"episodes": 1} if self.episodes is not None else {}
         for key, low in lowest.items():
             if getattr(self, key) < low:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
         if self.seed + (self.episodes or self.demos) >= EVALUATION_SEED:
             raise ArgumentError(
-                f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, where the seeds of evaluation begin"
+                f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, "
+                "where the seeds of evaluation begin"
             )
         if not self.pictures.render and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError("render=false makes no pictures to learn from; use it with stages=[generate]")

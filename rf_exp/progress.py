@@ -9,7 +9,8 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress as Bar, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 
 LINE_EVERY_S = 20.0
 
@@ -68,4 +69,6 @@ class Progress:
         self._said, self._told = time.perf_counter(), self._done
         note = f", {self._note}" if self._note else ""
         if self._bar is None or self._done >= self._total:
-            console.print(f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}")
+            console.print(
+                f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}"
+            )

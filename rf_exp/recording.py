@@ -78,7 +78,9 @@ class EpisodeRecorder:
     def rejected(self, violation: Violation) -> None:
         self._recorder.violation(violation)
 
-    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
         """One control step: poses, curves, pictures, occupancy, and what each agent is about."""
         self._step = scene.step + 1
         self.look(scene, action, pictures)

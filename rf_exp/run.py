@@ -1,8 +1,8 @@
 """The experiment, read top to bottom like the method section of the paper.
 
-    python -m rf_exp.run                                               a quick one, of lift_barrier
-    python -m rf_exp.run -m task=lift_barrier,place_food arch=all      the architecture table
-    python -m rf_exp.run stages=[generate] task=all constraints=full   data only
+python -m rf_exp.run                                               a quick one, of lift_barrier
+python -m rf_exp.run -m task=lift_barrier,place_food arch=all      the architecture table
+python -m rf_exp.run stages=[generate] task=all constraints=full   data only
 """
 
 import os
@@ -19,7 +19,6 @@ from omegaconf.errors import OmegaConfBaseException
 from rf_exp.errors import ArgumentError, RfError
 from rf_exp.experiment import read_experiment
 from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
-
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 

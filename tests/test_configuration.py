@@ -2,6 +2,7 @@
 
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
@@ -18,18 +19,23 @@ GROUPS = {
 
 def experiment(*overrides):
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("config", list(overrides) + ["name=test", "hydra.run.dir=."], return_hydra_config=False)
-        return read_experiment(OmegaConf.to_container(config, resolve=True))
+        config = compose("config", [*overrides, "name=test", "hydra.run.dir=."], return_hydra_config=False)
+        node: Any = OmegaConf.to_container(config, resolve=True)
+        return read_experiment(node)
 
 
-@pytest.mark.parametrize(("group", "name"), [(group, name) for group, names in GROUPS.items() for name in names])
+@pytest.mark.parametrize(
+    ("group", "name"), [(group, name) for group, names in GROUPS.items() for name in names]
+)
 def test_every_choice_composes(group, name):
     assert experiment(f"{group}={name}").tasks
 
 
 @pytest.mark.parametrize("group", ["task", "arch", "constraints"])
 def test_all_means_every_file_there_is(group):
-    everything = getattr(experiment(f"{group}=all"), {"task": "tasks", "arch": "archs", "constraints": "rows"}[group])
+    everything = getattr(
+        experiment(f"{group}=all"), {"task": "tasks", "arch": "archs", "constraints": "rows"}[group]
+    )
     assert sorted(each.name for each in everything) == [name for name in GROUPS[group] if name != "all"]
 
 

@@ -53,13 +53,14 @@ def test_a_distribution_that_is_not_installed() -> None:
 def test_every_unmet_requirement_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     install(tmp_path, "present", "2.13.0+cpu")
     wanted = ["present==2.13.0", "present>=2.11,<2.14", "present[all]", "present>=2.14", "present<2.13"]
-    install(tmp_path, "broken", "1.0", *wanted, "absent>=1", 'extra_only>=1; extra == "dev"')
+    wanted += ["absent>=1", 'extra_only>=1; extra == "dev"', "present==2.12", "absent2", "absent3"]
+    install(tmp_path, "broken", "1.0", *wanted)
     monkeypatch.syspath_prepend(str(tmp_path))
     check = doctor.packages("broken")
     assert check.state == "missing"
     assert check.found == (
         "present is 2.13.0+cpu, needed is >=2.14, present is 2.13.0+cpu, needed is <2.13, "
-        "absent is not installed"
+        "absent is not installed, present is 2.13.0+cpu, needed is ==2.12 and 2 more"
     )
 
 
@@ -137,8 +138,9 @@ def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
     venv.create(tmp_path / "bare", with_pip=False)
+    (tmp_path / "rf_exp").symlink_to(ROOT / "rf_exp")
     command = [str(tmp_path / "bare/bin/python"), "-m", "rf_exp.doctor", "--out", str(tmp_path)]
-    done = subprocess.run(command, cwd=ROOT, env={"PATH": ""}, capture_output=True, text=True)
+    done = subprocess.run(command, cwd=tmp_path, env={"PATH": ""}, capture_output=True, text=True)
     lines = done.stdout.splitlines()
     assert done.returncode == 1, done.stderr
     assert [line.split()[1] for line in lines[:-1]] == [

@@ -84,7 +84,13 @@ def test_wrong_arguments_exit_with_2_and_say_what_is_possible(command, arguments
 
 def test_output_below_a_file_cannot_be_written(command, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    result = command("stages=[generate]", "render=false", "demos=1", f"out={tmp_path / 'file' / 'out'}", "hydra.run.dir=" + str(tmp_path))
+    result = command(
+        "stages=[generate]",
+        "render=false",
+        "demos=1",
+        f"out={tmp_path / 'file' / 'out'}",
+        "hydra.run.dir=" + str(tmp_path),
+    )
     assert result.returncode == 2
     assert "cannot write below" in result.stderr and "out=FOLDER" in result.stderr
 
@@ -118,7 +124,10 @@ def generated(tmp_path_factory):
 def test_every_seed_is_a_row(generated):
     out, _ = generated
     for task in ("lift_barrier", "place_food"):
-        rows = [json.loads(line) for line in (out / f"results/generate/{task}/full.jsonl").read_text().splitlines()]
+        rows = [
+            json.loads(line)
+            for line in (out / f"results/generate/{task}/full.jsonl").read_text().splitlines()
+        ]
         assert [row["seed"] for row in rows] == [0, 1]
         assert all(row["success"] and row["reason"] == "" for row in rows)
 
@@ -154,9 +163,11 @@ def test_a_changed_configuration_is_not_reused(generated):
 
 @pytest.mark.slow
 def test_more_episodes_continue_where_fewer_stopped(generated, tmp_path):
-    out, arguments = generated
+    out, _ = generated
     run("stages=[generate]", "render=false", "episodes=1", "recordings=0", "workers=1", f"out={tmp_path}")
-    result = run("stages=[generate]", "render=false", "episodes=2", "recordings=0", "workers=1", f"out={tmp_path}")
+    result = run(
+        "stages=[generate]", "render=false", "episodes=2", "recordings=0", "workers=1", f"out={tmp_path}"
+    )
     assert result.returncode == 0, result.stderr
     resumed, whole = (Store.open(folder / "data/lift_barrier/full/quick.zarr") for folder in (tmp_path, out))
     assert resumed.digest() == whole.digest()
@@ -174,7 +185,9 @@ def test_the_whole_experiment_at_a_tiny_size(tmp_path):
         assert len(policies) == (1 if arch.startswith("shared") else 2)
         line = (tmp_path / f"results/evaluate/lift_barrier/{arch}/full-2.jsonl").read_text()
         assert json.loads(line)["scene_seed"] == 1_000_000
-        assert (tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.rrd").stat().st_size > 50_000
+        assert (
+            tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.rrd"
+        ).stat().st_size > 50_000
     assert (tmp_path / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
     assert (tmp_path / "report.html").stat().st_size > 10_000
     for name in ("tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"):

@@ -7,6 +7,7 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -121,7 +122,7 @@ class Checker:
                 return violation(check, evidence)
         return self._dropped(plan, scene) or self._strayed(plan, scene)
 
-    def certificate(self) -> dict[str, object]:
+    def certificate(self) -> dict[str, Any]:
         """What was checked before execution and with what result; plain JSON values."""
         plan = self._plan
         timed = plan.schedule if plan else None

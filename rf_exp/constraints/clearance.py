@@ -195,8 +195,9 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
             least = margin_m + needs_a.min(axis=1) + needs_b.min(axis=1)
             free_at, closer_at = (most + moved + SLACK_M).tolist(), (least - moved - SLACK_M).tolist()
             r, c, i, j, undecided = r.tolist(), c.tolist(), i.tolist(), j.tolist(), []
-            for k in near.tolist():
-                if size == 1 and forbidden[r[k], c[k]]:
+            for k in near[np.argsort(apart[near], kind="stable")].tolist():  # the deepest settle most
+                block = slice(r0[k], r1[k] + 1), slice(c0[k], c1[k] + 1)
+                if forbidden[r[k], c[k]] and forbidden[block].all():
                     continue
                 distance = _distance(a, b, r[k], c[k], i[k], j[k])
                 if distance >= free_at[k]:
@@ -204,7 +205,6 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
                 if size > 1 and distance >= closer_at[k]:
                     undecided.append(k)
                     continue
-                block = slice(r0[k], r1[k] + 1), slice(c0[k], c1[k] + 1)
                 if whole[k]:
                     forbidden[block] = True
                 else:

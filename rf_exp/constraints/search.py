@@ -128,7 +128,8 @@ def _past(
 ) -> NDArray[np.int64] | None:
     """(horizon + 1,) positions of an agent that arrives as early as the placed ones let it.
 
-    None if they do not let it. The only choice is when to leave each knot, so sets of arrival times are all that is kept.
+    None if they do not let it. The only choice is when to leave each knot, so sets of arrival times
+    are all that is kept.
     """
     length = problem.lengths[agent]
     blocked = np.zeros((horizon + length + 2, length + 1), dtype=bool)  # (t, position); free past the horizon

@@ -7,7 +7,7 @@ half-way through costs what is left, not what is done.
 import json
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -44,7 +44,7 @@ class Settings:
     task: Task
     row: Row
     brain: str
-    limits: JointLimits = JointLimits()
+    limits: JointLimits = field(default_factory=JointLimits)
     attempts: int = 4
 
     def __post_init__(self) -> None:
@@ -83,7 +83,9 @@ class Observer(Protocol):
 
     def rejected(self, violation: Violation) -> None: ...
 
-    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]) -> None: ...
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None: ...
 
 
 class Nobody:
@@ -95,14 +97,18 @@ class Nobody:
     def rejected(self, violation: Violation) -> None:
         pass
 
-    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
         pass
 
 
 class EpisodeMaker:
     """Makes one episode of `settings` in a world. One object for one seed."""
 
-    def __init__(self, settings: Settings, world: World, brain: Brain, observer: Observer | None = None) -> None:
+    def __init__(
+        self, settings: Settings, world: World, brain: Brain, observer: Observer | None = None
+    ) -> None:
         self._settings, self._world, self._brain = settings, world, brain
         self._observer: Observer = observer or Nobody()
         self._frames: list[tuple[Scene, NDArray[np.float64], dict[str, NDArray[np.uint8]]]] = []
@@ -123,7 +129,9 @@ class EpisodeMaker:
         for _ in range(_ROUNDS):
             if failures >= settings.attempts or self._verdict.success:
                 break
-            question = Question(settings.task, scene, self._world.pictures() if self._world.cameras else {}, done, feedback)
+            question = Question(
+                settings.task, scene, self._world.pictures() if self._world.cameras else {}, done, feedback
+            )
             result = self._plan(question, rng)
             if result is None:  # the brain has nothing left to do
                 break
@@ -193,7 +201,11 @@ class EpisodeMaker:
             plan = Plan(proposal, checker.code, trajectories, schedule)
             self._checker = checker
             self._rounds.append(
-                {"proposal": json.loads(to_json(proposal)), "check_code": str(checker.code), **checker.certificate()}
+                {
+                    "proposal": json.loads(to_json(proposal)),
+                    "check_code": str(checker.code),
+                    **checker.certificate(),
+                }
             )
             self._observer.planned(plan, checker)
             return plan

@@ -23,6 +23,7 @@ ARM_JOINTS = 7
 LINKS = (*(f"panda_link{i}" for i in range(8)), "panda_hand", "panda_leftfinger", "panda_rightfinger")
 TCP = "panda_hand_tcp"
 
+
 def description_folder() -> Path:
     """The folder with ManiSkill's Panda files, found without importing ManiSkill."""
     spec = find_spec("mani_skill")
@@ -80,7 +81,7 @@ def link_poses(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def tcp_pose(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-    """base_from_tcp for arm joints (..., 7) rad: (..., 4, 4). z points out of the hand, y along the fingers."""
+    """base_from_tcp (..., 4, 4) for arm joints (..., 7) rad; z out of the hand, y along the fingers."""
     joints, placements = _frames()
     qpos = np.asarray(qpos, dtype=float)
     padded = np.concatenate([qpos[..., :ARM_JOINTS], np.zeros((*qpos.shape[:-1], 2))], axis=-1)

@@ -44,7 +44,9 @@ def close_simulator() -> None:
         _simulator = None
 
 
-def in_order(jobs: Iterable[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]], workers: int) -> Iterator[Any]:
+def in_order(
+    jobs: Iterable[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]], workers: int
+) -> Iterator[Any]:
     """Results of joblib's delayed calls, in order, by `workers` processes; 1 stays in this one.
 
     A caller that stops early drops the calls under way.

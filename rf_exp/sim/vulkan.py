@@ -6,7 +6,6 @@ a GPU the loader is left alone. This file also runs by itself, before anything i
 `python rf_exp/sim/vulkan.py` draws one picture and exits 0 if that worked.
 """
 
-import json
 import os
 import platform
 import signal
@@ -74,8 +73,12 @@ def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Drive
 
     A variable set by the user wins; then a GPU that has a Vulkan driver; then the software driver.
     """
+    manifest = software_manifest(root)
+    software = Driver(f"software, {manifest}", manifest=manifest)
     for variable in VARIABLES:
         if value := environment.get(variable):
+            if value == str(manifest):  # also after `select_driver`
+                return software
             return Driver(f"{variable}={value}, set by you", variable=variable)
     # An NVIDIA GPU in a container often comes without the part of its driver that draws.
     nvidia = (root / "dev/nvidiactl").exists() and any(
@@ -86,8 +89,8 @@ def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Drive
         return Driver("the driver of the NVIDIA GPU")
     if render_nodes and not (root / "dev/nvidiactl").exists():
         return Driver(f"the driver of the GPU at {render_nodes[0]}")
-    if manifest := software_manifest(root):
-        return Driver(f"software, {manifest}", manifest=manifest)
+    if manifest:
+        return software
     return Driver("none found: no GPU with a Vulkan driver, no Mesa software driver")
 
 
@@ -114,13 +117,15 @@ def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
     except subprocess.TimeoutExpired:
         return Probe(driver, "", timeout_s, f"no answer from the driver in {timeout_s:g} s")
     seconds = time.perf_counter() - begin
+    answer, _, words = (child.stdout.strip().splitlines() or [""])[-1].partition(" ")
+    if answer == "drew":
+        return Probe(driver, words, seconds, "")
+    if answer == "failed":
+        return Probe(driver, "", seconds, words)
     if child.returncode < 0:
         name = signal.Signals(-child.returncode).name
         return Probe(driver, "", seconds, f"the driver ended the process with {name}")
-    if child.returncode > 0:
-        last = (child.stderr.strip() or child.stdout.strip() or "no message").splitlines()[-1]
-        return Probe(driver, "", seconds, last)
-    return Probe(driver, json.loads(child.stdout.splitlines()[-1])["device"], seconds, "")
+    return Probe(driver, "", seconds, (child.stderr.strip().splitlines() or ["no answer"])[-1])
 
 
 def require_rendering() -> None:
@@ -157,5 +162,10 @@ def _draw(picture: bool) -> str:
 
 
 if __name__ == "__main__":
-    words = select_driver()
-    print(json.dumps({"device": _draw("--device-only" not in sys.argv), "driver": words}))
+    select_driver()
+    try:
+        answer = f"drew {_draw('--device-only' not in sys.argv)}"
+    except Exception as error:
+        answer = f"failed {type(error).__name__}: {error}"
+    print(answer, flush=True)
+    os._exit(0 if answer.startswith("drew") else 1)  # without a device SAPIEN may crash on the way out

@@ -31,7 +31,14 @@ def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Pat
 
 
 def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    return experiment.out / "results" / "evaluate" / task.name / arch.name / f"{row.name}-{experiment.demos}.jsonl"
+    return (
+        experiment.out
+        / "results"
+        / "evaluate"
+        / task.name
+        / arch.name
+        / f"{row.name}-{experiment.demos}.jsonl"
+    )
 
 
 def recording_path(experiment: Experiment, task: Task, row: Row, stage: str, seed: int) -> Path:
@@ -85,7 +92,9 @@ def _same_configuration(artifact: Path, configuration: Mapping[str, Any]) -> Non
     found = json.loads(path.read_text())
     differing = sorted(key for key in {*found, *configuration} if found.get(key) != configuration.get(key))
     if differing:
-        listed = "; ".join(f"{key}: there {found.get(key)!r}, now {configuration.get(key)!r}" for key in differing)
+        listed = "; ".join(
+            f"{key}: there {found.get(key)!r}, now {configuration.get(key)!r}" for key in differing
+        )
         raise StageError(
             f"{artifact} was made with another configuration ({listed}); delete it, or choose another folder "
             "with out=FOLDER"

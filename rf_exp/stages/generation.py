@@ -45,20 +45,24 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
             by_seed = experiment.episodes is not None
             unit, total = ("seeds", len(span)) if by_seed else ("demonstrations", enough)
             with Progress(title, total, unit, len(tried) if by_seed else made) as progress:
-                for outcome in generate(settings, pictures, [s for s in span if s not in tried], experiment.workers):
+                for outcome in generate(
+                    settings, pictures, [s for s in span if s not in tried], experiment.workers
+                ):
                     if outcome.episode is not None:
                         store.append(outcome.episode)
                     if outcome.seed not in known:
                         rows.append(rows_path, _row(task, row, settings.brain, outcome))
                     tried.append(outcome.seed)
                     made += outcome.success
-                    progress.advance(int(by_seed or outcome.success), f"{made} of {len(tried)} seeds succeeded")
+                    progress.advance(
+                        int(by_seed or outcome.success), f"{made} of {len(tried)} seeds succeeded"
+                    )
                     if made >= enough:
                         break
         if made < enough and experiment.episodes is None:
             raise StageError(
-                f"{title}: only {made} of {len(tried)} seeds succeeded, {experiment.demos} demonstrations were "
-                f"wanted; the reasons are in {rows_path}"
+                f"{title}: only {made} of {len(tried)} seeds succeeded, {experiment.demos} demonstrations "
+                f"were wanted; the reasons are in {rows_path}"
             )
         _record(experiment, task, row, store.seeds[: experiment.recordings].tolist())
 

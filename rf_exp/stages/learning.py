@@ -64,10 +64,16 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
     folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
     limit = step_limit(experiment, task, row)
-    made_of = {"policy": asdict(experiment.policy), "training": asdict(experiment.training), "step_limit": limit}
+    made_of = {
+        "policy": asdict(experiment.policy),
+        "training": asdict(experiment.training),
+        "step_limit": limit,
+    }
     with owned(path, made_of):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
-        seen = {r.scene_seed for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)}
+        seen = {
+            r.scene_seed for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)
+        }
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
         title = f"evaluate {task.name}/{row.name}/{arch.name}"
@@ -76,7 +82,9 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             return
         successes = sum(r.success for r in known if r.scene_seed in seen)
         with Progress(title, experiment.scenes, "scenes", len(seen)) as progress:
-            jobs = (delayed(evaluate_scene)(task, experiment.pictures, folder, seed, limit) for seed in missing)
+            jobs = (
+                delayed(evaluate_scene)(task, experiment.pictures, folder, seed, limit) for seed in missing
+            )
             for tried, (result, wall_s) in enumerate(in_order(jobs, experiment.workers), start=len(seen) + 1):
                 rows.append(path, _row(experiment, task, row, arch, limit, result, wall_s))
                 successes += result.success

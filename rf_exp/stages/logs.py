@@ -26,7 +26,12 @@ def curve_log(experiment: Experiment, title: str) -> Iterator[Callable[[Curve], 
             folder.mkdir(parents=True, exist_ok=True)
             settings = wandb.Settings(silent=True)
             run = wandb.init(
-                project="rf_exp", name=title, dir=folder, mode=experiment.wandb, config=config, settings=settings  # pyright: ignore[reportArgumentType]
+                project="rf_exp",
+                name=title,
+                dir=folder,
+                mode=experiment.wandb,
+                config=config,
+                settings=settings,
             )
         run.log(asdict(curve), step=curve.step)
 

@@ -137,7 +137,10 @@ class Task:
         poses: dict[str, Matrix] = {}
         for name, spec in self.objects.items():
             local = planar(
-                rng.uniform(*spec.x_m), rng.uniform(*spec.y_m), np.deg2rad(rng.uniform(*spec.yaw_deg)), spec.z_m
+                rng.uniform(*spec.x_m),
+                rng.uniform(*spec.y_m),
+                np.deg2rad(rng.uniform(*spec.yaw_deg)),
+                spec.z_m,
             )
             poses[name] = poses[spec.on] @ local if spec.on else local
         noise = rng.normal(0.0, self.randomisation.rest_qpos_rad, (len(self.robots), ARM_JOINTS))

@@ -16,7 +16,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp both ends; once both are held, lift them at the same time."""
     if height_m(scene, "barrier") > task.success["lift_m"] and holders(scene, "barrier") == task.agents:
         return Proposal((), ())
-    spatial = [say.avoid_agents(agent) for agent in task.agents] + [say.avoid_objects(agent) for agent in task.agents]
+    spatial = [say.avoid_agents(agent) for agent in task.agents] + [
+        say.avoid_objects(agent) for agent in task.agents
+    ]
     if len(holders(scene, "barrier")) < len(task.agents):
         return Proposal(
             tuple(Subgoal(agent, "grasp", "barrier", point) for agent, point in GRIPS.items()),

@@ -40,7 +40,10 @@ def plan(scene: Scene, task: Task) -> Proposal:
             say.perpendicular(COOK, "steak"),
         ]
     if len({subgoal.agent for subgoal in subgoals}) == 2:
-        constraints += [say.before(HELPER, "lift", "lid", COOK, "place", "steak"), say.share_space(HELPER, COOK)]
+        constraints += [
+            say.before(HELPER, "lift", "lid", COOK, "place", "steak"),
+            say.share_space(HELPER, COOK),
+        ]
     constraints += [say.avoid_agents(agent) for agent in task.agents]
     constraints += [say.avoid_objects(agent) for agent in task.agents]
     return Proposal(tuple(subgoals), tuple(constraints))

@@ -22,7 +22,9 @@ def perpendicular(agent: int, name: str) -> Constraint:
 
 def same_height(a: int, b: int) -> Constraint:
     """Two agents keep what they carry level."""
-    return Constraint("logical", (a, b), f"{_agent(a)} and {_agent(b)} must keep a consistent gripper height.")
+    return Constraint(
+        "logical", (a, b), f"{_agent(a)} and {_agent(b)} must keep a consistent gripper height."
+    )
 
 
 def together(a: int, b: int, verb: str, name: str, within_s: float) -> Constraint:
@@ -45,7 +47,9 @@ def before(first: int, verb: str, name: str, second: int, verb2: str, name2: str
 
 def share_space(a: int, b: int) -> Constraint:
     """Two agents may use the same space at different times."""
-    return Constraint("temporal", (a, b), f"{_agent(a)} and {_agent(b)} may share the same space one after the other.")
+    return Constraint(
+        "temporal", (a, b), f"{_agent(a)} and {_agent(b)} may share the same space one after the other."
+    )
 
 
 def avoid_agents(agent: int) -> Constraint:

@@ -24,7 +24,9 @@ def test_scripted_plan_survives_the_round_trip(task):
 
 
 def test_answer_has_the_papers_structure(lift_barrier):
-    answer = json.loads(make_brain("scripted").answer(Question(lift_barrier, start_scene(lift_barrier, 0), {})))
+    answer = json.loads(
+        make_brain("scripted").answer(Question(lift_barrier, start_scene(lift_barrier, 0), {}))
+    )
     assert answer["Subgoals"]["Agent_1"] == "grasp barrier at left"
     assert set(answer["Constraints"]) == {"Logical", "Temporal", "Spatial"}
     assert answer["Constraints"]["Logical"][0]["Agent"] == "Agent_1"
@@ -40,8 +42,14 @@ def test_answer_has_the_papers_structure(lift_barrier):
         ('{"Subgoals": {"Agent_7": "hold"}}', "unknown agent 'Agent_7'; available: Agent_1, Agent_2"),
         ('{"Subgoals": {"Agent_1": "dance wildly"}}', "forms: grasp OBJECT at POINT"),
         ('{"Subgoals": {"Agent_1": "grasp barrier"}}', "lacks point"),
-        ('{"Subgoals": {"Agent_1": "grasp lamp at left"}}', "no object 'lamp' in lift_barrier; available: barrier"),
-        ('{"Subgoals": {"Agent_1": "grasp barrier at top"}}', "no interaction point 'top'; available: left, right"),
+        (
+            '{"Subgoals": {"Agent_1": "grasp lamp at left"}}',
+            "no object 'lamp' in lift_barrier; available: barrier",
+        ),
+        (
+            '{"Subgoals": {"Agent_1": "grasp barrier at top"}}',
+            "no interaction point 'top'; available: left, right",
+        ),
         ('{"Subgoals": {"Agent_1": "lift barrier"}}', "lacks height_m"),
     ],
 )

@@ -69,12 +69,16 @@ def test_an_episode_succeeds_and_carries_its_certificate(lift_world):
     assert episode is not None and outcome.steps == watcher.steps == len(episode.qpos)
     assert episode.qpos.shape[1:] == (2, 9) and episode.action.shape[1:] == (2, 8)
     rounds = json.loads(json.dumps(episode.certificate))["rounds"]
-    assert [len(each["checks"]) > 0 and all(c["ok"] for c in each["checks"]) for each in rounds] == [True, True]
+    assert [len(each["checks"]) > 0 and all(c["ok"] for c in each["checks"]) for each in rounds] == [
+        True,
+        True,
+    ]
     assert "VI(Agent_1, barrier, left)" in rounds[0]["check_code"]
 
 
 def test_measured_motion_follows_the_commands_within_the_joint_limits(lift_world):
     episode = EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain()).make(1).episode
+    assert episode is not None
     commanded = np.diff(episode.action[..., :7], axis=0) * 20
     assert np.abs(commanded).max() <= 0.9 * 1.01
     assert np.abs(np.diff(commanded, axis=0)).max() * 20 <= 0.9 * 1.01
@@ -83,6 +87,7 @@ def test_measured_motion_follows_the_commands_within_the_joint_limits(lift_world
 
 def test_recorded_actions_replay_to_success(lift_world):
     episode = EpisodeMaker(settings(lift_world.task), lift_world, ScriptedBrain()).make(2).episode
+    assert episode is not None
     lift_world.reset(2)
     for row, action in zip(episode.qpos, episode.action, strict=True):
         scene = lift_world.step(action.astype(float))
@@ -101,7 +106,9 @@ def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift
     assert second.feedback == (violation,) and second.scene.step == 0
 
 
-@pytest.mark.parametrize("answer", ["no json", '{"Subgoals": {"Agent_9": "home"}}', '{"Subgoals": {"Agent_1": "fly"}}'])
+@pytest.mark.parametrize(
+    "answer", ["no json", '{"Subgoals": {"Agent_9": "home"}}', '{"Subgoals": {"Agent_1": "fly"}}']
+)
 def test_a_bad_answer_is_feedback_too(lift_world, answer):
     brain = Mistaken(lambda proposal: answer)
     outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain).make(0)

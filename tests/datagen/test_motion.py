@@ -71,9 +71,7 @@ def test_a_joint_lift_keeps_both_grippers_level(lift_barrier):
     grasps = Proposal(tuple(Subgoal(k, "grasp", "barrier", p) for k, p in ((1, "left"), (2, "right"))), ())
     lifts = tuple(Subgoal(k, "lift", "barrier", height_m=0.17) for k in (1, 2))
     both = (frozenset({1, 2}), "lift", "barrier")
-    trajectories, _ = plan(
-        lift_barrier, Proposal(grasps.subgoals + lifts, ()), scene, lockstep=[both]
-    )
+    trajectories, _ = plan(lift_barrier, Proposal(grasps.subgoals + lifts, ()), scene, lockstep=[both])
     segments = [trajectory.segments[-1] for trajectory in trajectories]
     assert {segment.joined for segment in segments} == {"lift barrier"}
     heights = [
@@ -108,7 +106,10 @@ def test_what_is_placed_ends_where_it_should(place_food):
             (Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "place", "steak", target="lid")),
             "lid has no place point None; available: none",
         ),
-        ((Subgoal(2, "grasp", "lid", "knob"), Subgoal(2, "lift", "lid", height_m=2.0)), "does not reach that high"),
+        (
+            (Subgoal(2, "grasp", "lid", "knob"), Subgoal(2, "lift", "lid", height_m=2.0)),
+            "does not reach that high",
+        ),
     ],
 )
 def test_unreachable_says_why(place_food, subgoals, message):
@@ -142,7 +143,16 @@ def test_rrt_goes_round_a_wall():
     assert path is not None and len(path) > 2
     np.testing.assert_array_equal(path[0], start)
     np.testing.assert_array_equal(path[-1], goal)
-    assert find_path(start, goal, lambda p: not (np.abs(p[:, 0] - 0.5) < 0.1).any(), np.random.default_rng(0), iterations=50) is None
+    assert (
+        find_path(
+            start,
+            goal,
+            lambda p: not (np.abs(p[:, 0] - 0.5) < 0.1).any(),
+            np.random.default_rng(0),
+            iterations=50,
+        )
+        is None
+    )
 
 
 def test_arms_turned_to_the_table_reach_it():

@@ -77,6 +77,18 @@ def test_selecting_names_the_driver_to_the_loader(monkeypatch: pytest.MonkeyPatc
     assert vulkan.os.environ["VK_DRIVER_FILES"] == str(expected.manifest or "")
 
 
+def test_selecting_twice_says_the_same(tmp_path: Path) -> None:
+    root = machine(tmp_path, LAVAPIPE)
+    first = vulkan.find_driver({}, root)
+    assert vulkan.find_driver({"VK_DRIVER_FILES": str(first.manifest)}, root) == first
+
+
+def test_the_software_driver_may_be_named_in_spite_of_a_gpu(tmp_path: Path) -> None:
+    root = machine(tmp_path, LAVAPIPE, "dev/nvidiactl", NVIDIA)
+    driver = vulkan.find_driver({"VK_DRIVER_FILES": str(root / LAVAPIPE)}, root)
+    assert driver.words == f"software, {root / LAVAPIPE}"
+
+
 def test_selecting_leaves_the_users_choice_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
     assert vulkan.select_driver() == f"VK_DRIVER_FILES={NOWHERE}, set by you"

@@ -117,8 +117,14 @@ def test_food_in_the_pot_and_lid_aside_succeeds(place_food, cooked):
         (lambda s: replace(s, poses={**s.poses, "lid": s.poses["pot"] @ planar(0, 0, 0, 0.088)}), "lid off"),
         (lambda s: replace(s, held=("steak", None)), "released"),
         (lambda s: replace(s, held=(None, "lid")), "released"),
-        (lambda s: replace(s, poses={**s.poses, "steak": s.poses["pot"] @ planar(0.0, -0.07, 0, 0.012)}), "steak inside the pot"),
-        (lambda s: replace(s, poses={**s.poses, "steak": s.poses["steak"] + drop(0.2)}), "steak inside the pot"),
+        (
+            lambda s: replace(s, poses={**s.poses, "steak": s.poses["pot"] @ planar(0.0, -0.07, 0, 0.012)}),
+            "steak inside the pot",
+        ),
+        (
+            lambda s: replace(s, poses={**s.poses, "steak": s.poses["steak"] + drop(0.2)}),
+            "steak inside the pot",
+        ),
         (lambda s: replace(s, poses={**s.poses, "pot": s.poses["pot"] @ tilt(20)}), "pot upright"),
         (lambda s: replace(s, speeds={**s.speeds, "steak": 0.3}), "at rest"),
     ],

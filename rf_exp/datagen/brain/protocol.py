@@ -83,7 +83,8 @@ def to_json(proposal: Proposal) -> str:
         {
             "Subgoals": subgoals,
             "Constraints": {
-                kind.capitalize(): [_entry(c) for c in proposal.constraints if c.kind == kind] for kind in kinds
+                kind.capitalize(): [_entry(c) for c in proposal.constraints if c.kind == kind]
+                for kind in kinds
             },
         },
         indent=2,
@@ -104,7 +105,9 @@ def from_json(text: str, task: Task) -> Proposal:
     try:
         answer = _Answer.model_validate_json(text)
     except ValidationError as error:
-        details = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'answer'}: {e['msg']}" for e in error.errors()[:5])
+        details = "; ".join(
+            f"{'.'.join(map(str, e['loc'])) or 'answer'}: {e['msg']}" for e in error.errors()[:5]
+        )
         raise BadAnswer(f"the answer is not the expected JSON: {details}") from error
     subgoals = tuple(
         parse_subgoal(agent_number(name, task), part, task)
@@ -167,7 +170,13 @@ def parse_subgoal(agent: int, text: str, task: Task) -> Subgoal:
         )
     height = float(match["height"]) if match["height"] else None
     subgoal = Subgoal(
-        agent, match["verb"].lower(), match["object"], match["point"], match["target"], match["target_point"], height
+        agent,
+        match["verb"].lower(),
+        match["object"],
+        match["point"],
+        match["target"],
+        match["target_point"],
+        height,
     )
     missing = [name for name in _NEEDS[subgoal.verb] if getattr(subgoal, name) is None]
     if missing:
@@ -178,8 +187,15 @@ def parse_subgoal(agent: int, text: str, task: Task) -> Subgoal:
 
 def _check_names(subgoal: Subgoal, task: Task) -> None:
     if subgoal.object is not None and subgoal.object not in task.objects:
-        raise BadAnswer(f"no object {subgoal.object!r} in {task.name}; available: {', '.join(sorted(task.objects))}")
+        raise BadAnswer(
+            f"no object {subgoal.object!r} in {task.name}; available: {', '.join(sorted(task.objects))}"
+        )
     for name, point in ((subgoal.object, subgoal.point), (subgoal.target, subgoal.target_point)):
-        if name in task.objects and point is not None and point not in task.asset(name).points:
+        if (
+            name is not None
+            and name in task.objects
+            and point is not None
+            and point not in task.asset(name).points
+        ):
             listed = ", ".join(sorted(task.asset(name).points)) or "none"
             raise BadAnswer(f"{name} has no interaction point {point!r}; available: {listed}")

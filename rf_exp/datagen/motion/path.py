@@ -87,7 +87,9 @@ def _trace(tree: tuple[list[NDArray[np.float64]], list[int]], index: int) -> lis
     return path
 
 
-def _shortcut(path: NDArray[np.float64], free: Free, rng: np.random.Generator, tries: int = 60) -> NDArray[np.float64]:
+def _shortcut(
+    path: NDArray[np.float64], free: Free, rng: np.random.Generator, tries: int = 60
+) -> NDArray[np.float64]:
     for _ in range(tries):
         if len(path) < 3:
             break

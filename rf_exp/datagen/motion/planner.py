@@ -77,7 +77,9 @@ def _next_group(waiting: dict[int, list[Subgoal]], lockstep: Lockstep) -> list[S
     fronts = [queue[0] for queue in waiting.values() if queue]
     for first in fronts:
         agents = _group(first, lockstep) or frozenset()
-        members = [s for s in fronts if s.agent in agents and (s.verb, s.object) == (first.verb, first.object)]
+        members = [
+            s for s in fronts if s.agent in agents and (s.verb, s.object) == (first.verb, first.object)
+        ]
         if {s.agent for s in members} == agents:
             for member in members:
                 waiting[member.agent].pop(0)

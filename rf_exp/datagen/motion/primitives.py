@@ -92,7 +92,9 @@ class Primitives:
         point = self.task.asset(name).points[_required(subgoal.point)]
         goals = _symmetric(state.poses[name] @ point.object_from_tcp, point.symmetric)
         touches = frozenset({name})
-        reach = self._reach(agent, goals, point.standoff_m, state, touches, f"grasp {name} at {subgoal.point}")
+        reach = self._reach(
+            agent, goals, point.standoff_m, state, touches, f"grasp {name} at {subgoal.point}"
+        )
         segments = [self._segment(subgoal, "approach", reach, state, touches)]
         segments.append(self._fingers(subgoal, "close", GRIPPER_CLOSED, state, touches))
         tcp_from_object = inverse(self.arms[agent].tcp(state.qpos[agent])) @ state.poses[name]
@@ -127,7 +129,9 @@ class Primitives:
         goals = _symmetric(state.poses[name] @ point.object_from_tcp, point.symmetric)
         touches = frozenset({name})
         segments = [self._fingers(subgoal, "close", GRIPPER_CLOSED, state)]
-        points = self._reach(agent, goals, point.standoff_m, state, touches, f"press {name} at {subgoal.point}")
+        points = self._reach(
+            agent, goals, point.standoff_m, state, touches, f"press {name} at {subgoal.point}"
+        )
         return [*segments, self._segment(subgoal, "press", points, state, touches)]
 
     def _home(self, subgoal: Subgoal, state: State) -> list[Segment]:
@@ -148,7 +152,9 @@ class Primitives:
         goal[2, 3] += _required(subgoal.height_m)
         line = self._line(subgoal.agent, state.qpos[subgoal.agent], start, goal)
         if line is None:
-            raise Unreachable(f"Agent_{subgoal.agent} cannot {subgoal.text}: the arm does not reach that high")
+            raise Unreachable(
+                f"Agent_{subgoal.agent} cannot {subgoal.text}: the arm does not reach that high"
+            )
         if obstacle := self.blocked(subgoal.agent, line, state, self._touches_lifting(subgoal, state)):
             raise Unreachable(f"Agent_{subgoal.agent} cannot {subgoal.text}: {obstacle} is in the way")
         return line
@@ -176,7 +182,9 @@ class Primitives:
     def _holding(self, subgoal: Subgoal, state: State) -> tuple[str, Matrix]:
         held = state.held.get(subgoal.agent)
         if held is None or held[0] != subgoal.object:
-            raise Unreachable(f"Agent_{subgoal.agent} cannot {subgoal.text}: it does not hold {subgoal.object}")
+            raise Unreachable(
+                f"Agent_{subgoal.agent} cannot {subgoal.text}: it does not hold {subgoal.object}"
+            )
         return held
 
     def _destination(self, subgoal: Subgoal, state: State) -> tuple[Matrix, float]:
@@ -195,7 +203,9 @@ class Primitives:
             raise Unreachable(f"{target} has no place point {name!r}; available: {listed}")
         return state.poses[target] @ placing[name].object_from_tcp, placing[name].slack_m
 
-    def _above(self, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float) -> list[Matrix]:
+    def _above(
+        self, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float
+    ) -> list[Matrix]:
         """TCP poses that put the held object at its destination, raised by `height_m`; best first.
 
         The yaw of what is placed is free, and it may stand off towards the arm by the slack of the
@@ -294,7 +304,9 @@ class Primitives:
             points.append(solution)
         return np.array(points)
 
-    def _free_path_or_none(self, agent: int, goal: NDArray[np.float64], state: State) -> NDArray[np.float64] | None:
+    def _free_path_or_none(
+        self, agent: int, goal: NDArray[np.float64], state: State
+    ) -> NDArray[np.float64] | None:
         held = frozenset({state.held[agent][0]}) if agent in state.held else frozenset()
 
         def free(points: NDArray[np.float64]) -> bool:
@@ -302,7 +314,9 @@ class Primitives:
 
         return find_path(state.qpos[agent], goal, free, self.rng)
 
-    def _free_path(self, agent: int, goal: NDArray[np.float64], state: State, what: str) -> NDArray[np.float64]:
+    def _free_path(
+        self, agent: int, goal: NDArray[np.float64], state: State, what: str
+    ) -> NDArray[np.float64]:
         path = self._free_path_or_none(agent, goal, state)
         if path is None:
             raise Unreachable(f"Agent_{agent} cannot {what}: no free path")
@@ -327,7 +341,12 @@ class Primitives:
         return Segment(agent, subgoal, primitive, points, gripper, name, tcp_from_object, touches)
 
     def _fingers(
-        self, subgoal: Subgoal, primitive: str, command: float, state: State, touches: frozenset[str] = frozenset()
+        self,
+        subgoal: Subgoal,
+        primitive: str,
+        command: float,
+        state: State,
+        touches: frozenset[str] = frozenset(),
     ) -> Segment:
         state.gripper[subgoal.agent] = command
         return self._segment(

@@ -1,6 +1,7 @@
 """From a joint path to joint targets on the control grid, within velocity and acceleration limits."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import toppra
@@ -87,9 +88,11 @@ def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np
         parametrizer="ParametrizeConstAccel",
         solver_wrapper="seidel",
     )
-    motion = problem.compute_trajectory(0.0, 0.0)
+    motion: Any = problem.compute_trajectory(0.0, 0.0)  # typed too widely by toppra
     if motion is None:
-        raise StageError(f"no time parameterisation within {limits} exists for a path of {len(points)} points")
+        raise StageError(
+            f"no time parameterisation within {limits} exists for a path of {len(points)} points"
+        )
     steps = int(np.ceil(motion.duration / CONTROL_DT_S - 1e-6))
     while True:
         timed = motion(np.arange(1, steps + 1) * (motion.duration / steps))

@@ -1,7 +1,7 @@
 """Procedural assets: one module a thing, each with a function `build()` returning its `Asset`."""
 
-from importlib import import_module
 from functools import cache
+from importlib import import_module
 from pkgutil import iter_modules
 
 from rf_exp.errors import choices
