@@ -1,6 +1,7 @@
 """What all tests share: the repository's configuration and the tasks in it."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from omegaconf import OmegaConf
@@ -14,7 +15,7 @@ TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if pat
 
 def read_task(name: str) -> Task:
     """The task as its YAML file says, without any experiment around it."""
-    node = OmegaConf.to_container(OmegaConf.load(CONF / "task" / f"{name}.yaml"))
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / f"{name}.yaml"))
     return load_task(name, node[name])
 
 

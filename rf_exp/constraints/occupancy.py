@@ -17,24 +17,22 @@ VOXEL_M = 0.05
 Voxels = NDArray[np.int64]  # (K, 3)
 
 
-def fill(piece: Piece, pose: Matrix, inflate_m: float = 0.0) -> Voxels:
-    """Voxels (K, 3) that a convex piece at a pose (4, 4) enters, grown by `inflate_m` all round."""
+def fill(piece: Piece, pose: Matrix) -> Voxels:
+    """Voxels (K, 3) that a convex piece at a pose (4, 4) enters."""
     vertices = apply(pose, piece.vertices)
-    low = np.floor((vertices.min(axis=0) - inflate_m) / VOXEL_M).astype(np.int64)
-    high = np.floor((vertices.max(axis=0) + inflate_m) / VOXEL_M).astype(np.int64)
+    low = np.floor(vertices.min(axis=0) / VOXEL_M).astype(np.int64)
+    high = np.floor(vertices.max(axis=0) / VOXEL_M).astype(np.int64)
     grid = np.stack(np.meshgrid(*map(np.arange, low, high + 1), indexing="ij"), axis=-1).reshape(-1, 3)
     normals = piece.planes[:, :3] @ pose[:3, :3].T
     offsets = piece.planes[:, 3] - normals @ pose[:3, 3]
-    reach = np.abs(normals).sum(axis=1) * VOXEL_M / 2 + inflate_m + 1e-9
+    reach = np.abs(normals).sum(axis=1) * VOXEL_M / 2 + 1e-9
     outside = (grid + 0.5) * VOXEL_M @ normals.T + offsets > reach
     return grid[~outside.any(axis=1)]
 
 
-def voxels(body: Swept, position: int = 0, inflate_m: float = 0.0) -> Voxels:
+def voxels(body: Swept, position: int = 0) -> Voxels:
     """Voxels (K, 3) of a body at one path position, without repeats, in lexical order."""
-    filled = [
-        fill(piece, pose, inflate_m) for piece, pose in zip(body.pieces, body.poses[position], strict=True)
-    ]
+    filled = [fill(piece, pose) for piece, pose in zip(body.pieces, body.poses[position], strict=True)]
     return np.unique(np.concatenate([np.zeros((0, 3), dtype=np.int64), *filled]), axis=0)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, nearest
+from rf_exp.constraints.clearance import Mask, Nearest, Swept, nearest
 from rf_exp.constraints.shapes import Piece, arm_pieces
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots.panda import LINKS, Panda
@@ -136,36 +136,6 @@ class Bodies:
         return Swept(tuple(pieces), tuple(labels), stacked, objects=frozenset(labels))
 
     # questions
-
-    def clear(
-        self,
-        agent: int,
-        qpos: NDArray[np.float64],
-        *,
-        carries: str | None = None,
-        tcp_from_object: Matrix | None = None,
-        touches: Iterable[str] = (),
-        agents: bool = True,
-        objects: bool = True,
-        margin_m: float = AGENT_MARGIN_M,
-        between: bool = True,
-    ) -> Mask:
-        """(P,) True where an arm at (P, 7 or 9) keeps clear of everything as it stands now.
-
-        For planners. Table always; `agents`, `objects` choose the rest. With `between` the rows are
-        successive points of a path and the motion between them is proven clear as well.
-        """
-        body = self.arm(agent, qpos, carries=carries, tcp_from_object=tcp_from_object, touches=touches)
-        blocked = self.below_table(body)
-        if objects:
-            others = [name for name in self.task.objects if name != carries]
-            blocked |= closer_than(body, self.standing(others), OBJECT_MARGIN_M, between=between)[:, 0]
-        if agents:
-            for other in self.task.agents:
-                if other != agent:
-                    still = self.arm(other, self.scene.qpos[other - 1])
-                    blocked |= closer_than(body, still, margin_m, between=between)[:, 0]
-        return ~blocked
 
     def between(self, a: int, b: int) -> Nearest:
         """The exact distance of two arms as they stand in the scene."""

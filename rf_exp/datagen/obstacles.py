@@ -17,7 +17,8 @@ from rf_exp.types import Row, Scene
 class Obstacles:
     """The static world of a planner: objects, table and arms where the predicted state has them.
 
-    Without spatial constraints the planner is blind to everything but the table it is bolted to.
+    Without spatial constraints the planner is blind to everything but what its subgoal is about and the
+    table it is bolted to.
     """
 
     def __init__(self, task: Task, scene: Scene, row: Row) -> None:
@@ -60,14 +61,12 @@ class Obstacles:
     def _others(
         self, bodies: Bodies, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
     ) -> Iterator[tuple[str, Swept, float]]:
-        if not self._row.spatial:
-            return
         carries = state.held[agent][0] if agent in state.held else None
-        for name in self._task.objects:
+        for name in self._task.objects if self._row.spatial else sorted(state.targets):
             # What is carried may touch what it is taken from or put on; an empty gripper may only
             # touch with its fingers, which `touches` of the body says.
             if name != carries and not (carries and name in touches):
                 yield name, bodies.standing([name]), OBJECT_MARGIN_M
-        for other in self._task.agents if avoid_arms else ():
+        for other in self._task.agents if avoid_arms and self._row.spatial else ():
             if other != agent:
                 yield f"Agent_{other}", bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M

@@ -119,29 +119,6 @@ def test_the_table_counts_all_but_the_bolted_base():
     assert lowest_m(bodies.arm(1, REST))[0] > 0.02
 
 
-def test_clear_sees_arms_objects_and_table():
-    scene = scene_of(FOOD)
-    bodies = Bodies(FOOD, scene)
-    hand = Hand(FOOD, scene, 1).grasp("steak", "center")
-    path = np.concatenate([s.qpos for s in hand.segments])
-    path = np.hstack([path, np.full((len(path), 2), 0.026)])  # fingers 1 mm wider than the steak
-    assert not bodies.clear(1, path).all()
-    assert bodies.clear(1, path, touches={"steak"}).all()
-    assert bodies.clear(1, path, objects=False).all()
-    lying = scene.qpos.copy()
-    lying[1, :7] = [0.0, 1.1, 0.0, -0.9, 0.0, 2.0, 0.8]  # agent 2 leans over the middle of the table
-    leaning = Bodies(FOOD, replace(scene, qpos=lying))
-    over = Hand(FOOD, scene, 1).to(
-        transform((0.0, 0.0, 0.25)) @ np.diag([1.0, -1.0, -1.0, 1.0]),
-        20,
-        Subgoal(1, "carry", "steak"),
-        "move",
-    )
-    path = np.concatenate([s.qpos for s in over.segments])
-    assert not leaning.clear(1, path, objects=False).all()
-    assert leaning.clear(1, path, objects=False, agents=False).all()
-
-
 def test_the_distance_of_two_arms_names_their_links():
     found = Bodies(FOOD, scene_of(FOOD)).between(1, 2)
     assert 0.0 < found.distance_m < 1.0

@@ -48,6 +48,7 @@ class State:
     held: dict[int, tuple[str, Matrix]]  # agent -> object, tcp_from_object
     poses: dict[str, Matrix]  # object -> world_from_object
     places: Mapping[str, Matrix] = field(default_factory=dict)
+    targets: frozenset[str] = frozenset()  # objects that the present subgoal is about
 
 
 class Blocked(Protocol):
@@ -79,6 +80,7 @@ class Primitives:
 
     def plan(self, subgoal: Subgoal, state: State) -> list[Segment]:
         """The segments of one subgoal; `state` moves on to what they leave. Raises Unreachable."""
+        state.targets = frozenset(set(self.task.objects) & {subgoal.object, subgoal.target})
         return getattr(self, f"_{subgoal.verb}")(subgoal, state)
 
     # -- the verbs -------------------------------------------------------------------------------
