@@ -260,6 +260,17 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
     return found if found is not None and found.distance_m < 0 else None
 
 
+def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
+    """(P,) True where two pieces of one body that may not touch (index pairs) overlap."""
+    first, second = np.array(pairs).T
+    gaps = np.linalg.norm(body.centres[:, first] - body.centres[:, second], axis=-1)  # (P, pairs)
+    near = gaps < body.radii_m[first] + body.radii_m[second]
+    hit = np.zeros(len(body), dtype=bool)
+    for row, k in np.argwhere(near).tolist():
+        hit[row] |= not hit[row] and _distance(body, body, row, row, *pairs[k]) < 0
+    return hit
+
+
 _REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
 
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Swept, closer_than
+from rf_exp.constraints.clearance import Swept, closer_than, folded
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.datagen.motion.primitives import Blocked, State
+from rf_exp.robots.panda import self_pairs
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.types import Row, Scene
@@ -37,6 +38,8 @@ class Obstacles:
         ) -> str | None:
             bodies = self._bodies(state)
             body = self._body(bodies, agent, points, state, touches)
+            if folded(body, self_pairs()).any():
+                return "the arm itself"
             hit = bodies.below_table(body)
             for name, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
                 near = closer_than(body, other, margin_m, between=between)[:, 0]

@@ -43,6 +43,7 @@ class PolicyConfig:
     inference_diffusion_steps: int = 100
     sampler: str = "ddpm"  # ddpm | ddim
     prediction: str = "epsilon"  # epsilon | sample | v_prediction
+    relative_actions: bool = False  # joint targets as differences from the newest measured positions
     crop: float = 0.9  # side of the crop, as a part of the picture's
     height: int = 240  # pixels
     width: int = 320
@@ -70,10 +71,11 @@ class PolicyConfig:
         """Small networks for the quick profile: the paper's windows, trained in minutes on a CPU."""
         values = {
             "encoder": "compact",
-            "unet_channels": (64, 128),
+            "unet_channels": (32, 64),
             "sampler": "ddim",
             "inference_diffusion_steps": 10,
             "prediction": "sample",
+            "relative_actions": True,
             "height": 96,
             "width": 128,
         }
@@ -125,10 +127,10 @@ class TrainConfig:
         """Two minutes on two CPU cores: smaller batches, many noise draws, a larger learning rate."""
         values = {
             "epochs": None,
-            "steps": 800,
+            "steps": 1500,
             "batch_size": 32,
             "run_length": 4,
-            "noise_draws": 8,
+            "noise_draws": 4,
             "learning_rate": 1e-3,
             "warmup_steps": 50,
         }

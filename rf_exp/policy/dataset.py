@@ -14,11 +14,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.normaliser import Normaliser
-from rf_exp.policy.views import View
+from rf_exp.policy.normaliser import Normaliser, largest_change
+from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:
@@ -33,6 +34,15 @@ def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
     opening = qpos[..., ARM_JOINTS:].sum(axis=-1, keepdims=True)
     joined = np.concatenate([qpos[..., :ARM_JOINTS], opening], axis=-1)
     return joined.reshape(*qpos.shape[:-2], -1).astype(np.float32)
+
+
+def action_origin(proprio: Tensor) -> Tensor:
+    """Where relative actions count from: raw proprioception (..., O, 8N) -> (..., 1, 8N).
+
+    The newest measured joint positions, and zero for the grippers, whose commands are no positions.
+    """
+    newest = proprio[..., -1:, :].unflatten(-1, (-1, PROPRIO_SIZE))
+    return functional.pad(newest[..., :ARM_JOINTS], (0, ACTION_SIZE - ARM_JOINTS)).flatten(-2)
 
 
 @dataclass(frozen=True)
@@ -82,8 +92,25 @@ class Windows:
         """Fitted to these windows."""
         normaliser = Normaliser(self.proprio.shape[1], self.action.shape[1]).to(self._device)
         within = torch.from_numpy(self._first[1:] == self._first[:-1]).to(self._device)
-        normaliser.fit(self.proprio, self.action, within)
+        normaliser.proprio.fit(self.proprio)
+        normaliser.action.fit(self._learned_actions())
+        normaliser.fastest.copy_(largest_change(self.action, within))
         return normaliser
+
+    def _learned_actions(self) -> Tensor:
+        """All actions that a policy may have to predict (K, A)."""
+        if not self._config.relative_actions:
+            return self.action
+        _, actions = self._rows(np.arange(len(self)))
+        origin = action_origin(self.proprio[:, None])
+        return (self.action[self._index(actions)] - origin).flatten(0, 1)
+
+    def _rows(self, windows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The frames (B, O) and the rows of the actions (B, T) of windows (B,)."""
+        first, last = self._first[windows, None], self._last[windows, None]
+        oldest = windows[:, None] - (self._config.observation_steps - 1)
+        frames = np.maximum(oldest + np.arange(self._config.observation_steps), first)
+        return frames, np.clip(oldest + np.arange(self._config.horizon), first, last)
 
     def batches(self, batch_size: int) -> int:
         """Number of batches of an epoch."""
@@ -101,10 +128,8 @@ class Windows:
         Frames of one run share a crop, so that what moves between them has moved in the world.
         """
         config = self._config
-        first, last = self._first[windows], self._last[windows]
-        oldest = windows[:, None] - (config.observation_steps - 1)
-        frames = np.maximum(oldest + np.arange(config.observation_steps), first[:, None])  # (B, O)
-        actions = np.clip(oldest + np.arange(config.horizon), first[:, None], last[:, None])  # (B, T)
+        frames, actions = self._rows(windows)
+        first = self._first[windows]
         breaks = (np.diff(windows, prepend=windows[0]) != 1) | (np.diff(first, prepend=first[0]) != 0)
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import Batch
+from rf_exp.policy.dataset import Batch, action_origin
 from rf_exp.policy.encoder import encoder
 from rf_exp.policy.normaliser import Normaliser
 from rf_exp.policy.unet import ConditionalUNet1D
@@ -74,7 +74,8 @@ class DiffusionPolicy(nn.Module):
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + proprio_noise * shift
         observation = self.observation(self.encode(batch.pictures)[batch.frames], proprio)
-        clean = self.normaliser.action.normalise(batch.action).repeat_interleave(noise_draws, dim=0)
+        action = batch.action - self._origin(batch.proprio)
+        clean = self.normaliser.action.normalise(action).repeat_interleave(noise_draws, dim=0)
         noise = torch.randn(clean.shape, generator=generator, device=device)
         count = self.config.train_diffusion_steps
         steps = torch.randint(count, (len(clean),), generator=generator, device=device)
@@ -109,4 +110,8 @@ class DiffusionPolicy(nn.Module):
         for step, film_of_step in zip(steps, self._film_table, strict=True):
             prediction = self.unet.modulated(sample, film + film_of_step)
             sample = self.scheduler.step(prediction, step, sample, generator=generators).prev_sample  # pyright: ignore[reportArgumentType]
-        return self.normaliser.action.restore(sample)
+        return self.normaliser.action.restore(sample) + self._origin(proprio)
+
+    def _origin(self, proprio: Tensor) -> Tensor | float:
+        """What is added to a prediction to make joint targets of it (B, 1, A)."""
+        return action_origin(proprio) if self.config.relative_actions else 0.0

@@ -40,12 +40,11 @@ class Normaliser(nn.Module):
         self.proprio, self.action = Range(proprio_size), Range(action_size)
         self.register_buffer("fastest", torch.zeros(action_size))
 
-    def fit(self, proprio: Tensor, action: Tensor, within: Tensor) -> None:
-        """From proprio (K, P) and action (K, A) in time order.
 
-        `within` (K - 1,) says which neighbours belong to one episode.
-        """
-        self.proprio.fit(proprio)
-        self.action.fit(action)
-        change = action.diff(dim=0).abs()[within]
-        self.fastest.copy_(change.amax(dim=0) if len(change) else torch.zeros_like(self.fastest))
+def largest_change(action: Tensor, within: Tensor) -> Tensor:
+    """(A,) largest change between neighbouring rows of action (K, A).
+
+    `within` (K - 1,) says which neighbours belong to one episode.
+    """
+    change = action.diff(dim=0).abs()[within]
+    return change.amax(dim=0) if len(change) else torch.zeros_like(action[0])

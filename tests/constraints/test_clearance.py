@@ -4,8 +4,9 @@ import coal
 import numpy as np
 import pytest
 
-from rf_exp.constraints.clearance import SLACK_M, Swept, closer_than, nearest, overlap
+from rf_exp.constraints.clearance import SLACK_M, Swept, closer_than, folded, nearest, overlap
 from rf_exp.constraints.world import Bodies
+from rf_exp.robots.panda import self_pairs
 from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
 
 TWO = team(2)
@@ -136,3 +137,9 @@ def test_false_alarms_of_the_planning_margin_are_rare():
     alarm, touch = closer_than(a, b, 0.01, between=False), closer_than(a, b, 0.0, between=False)
     assert not (touch & ~alarm).any()
     assert (alarm & ~touch).sum() <= 0.05 * (~touch).sum()
+
+
+def test_an_arm_that_folds_into_itself_is_found():
+    folded_up = np.array([0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0])  # the hand inside the shoulder
+    body = Bodies(TWO, scene_of(TWO)).arm(1, np.stack([REST, folded_up]))
+    assert folded(body, self_pairs()).tolist() == [False, True]

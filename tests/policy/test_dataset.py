@@ -9,7 +9,7 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import Windows, crop, proprioception
+from rf_exp.policy.dataset import Windows, action_origin, crop, proprioception
 from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
 from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH
@@ -124,3 +124,20 @@ def test_a_store_without_episodes(tmp_path, policy_config: PolicyConfig) -> None
     store = Store.create(tmp_path / "s.zarr", {"task": "reach"}, 1, ("agent1",), HEIGHT, WIDTH)
     with pytest.raises(ArgumentError, match="the store holds no episode; expected at least one"):
         Windows(store, LOCAL, policy_config, CPU)
+
+
+def test_relative_actions_count_from_the_newest_joints_but_not_for_the_gripper() -> None:
+    proprio = torch.arange(32, dtype=torch.float32).reshape(1, 2, 16)  # (B, O, 8N)
+    assert action_origin(proprio).tolist() == [[[*range(16, 23), 0, *range(24, 31), 0]]]
+
+
+def test_the_range_of_relative_actions_is_that_of_all_windows(
+    store: Store, policy_config: PolicyConfig
+) -> None:
+    windows = Windows(store, LOCAL, replace(policy_config, relative_actions=True), CPU)
+    batch = windows.batch(np.arange(len(windows)), None)
+    found = windows.normaliser().action.normalise(batch.action - action_origin(batch.proprio))
+    assert found.amin() == pytest.approx(-1.0, abs=1e-5)
+    assert found.amax() == pytest.approx(1.0, abs=1e-5)
+    absolute = Windows(store, LOCAL, replace(policy_config, relative_actions=False), CPU)
+    assert absolute.normaliser().action.normalise(batch.action).amax() == pytest.approx(1.0, abs=1e-5)
