@@ -1,7 +1,9 @@
 """Training and evaluation: a policy for each view of an architecture, then consecutive scenes."""
 
+import os
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import lru_cache
@@ -11,15 +13,18 @@ from statistics import mean
 
 import torch
 from joblib import delayed
+from joblib.externals.loky import get_reusable_executor
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
-from rf_exp.policy.train import Curve, train
-from rf_exp.policy.views import views
+from rf_exp.policy.saved import CURVES, device_of
+from rf_exp.policy.train import train
+from rf_exp.policy.views import View, views
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import Pictures, close_simulator, in_order, simulator
@@ -32,7 +37,7 @@ from rf_exp.stages.artifacts import (
     policy_path,
     recording_path,
 )
-from rf_exp.stages.logs import curve_log
+from rf_exp.stages.logs import Follower, curve_log
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import Arch, Rollout, Row, Scene
@@ -41,23 +46,44 @@ STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over th
 
 
 def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
-    """One diffusion policy for each view of the architecture, from the first `demos` episodes."""
+    """One diffusion policy for each view of the architecture, from the first `demos` episodes.
+
+    Each is trained in a process of its own; on a CPU side by side, since a small network gains little
+    from a second core.
+    """
     folder = policy_path(experiment, task, row, arch)
     config = replace(experiment.training, seed=experiment.train_seed)
-    with owned(folder):
-        store = _demonstrations(experiment, task, row)
-        for view in views(arch, len(task.agents)):
-            title = f"train {task.name}/{row.name}/{arch.name}/{view.name}"
-            with Progress(title, 1, "steps") as progress, curve_log(experiment, title) as log:
-                done = 0
+    title = f"train {task.name}/{row.name}/{arch.name}"
+    with owned(folder), ExitStack() as stack:
+        data = _demonstrations(experiment, task, row)
+        all_views = views(arch, len(task.agents))
+        processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
+        threads = max(1, (os.cpu_count() or 1) // processes)
+        made_with = experiment.demos, experiment.policy, config, threads
+        executor = get_reusable_executor(max_workers=processes)
+        running: list[tuple[Future[None], Follower]] = []
+        for view in all_views:
+            follower = Follower(
+                folder / view.name / CURVES,
+                stack.enter_context(curve_log(experiment, f"{title}/{view.name}")),
+            )
+            running.append((executor.submit(_train, data, view, folder / view.name, *made_with), follower))
+        with Progress(title, 1, "steps") as progress:
+            while not all(job.done() for job, _ in running):
+                time.sleep(0.5)
+                for _, follower in running:
+                    for curve, steps in follower.new():
+                        progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(running))
+        for job, _ in running:
+            job.result()
 
-                def report(curve: Curve, progress: Progress = progress, log=log) -> None:
-                    nonlocal done
-                    progress.advance(curve.step - done, f"loss {curve.loss:.4f}", curve.steps)
-                    done = curve.step
-                    log(curve)
 
-                train(store, view, experiment.policy, config, folder / view.name, report)
+def _train(
+    data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
+) -> None:
+    """One policy, in the process it is called in."""
+    torch.set_num_threads(threads)
+    train(Store.open(data).first(demos), view, policy, config, folder)
 
 
 def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
@@ -133,17 +159,18 @@ def step_limit(experiment: Experiment, task: Task, row: Row) -> int:
     return round(2 * mean(steps))
 
 
-def _demonstrations(experiment: Experiment, task: Task, row: Row) -> Store:
+def _demonstrations(experiment: Experiment, task: Task, row: Row) -> Path:
+    """The data set, once it is known to hold enough."""
     path = data_path(experiment, task, row)
     if not path.exists():
         raise StageError(f"no data at {path}; run stages=[generate] first")
-    store = Store.open(path)
-    if len(store) < experiment.demos:
+    found = len(Store.open(path))
+    if found < experiment.demos:
         raise StageError(
-            f"{path} has {len(store)} demonstrations, demos={experiment.demos} were asked for; "
+            f"{path} has {found} demonstrations, demos={experiment.demos} were asked for; "
             "run stages=[generate] with that number first"
         )
-    return store.first(experiment.demos)
+    return path
 
 
 def _row(

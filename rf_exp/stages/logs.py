@@ -1,8 +1,11 @@
-"""Training curves to Weights & Biases, offline unless asked otherwise."""
+"""Training curves: followed while other processes write them, and sent to Weights & Biases."""
 
+import csv
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
 
 from rf_exp.experiment import Experiment
 from rf_exp.policy.train import Curve
@@ -40,3 +43,30 @@ def curve_log(experiment: Experiment, title: str) -> Iterator[Callable[[Curve], 
     finally:
         if run is not None:
             run.finish()
+
+
+class Follower:
+    """Reads the curves of a policy while another process trains it; hands every new row to `log`."""
+
+    def __init__(self, path: Path, log: Callable[[Curve], None]) -> None:
+        self._path, self._log, self._step = path, log, 0
+        self._step = max((curve.step for curve in self._rows()), default=0)  # an earlier run's are old
+
+    def new(self) -> Iterator[tuple[Curve, int]]:
+        """The rows that have come since the last call, each with the steps since the row before it."""
+        for curve in self._rows():
+            steps, self._step = curve.step - self._step, curve.step
+            self._log(curve)
+            yield curve, steps
+
+    def _rows(self) -> list[Curve]:
+        if not self._path.exists():
+            return []
+        with self._path.open(newline="") as file:
+            whole = [line for line in file if line.endswith("\n")]  # the last one may be half written
+        kinds: dict[str, Any] = {field.name: field.type for field in fields(Curve)}
+        rows = (
+            Curve(**{name: kinds[name](value) for name, value in row.items()})
+            for row in csv.DictReader(whole)
+        )
+        return [row for row in rows if row.step > self._step]
