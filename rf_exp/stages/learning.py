@@ -3,17 +3,17 @@
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import islice
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
 
 import torch
 from joblib import delayed
-from joblib.externals.loky import get_reusable_executor
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
@@ -60,7 +60,8 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
         processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
         threads = max(1, (os.cpu_count() or 1) // processes)
         made_with = experiment.demos, experiment.policy, config, threads
-        executor = get_reusable_executor(max_workers=processes)
+        # Spawned: a fork would inherit the renderer and the threads of this process.
+        executor = stack.enter_context(ProcessPoolExecutor(processes, get_context("spawn")))
         running: list[tuple[Future[None], Follower]] = []
         for view in all_views:
             follower = Follower(
