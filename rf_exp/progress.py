@@ -64,7 +64,7 @@ class Progress:
         return (self._done - self._at_start) / max(time.perf_counter() - self._began, 1e-9)
 
     def _say(self) -> None:
-        if self._done == self._told:
+        if self._done in (self._told, self._at_start):
             return
         self._said, self._told = time.perf_counter(), self._done
         note = f", {self._note}" if self._note else ""

@@ -22,7 +22,7 @@ from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
-from rf_exp.policy.saved import CURVES, device_of
+from rf_exp.policy.saved import CURVES, MODEL, device_of
 from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
 from rf_exp.progress import Progress, console
@@ -57,8 +57,11 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
     with owned(folder), ExitStack() as stack:
         data = _demonstrations(experiment, task, row)
         all_views = views(arch, len(task.agents))
+        there = all((folder / view.name / MODEL).exists() for view in all_views)
         processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
-        threads = max(1, (os.cpu_count() or 1) // processes)
+        # The compact network is too small for threads: they would spend their time waiting for each other.
+        compact = experiment.policy.encoder == "compact"
+        threads = 1 if compact else max(1, (os.cpu_count() or 1) // processes)
         made_with = experiment.demos, experiment.policy, config, threads
         # Spawned: a fork would inherit the renderer and the threads of this process.
         executor = stack.enter_context(ProcessPoolExecutor(processes, get_context("spawn")))
@@ -77,6 +80,8 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
                         progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(running))
         for job, _ in running:
             job.result()
+        if there:
+            console.print(f"{title}: {len(all_views)} policies are there, nothing to do")
 
 
 def _train(
