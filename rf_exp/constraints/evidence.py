@@ -99,12 +99,19 @@ class Plan:
         for trajectory, body in zip(self.trajectories, self.swept, strict=True):
             near = closer_than(body, still, OBJECT_MARGIN_M)[:, 0]
             if near.any():
-                finer = self.bodies.along(_finer(trajectory))
-                close = closer_than(finer, still, OBJECT_MARGIN_M)[:, 0]
-                near = np.array([close[max(0, at - FINER // 2) : at + FINER // 2 + 1].any() for at in
-                                 range(0, len(close), FINER)])  # fmt: skip
+                close = closer_than(self.finer(trajectory.agent), still, OBJECT_MARGIN_M)[:, 0]
+                near = np.array([close[self.around(at)].any() for at in range(len(near))])
             found.append(near | self.bodies.below_table(body))
         return tuple(found)
+
+    def finer(self, agent: int) -> Swept:
+        """An agent along its trajectory with FINER positions for each one."""
+        return self.bodies.along(_finer(self.trajectory(agent)))
+
+    @staticmethod
+    def around(position: int) -> slice:
+        """The finer positions that are nearest to a path position."""
+        return slice(max(0, FINER * position - FINER // 2), FINER * position + FINER // 2 + 1)
 
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]

