@@ -189,10 +189,11 @@ def test_learning_rate_warms_up_and_falls_to_zero() -> None:
     assert all(a >= b for a, b in pairwise(rates[10:]))
 
 
+@pytest.mark.slow
 def test_it_learns_to_go_where_the_block_lies(
     make_store: Callable[[int, int], Store], policy_config: PolicyConfig, tmp_path: Path
 ) -> None:
-    """From the picture alone, in episodes it has not seen, far better than the mean action."""
+    """From the picture alone, in episodes it has not seen, at less than half the error of the mean action."""
     curves: list[Curve] = []
     # Nothing in these pictures tells where a crop was cut from, so they are seen whole.
     config = replace(policy_config, crop=1.0)

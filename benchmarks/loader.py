@@ -1,0 +1,97 @@
+"""What a batch costs: our windows beside a plain loader, in one run.
+
+    python benchmarks/loader.py [--size paper|compact] [--batches 5]
+
+Both read the same pictures from memory. The plain loader does as Diffusion Policy's: for each sample
+it copies the pictures of the whole horizon, makes floats of them, normalises and stacks; the policy then
+uses the first three. Ours hands over uint8 crops of the frames needed, each once, and the policy makes
+floats of them: that is timed too. The last line is JSON: medians in ms, and the ratio.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.dataset import Windows
+from rf_exp.policy.views import Stream, View
+
+EPISODES, STEPS, BATCH, RUN = 4, 60, 128, 8
+VIEW = View("agent1", (Stream("agent1", (1,)),))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What `Windows` reads of a store, filled with noise."""
+
+    qpos: NDArray[np.float32]
+    action: NDArray[np.float32]
+    pictures: dict[str, NDArray[np.uint8]]
+    episode_ends: NDArray[np.int64]
+    cameras: tuple[str, ...] = ("agent1",)
+
+
+def noise(config: PolicyConfig) -> Noise:
+    rng = np.random.default_rng(0)
+    rows = EPISODES * STEPS
+    return Noise(
+        rng.normal(size=(rows, 1, 9)).astype(np.float32),
+        rng.normal(size=(rows, 1, 8)).astype(np.float32),
+        {"agent1": rng.integers(0, 256, (rows, config.height, config.width, 3), dtype=np.uint8)},
+        np.arange(1, EPISODES + 1) * STEPS,
+    )
+
+
+def plain(store: Noise, config: PolicyConfig, windows: NDArray[np.int64]) -> torch.Tensor:
+    """(B, horizon, 3, H, W) float pictures, sample by sample."""
+    samples = []
+    for window in windows:
+        rows = np.clip(np.arange(window - 2, window - 2 + config.horizon), 0, len(store.qpos) - 1)
+        pictures = np.moveaxis(store.pictures["agent1"][rows], -1, 1).astype(np.float32) / 255
+        samples.append({"pictures": torch.from_numpy(pictures), "action": store.action[rows]})
+    return torch.stack([sample["pictures"] for sample in samples]) * 2 - 1
+
+
+def ours(windows: Windows, chosen: NDArray[np.int64], rng: np.random.Generator) -> torch.Tensor:
+    """(U, 3, h, w) float pictures of the frames of a batch."""
+    return windows.batch(chosen, rng).pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
+
+
+def milliseconds(action: Callable[[], object]) -> float:
+    begin = time.perf_counter()
+    action()
+    return (time.perf_counter() - begin) * 1e3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
+    parser.add_argument("--size", choices=("paper", "compact"), default="paper")
+    parser.add_argument("--batches", type=int, default=5)
+    arguments = parser.parse_args()
+    config = PolicyConfig() if arguments.size == "paper" else PolicyConfig.compact()
+    store = noise(config)
+    windows = Windows(store, VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
+    rng = np.random.default_rng(0)
+    batches = windows.epoch(BATCH, RUN, rng)
+    times: dict[str, list[float]] = {"plain": [], "ours": []}
+    for index in range(arguments.batches + 1):  # the first round warms up
+        chosen = batches[index % len(batches)]
+        times["plain"].append(milliseconds(lambda chosen=chosen: plain(store, config, chosen)))
+        times["ours"].append(milliseconds(lambda chosen=chosen: ours(windows, chosen, rng)))
+    result = {name: round(median(values[1:]), 2) for name, values in times.items()}
+    print(
+        f"{len(batches[0])} windows a batch, {config.width}x{config.height}, {arguments.batches} batches each"
+    )
+    ratio = round(result["plain"] / result["ours"], 2)
+    print(json.dumps({"size": arguments.size, **{f"{k}_ms": v for k, v in result.items()}, "ratio": ratio}))
+
+
+if __name__ == "__main__":
+    main()

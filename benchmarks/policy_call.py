@@ -1,0 +1,86 @@
+"""What a call of the policy costs: sampler, ring buffer and FiLM table, in one run.
+
+    python benchmarks/policy_call.py [--size compact|paper] [--calls 3]
+
+DDPM with 100 steps and DDIM with 10, each as the rollout does it; then DDIM with all three frames
+encoded again, and with the FiLM vector computed in every step. The variants take turns on one thread.
+The last line is JSON: medians in ms, and the ratios.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from statistics import median
+
+import torch
+
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.diffusion import DiffusionPolicy
+
+PROPRIO = ACTION = 8
+
+
+def make(config: PolicyConfig, sampler: str, steps: int) -> DiffusionPolicy:
+    torch.manual_seed(0)
+    changed = replace(config, sampler=sampler, inference_diffusion_steps=steps)
+    return DiffusionPolicy(changed, PROPRIO, ACTION).eval()
+
+
+@torch.inference_mode()
+def call(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
+    """Encode the pictures, put their features behind the known ones, and sample."""
+    features = torch.cat([known, policy.encode_whole(pictures)])[None]
+    policy.act(features, torch.zeros(1, features.shape[1], PROPRIO), [torch.Generator().manual_seed(0)])
+
+
+@torch.inference_mode()
+def call_without_table(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
+    """The same by the U-Net's reference computation, which projects step and observation every time."""
+    config = policy.config
+    features = torch.cat([known, policy.encode_whole(pictures)])[None]
+    observation = policy.observation(features, torch.zeros(1, config.observation_steps, PROPRIO))
+    sample = torch.randn(1, config.horizon, ACTION, generator=torch.Generator().manual_seed(0))
+    for step in policy.scheduler.timesteps:
+        prediction = policy.unet(sample, step[None], observation)
+        sample = policy.scheduler.step(prediction, step, sample).prev_sample  # pyright: ignore
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
+    parser.add_argument("--size", choices=("compact", "paper"), default="compact")
+    parser.add_argument("--calls", type=int, default=3)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)  # as the rollout runs
+    config = PolicyConfig() if arguments.size == "paper" else PolicyConfig.compact()
+    ddpm, ddim = make(config, "ddpm", 100), make(config, "ddim", 10)
+    seen = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)
+    with torch.inference_mode():
+        features = ddim.encode_whole(seen)
+    older, new = features[:-1], seen[-1:]
+    variants: dict[str, Callable[[], None]] = {
+        "ddpm_100": lambda: call(ddpm, new, older),
+        "ddim_10": lambda: call(ddim, new, older),
+        "ddim_10_all_frames": lambda: call(ddim, seen, older[:0]),
+        "ddim_10_no_table": lambda: call_without_table(ddim, new, older),
+    }
+    times: dict[str, list[float]] = {name: [] for name in variants}
+    for _ in range(arguments.calls + 1):  # the first round warms up
+        for name, variant in variants.items():
+            begin = time.perf_counter()
+            variant()
+            times[name].append((time.perf_counter() - begin) * 1e3)
+    medians = {name: round(median(values[1:]), 2) for name, values in times.items()}
+    result = {
+        "size": arguments.size,
+        **{f"{name}_ms": value for name, value in medians.items()},
+        "ddpm_over_ddim": round(medians["ddpm_100"] / medians["ddim_10"], 2),
+        "all_frames_over_ring_buffer": round(medians["ddim_10_all_frames"] / medians["ddim_10"], 2),
+        "no_table_over_table": round(medians["ddim_10_no_table"] / medians["ddim_10"], 2),
+    }
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""What a training step costs: frames encoded once or for each window, NHWC or NCHW, in one run.
+
+    python benchmarks/train_step.py [--size compact|paper] [--steps 5] [--batch 32] [--threads 1]
+
+One step is forward and backward of the loss. The four variants take turns on the same batches, so that
+a busy machine slows all of them. The last line is JSON: windows/s of each, and the ratios.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+import torch
+from loader import VIEW, noise
+
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.dataset import Batch, Windows
+from rf_exp.policy.diffusion import DiffusionPolicy
+
+
+def per_window(batch: Batch) -> Batch:
+    """The same batch with every frame repeated for each window that shows it."""
+    pictures = batch.pictures[batch.frames.flatten()]
+    return replace(batch, pictures=pictures, frames=torch.arange(len(pictures)).view_as(batch.frames))
+
+
+def milliseconds(policy: DiffusionPolicy, batch: Batch, draws: int) -> float:
+    generator = torch.Generator().manual_seed(0)
+    begin = time.perf_counter()
+    policy.loss(batch, generator, draws).backward()
+    elapsed = (time.perf_counter() - begin) * 1e3
+    policy.zero_grad()
+    return elapsed
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
+    parser.add_argument("--size", choices=("compact", "paper"), default="compact")
+    parser.add_argument("--steps", type=int, default=5)
+    parser.add_argument("--batch", type=int, default=None, help="windows; 32, or 8 for paper")
+    parser.add_argument("--threads", type=int, default=1, help="more are steady on an idle machine only")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+    paper = arguments.size == "paper"
+    config, train = (
+        (PolicyConfig(), TrainConfig()) if paper else (PolicyConfig.compact(), TrainConfig.compact())
+    )
+    count = arguments.batch or (8 if paper else 32)
+
+    torch.manual_seed(0)
+    windows = Windows(noise(config), VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
+    policies = {}
+    for layout in (torch.channels_last, torch.contiguous_format):
+        policies[layout] = DiffusionPolicy(config, VIEW.proprio_size, VIEW.action_size)
+        policies[layout].to(memory_format=layout)
+    rng = np.random.default_rng(0)
+    batches = windows.epoch(count, train.run_length, rng)
+    times: dict[str, list[float]] = {}
+    frames = 0
+    for index in range(arguments.steps + 1):  # the first round warms up
+        unique = windows.batch(batches[index % len(batches)], rng)
+        frames = len(unique.pictures)
+        for kind, batch in (("unique", unique), ("naive", per_window(unique))):
+            for name, layout in (("nhwc", torch.channels_last), ("nchw", torch.contiguous_format)):
+                # `encode` makes channels_last of (U, h, w, 3); for NCHW the memory is laid out so first.
+                laid = batch.pictures
+                if layout is torch.contiguous_format:
+                    laid = laid.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)
+                elapsed = milliseconds(policies[layout], replace(batch, pictures=laid), train.noise_draws)
+                times.setdefault(f"{kind}_{name}", []).append(elapsed)
+    rates = {name: round(count * 1e3 / median(values[1:]), 2) for name, values in times.items()}
+    print(f"{count} windows of {frames} frames (naive: {3 * count}), {arguments.threads} threads")
+    result = {
+        "size": arguments.size,
+        **{f"{name}_windows_per_s": rate for name, rate in rates.items()},
+        "unique_over_naive": round(rates["unique_nhwc"] / rates["naive_nhwc"], 2),
+        "nhwc_over_nchw": round(rates["unique_nhwc"] / rates["unique_nchw"], 2),
+        "both": round(rates["unique_nhwc"] / rates["naive_nchw"], 2),
+    }
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()
