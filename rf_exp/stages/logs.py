@@ -35,6 +35,7 @@ def curve_log(experiment: Experiment, title: str) -> Iterator[Callable[[Curve], 
                 mode=experiment.wandb,
                 config=config,
                 settings=settings,
+                reinit="create_new",  # policies that train side by side have runs of their own
             )
         run.log(asdict(curve), step=curve.step)
 
