@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import CheckCode, RoboChecker
+from rf_exp.constraints import CheckCode, RoboChecker, actions
 from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json, to_json
 from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
@@ -224,9 +224,7 @@ class EpisodeMaker:
     # -- execution -------------------------------------------------------------------------------
 
     def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
-        paths = [trajectory.path() for trajectory in plan.trajectories]
-        for positions in plan.schedule.positions[1:]:
-            action = np.stack([path[position] for path, position in zip(paths, positions, strict=True)])
+        for action in actions(plan.trajectories, plan.schedule):
             scene = self._step(scene, action)
             if self._verdict.success:
                 break
