@@ -40,11 +40,6 @@ def from_axes(position_m: ArrayLike, *, z: ArrayLike, y: ArrayLike) -> Matrix:
     return matrix
 
 
-def from_quaternion(position_m: ArrayLike, wxyz: ArrayLike) -> Matrix:
-    """The matrix of a position (3,) and a unit quaternion (w, x, y, z)."""
-    return transform(position_m, Rotation.from_quat(np.asarray(wxyz, dtype=float), scalar_first=True))
-
-
 def quaternion(matrix: Matrix) -> NDArray[np.float64]:
     """The unit quaternion (w, x, y, z) of the rotation part of (4, 4)."""
     return Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
