@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import dacite
+from hydra.core.config_store import ConfigStore
 
 from rf_exp.datagen.brain import make_brain
 from rf_exp.datagen.episode import Settings
@@ -17,6 +18,7 @@ from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Arch, Row
 
+CONF = Path(__file__).resolve().parents[1] / "conf"
 STAGES = ("generate", "train", "evaluate", "report")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
 
@@ -75,6 +77,12 @@ class Experiment:
     def settings(self, task: Task, row: Row) -> Settings:
         """What decides the episodes of a task under a row of constraints."""
         return Settings(task, row, self.brain, self.limits, self.attempts)
+
+
+def register_all_tasks() -> None:
+    """Makes `task=all` mean every file in conf/task, so that a new task edits no list."""
+    names = sorted(path.stem for path in (CONF / "task").glob("*.yaml"))
+    ConfigStore.instance().store(group="task", name="all", node={"defaults": names})
 
 
 def read_experiment(node: Mapping[str, Any]) -> Experiment:

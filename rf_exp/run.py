@@ -9,7 +9,6 @@ import os
 import sys
 from collections.abc import Callable
 from itertools import product
-from pathlib import Path
 
 import hydra
 from hydra.errors import HydraException
@@ -17,10 +16,10 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from rf_exp.errors import ArgumentError, RfError
-from rf_exp.experiment import read_experiment
+from rf_exp.experiment import CONF, read_experiment, register_all_tasks
 from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
 
-CONF = Path(__file__).resolve().parents[1] / "conf"
+register_all_tasks()
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")

@@ -48,6 +48,8 @@ class Scene:
     poses: Mapping[str, NDArray[np.float64]]  # object -> world_from_object (4, 4)
     speeds: Mapping[str, float]  # object -> linear speed, m/s
     held: tuple[str | None, ...]  # (N,) object pinched between the fingers of each agent
+    finger_forces: Mapping[tuple[int, str], NDArray[np.float64]] = field(default_factory=dict)
+    # (agent, object) -> (3,) N, with which the fingers of the agent push the object, world frame
     arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
 
 
@@ -56,12 +58,12 @@ class Subgoal:
     """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
 
     agent: int
-    verb: str  # grasp lift carry place press release home hold
+    verb: str  # grasp lift carry place strike press release home hold
     object: str | None = None
     point: str | None = None  # interaction point of `object`
-    target: str | None = None  # where to carry or place: an object or a named place
+    target: str | None = None  # where to carry, place or strike: an object or a named place
     target_point: str | None = None
-    height_m: float | None = None  # lift: how far up
+    height_m: float | None = None  # lift: how far up; carry: how far above the target
 
     @property
     def text(self) -> str:
@@ -103,7 +105,7 @@ class Segment:
 
     agent: int
     subgoal: Subgoal
-    primitive: str  # move approach close lift carry lower open retreat press
+    primitive: str  # move approach close lift carry lower open retreat press strike
     qpos: NDArray[np.float64]  # (T, 7) rad: the target at each control step; the start is not in it
     gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
     carries: str | None = None  # object that moves with the gripper

@@ -1,16 +1,14 @@
 """Everything in conf/ composes and becomes a valid experiment; `all` means all there is."""
 
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.experiment import read_experiment
+from rf_exp.experiment import CONF, read_experiment, register_all_tasks
 
-CONF = Path(__file__).parents[1] / "conf"
 GROUPS = {
     group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
     for group in ("task", "arch", "constraints", "profile", "experiment", "brain")
@@ -18,6 +16,7 @@ GROUPS = {
 
 
 def experiment(*overrides):
+    register_all_tasks()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         config = compose("config", [*overrides, "name=test", "hydra.run.dir=."], return_hydra_config=False)
         node: Any = OmegaConf.to_container(config, resolve=True)

@@ -14,7 +14,7 @@ import numpy as np
 from rf_exp.constraints.evidence import Check, Evidence, Plan, agent_name, doing, violation
 from rf_exp.constraints.grammar import parse
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects
-from rf_exp.constraints.temporal import Simultaneous
+from rf_exp.constraints.temporal import Sequential, Simultaneous
 from rf_exp.constraints.timing import Rule, schedule, serial
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
 from rf_exp.errors import ArgumentError
@@ -84,6 +84,15 @@ class Checker:
             (frozenset(check.agents), check.steps[0].verb, check.steps[0].object)
             for check in self.checks
             if isinstance(check, Simultaneous) and check.steps[0].verb and check.steps[0].object
+        )
+
+    @property
+    def order(self) -> tuple[tuple[tuple[int, str | None, str | None], ...], ...]:
+        """(first, then), each (agent, verb, object), of the sequences that are active in this row."""
+        return tuple(
+            tuple((step.agent, step.verb, step.object) for step in (check.first, check.then))
+            for check in self.checks
+            if isinstance(check, Sequential)
         )
 
     def schedule(self, trajectories: Sequence[Trajectory], scene: Scene) -> Schedule | Violation:

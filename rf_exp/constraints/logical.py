@@ -15,6 +15,7 @@ from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import CONTROL_DT_S, Kind, Scene, Segment
 
+PLACES = ("place", "drop")  # kinds of interaction points at which something is let go
 CONTACT = ("approach", "press")  # primitives that end in contact
 POSITION_M = 0.01  # of the TCP from the interaction point, planned
 POSITION_MEASURED_M = 0.03  # fingers shift what they close on
@@ -75,7 +76,7 @@ def _offset_m(a: Matrix, b: Matrix) -> float:
 
 
 def _nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
-    points = [point for point in plan.task.asset(name).points.values() if point.kind != "place"]
+    points = [point for point in plan.task.asset(name).points.values() if point.kind in ("grasp", "press")]
     return min(points, key=lambda point: _offset_m(tcp, pose @ point.object_from_tcp), default=None)
 
 
@@ -104,7 +105,7 @@ class ValidateInteraction:
         return f"VI({agent_name(self.agent)}, {self.object}, {self.point})"
 
     def planned(self, plan: Plan) -> Evidence:
-        if plan.task.asset(self.object).points[self.point].kind == "place":
+        if plan.task.asset(self.object).points[self.point].kind in PLACES:
             return self._placed(plan)
         contact = _contact(plan, self.agent, self.object)
         if contact is None:
@@ -116,7 +117,7 @@ class ValidateInteraction:
         return self._evidence(plan, contact.tcp(plan), pose, POSITION_M, time_s, "would meet")
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        if plan.task.asset(self.object).points[self.point].kind == "place":
+        if plan.task.asset(self.object).points[self.point].kind in PLACES:
             return None
         contact = _contact(plan, self.agent, self.object)
         if contact is None or not _settles_now(plan, self.agent, scene, contact.settled):
@@ -163,7 +164,7 @@ class ValidateDirection:
     """The gripper has the required orientation at contact. Value and bound in degrees.
 
     `perpendicular` asks for the annotated direction of the interaction point: both the approach
-    and the axis along which the fingers close, half a turn aside where the point is symmetric.
+    and the axis along which the fingers close, within the turns and the tip that the point allows.
     """
 
     kind: ClassVar[Kind] = "logical"
@@ -229,10 +230,12 @@ class ValidateDirection:
         if point is None:  # nothing annotated: down onto its top
             return np.pi - angle_between_rad(approach, pose[:3, 2])
         annotated = pose @ point.object_from_tcp
-        across = angle_between_rad(fingers, annotated[:3, 1])
-        if point.symmetric:
-            across = min(across, np.pi - across)
-        return max(angle_between_rad(approach, annotated[:3, 2]), across)
+        across = min(
+            angle_between_rad(fingers, annotated[:3, :2] @ (-np.sin(turn), np.cos(turn)))
+            for turn in np.linspace(0.0, 2 * np.pi, point.turns, endpoint=False)
+        )
+        tilt = angle_between_rad(approach, annotated[:3, 2])
+        return max(tilt - np.deg2rad(point.tip_deg), across, 0.0)
 
 
 @dataclass(frozen=True)

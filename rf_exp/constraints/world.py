@@ -16,7 +16,8 @@ from rf_exp.constraints.clearance import Mask, Nearest, Swept, nearest
 from rf_exp.constraints.shapes import Piece, arm_pieces
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots.panda import LINKS, Panda
-from rf_exp.tasks import Task, assets
+from rf_exp.tasks import Task
+from rf_exp.tasks.assets import Asset
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
@@ -30,9 +31,9 @@ GRIPPER = frozenset({"panda_hand", "panda_leftfinger", "panda_rightfinger"})
 
 
 @cache
-def asset_pieces(asset: str) -> tuple[Piece, ...]:
+def asset_pieces(asset: Asset) -> tuple[Piece, ...]:
     """The pieces of an asset, in its frame. None for a mark on the table, which nothing can touch."""
-    return tuple(Piece.of(hull) for hull in assets.load(asset).hulls)
+    return tuple(Piece.of(hull) for hull in asset.hulls)
 
 
 class Bodies:
@@ -61,8 +62,8 @@ class Bodies:
     ) -> Swept:
         """An arm at joint positions (P, 9) rad and metres, or (P, 7) with open fingers.
 
-        `carries` adds the object that moves with the TCP; `touches` names objects the gripper may touch,
-        without it what the agent holds in the scene.
+        `carries` adds the object that moves with the TCP; `touches` names objects that the gripper, and
+        what is carried, may touch; without it what the agent holds in the scene.
         """
         held = self.scene.held[agent - 1] if touches is None else None
         qpos = np.atleast_2d(qpos)
@@ -77,13 +78,13 @@ class Bodies:
             carried = {carries: everywhere}
         holds = {name: everywhere for name in (*moved, *((held,) if held else ()))}
         allowed = {name: everywhere for name in {*(touches or ()), *holds}}
-        return self._body(agent, qpos, moved, carried=carried, touches=allowed, holds=holds)
+        return self._body(agent, qpos, moved, carried=carried, touches=allowed, rests=allowed, holds=holds)
 
     def along(self, trajectory: Trajectory) -> Swept:
         """An agent along its trajectory, with every object it moves.
 
-        Path position p lies in the segment that ends at or after p. An object stands where the scene
-        has it until it is carried, and where it is released afterwards, so that it blocks others there.
+        Path position p lies in the segment that ends at or after p. An object stands where it is taken
+        up until it is carried, and where it is released afterwards, so that it blocks others there.
         """
         agent, path = trajectory.agent, trajectory.path()
         arm = self.arms[agent - 1]
@@ -93,7 +94,7 @@ class Bodies:
         moved: dict[str, NDArray[np.float64]] = {}
         carried: dict[str, Mask] = {}
         for name in dict.fromkeys(segment.carries for segment in trajectory.segments if segment.carries):
-            poses = np.tile(self.scene.poses[name], (len(path), 1, 1))
+            poses = np.empty((len(path), 4, 4))
             mask = np.zeros(len(path), dtype=bool)
             begin = 0
             for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
@@ -103,6 +104,8 @@ class Bodies:
                             f"agent {agent}, segment {segment.primitive!r} carries {name!r}, "
                             "but tcp_from_object is missing"
                         )
+                    if not mask.any():  # where the scene has it, or where another agent has put it
+                        poses[:] = tcp[begin] @ segment.tcp_from_object
                     mask[begin : end + 1] = True
                     poses[begin:] = tcp[begin:] @ segment.tcp_from_object
                     poses[end:] = poses[end]
@@ -150,10 +153,10 @@ class Bodies:
 
     # parts
 
-    def _asset(self, name: str) -> str:
+    def _asset(self, name: str) -> Asset:
         if name not in self.task.objects:
             raise choices("object", name, self.task.objects)
-        return self.task.objects[name].asset
+        return self.task.asset(name)
 
     def _body(
         self,

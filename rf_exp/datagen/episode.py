@@ -185,6 +185,7 @@ class EpisodeMaker:
                     blocked=obstacles.blocked(avoid_arms=avoid_parked),
                     limits=self._settings.limits,
                     lockstep=checker.lockstep,
+                    order=checker.order,
                     rng=rng,
                 )
             except Unreachable as error:

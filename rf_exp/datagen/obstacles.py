@@ -41,7 +41,7 @@ class Obstacles:
             if folded(body, self_pairs()).any():
                 return "the arm itself"
             hit = bodies.below_table(body)
-            for name, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
+            for name, other, margin_m in self._others(bodies, agent, state, avoid_arms):
                 near = closer_than(body, other, margin_m, between=between)[:, 0]
                 if near.any():
                     return name
@@ -62,13 +62,11 @@ class Obstacles:
         return bodies.arm(agent, points, carries=carries, tcp_from_object=tcp_from_object, touches=touches)
 
     def _others(
-        self, bodies: Bodies, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
+        self, bodies: Bodies, agent: int, state: State, avoid_arms: bool
     ) -> Iterator[tuple[str, Swept, float]]:
         carries = state.held[agent][0] if agent in state.held else None
         for name in self._task.objects if self._row.spatial else sorted(state.targets):
-            # What is carried may touch what it is taken from or put on; an empty gripper may only
-            # touch with its fingers, which `touches` of the body says.
-            if name != carries and not (carries and name in touches):
+            if name != carries:
                 yield name, bodies.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._row.spatial else ():
             if other != agent:

@@ -35,8 +35,11 @@ class Contacts:
             for name, entity in objects.items()
         }
 
-    def held(self, contacts: Sequence[physx.PhysxContact], timestep_s: float) -> tuple[str | None, ...]:
-        """The object between the fingers of each arm, now."""
+    def of_fingers(
+        self, contacts: Sequence[physx.PhysxContact], timestep_s: float
+    ) -> tuple[tuple[str | None, ...], dict[tuple[int, str], Vector]]:
+        """The object between the fingers of each arm, now, and (agent, object) -> the force in N (3,) with
+        which the fingers push it, world frame."""
         on_finger: dict[tuple, Vector] = defaultdict(lambda: np.zeros(3))  # N, world frame
         for contact in contacts:
             a, b = contact.bodies
@@ -44,7 +47,10 @@ class Contacts:
                 on_finger[a, self._object_of[b]] += _impulse(contact) / timestep_s
             elif b in self._finger_of and a in self._object_of:
                 on_finger[b, self._object_of[a]] -= _impulse(contact) / timestep_s
-        return tuple(self._held(fingers, on_finger) for fingers in self._fingers)
+        pushes: dict[tuple[int, str], Vector] = defaultdict(lambda: np.zeros(3))
+        for (finger, name), force in on_finger.items():
+            pushes[self._agent_of[finger], name] -= force
+        return tuple(self._held(fingers, on_finger) for fingers in self._fingers), dict(pushes)
 
     def between_arms(
         self, contacts: Sequence[physx.PhysxContact], timestep_s: float

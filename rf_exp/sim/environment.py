@@ -120,7 +120,9 @@ class TableEnv(BaseEnv):
     def _load_scene(self, options: dict) -> None:
         build_room(self.scene)
         self.actors = {
-            name: objects.build(self.scene, name, *self._assets[name], self.start.poses[name])
+            name: objects.build(
+                self.scene, name, *self._assets[name], self.start.poses[name], self.start.tints[name]
+            )
             for name in self.task.objects
         }
 

@@ -18,6 +18,7 @@ from rf_exp.tasks.assets.base import Colour
 from rf_exp.transforms import Matrix, quaternion
 
 SMOOTH_RAD = np.deg2rad(30)  # edges sharper than this are seen as edges
+UNTINTED = np.ones(3)
 PATCH_RADIUS_M = 0.02  # torsional friction of a contact, as of a soft surface
 
 
@@ -37,10 +38,10 @@ class Surface:
     roughness: float
     metallic: float
 
-    def shape(self) -> sapien.render.RenderShapeTriangleMesh:
-        """A new render shape; needs a renderer."""
+    def shape(self, tint: NDArray[np.float64]) -> sapien.render.RenderShapeTriangleMesh:
+        """A new render shape, its colour times `tint` (3,); needs a renderer."""
         material = sapien.render.RenderMaterial()
-        material.base_color = [*self.colour, 1.0]
+        material.base_color = [*np.clip(self.colour * tint, 0.0, 1.0).tolist(), 1.0]
         material.roughness = self.roughness
         material.metallic = self.metallic
         uvs = np.zeros((len(self.vertices), 2), np.float32)
@@ -71,9 +72,9 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
 class AssetBuilder(ActorBuilder):
     """ManiSkill's actor builder, fed with an Asset instead of files."""
 
-    def __init__(self, asset: Asset, seen: tuple[Surface, ...]) -> None:
+    def __init__(self, asset: Asset, seen: tuple[Surface, ...], tint: NDArray[np.float64]) -> None:
         super().__init__()
-        self.asset, self.seen = asset, seen
+        self.asset, self.seen, self.tint = asset, seen, tint
         self.physx_body_type = "static" if asset.static or asset.ghost else "dynamic"
 
     def build_physx_component(self, link_parent: object = None) -> physx.PhysxRigidBaseComponent:
@@ -97,7 +98,7 @@ class AssetBuilder(ActorBuilder):
         if self.scene.can_render():
             body = sapien.render.RenderBodyComponent()
             for surface in self.seen:
-                body.attach(surface.shape())
+                body.attach(surface.shape(self.tint))
             entity.add_component(body)
         entity.add_component(self.build_physx_component())
         entity.name = self.name
@@ -105,10 +106,15 @@ class AssetBuilder(ActorBuilder):
 
 
 def build(
-    scene: ManiSkillScene, name: str, asset: Asset, seen: tuple[Surface, ...], world_from_object: Matrix
+    scene: ManiSkillScene,
+    name: str,
+    asset: Asset,
+    seen: tuple[Surface, ...],
+    world_from_object: Matrix,
+    tint: NDArray[np.float64] = UNTINTED,
 ) -> Actor:
-    """Put an asset with its surfaces into the scene under a name."""
-    builder: Any = AssetBuilder(asset, seen)
+    """Put an asset with its surfaces into the scene under a name, its colours times `tint` (3,)."""
+    builder: Any = AssetBuilder(asset, seen, tint)
     builder.set_scene(scene)
     builder.initial_pose = sapien_pose(world_from_object)
     return builder.build(name)

@@ -112,6 +112,7 @@ class Simulator:
         return self._command.copy()
 
     def _scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
+        held, pushes = self._contacts.of_fingers(self._physics.get_contacts(), self._physics.timestep)
         return Scene(
             step=self._step,
             qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
@@ -121,7 +122,8 @@ class Simulator:
                 for name, body in self._bodies.items()
             },
             speeds={name: _speed_m_s(body) for name, body in self._bodies.items()},
-            held=self._contacts.held(self._physics.get_contacts(), self._physics.timestep),
+            held=held,
+            finger_forces=pushes,
             arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
         )
 

@@ -10,13 +10,16 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from importlib import import_module, util
+from importlib import import_module
+from itertools import combinations
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import MultiPoint
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
@@ -25,6 +28,8 @@ from rf_exp.types import ARM_JOINTS, Scene, Verdict
 
 REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
 FINGERS_OPEN_M = 0.04
+GAP_M = 0.005  # between objects at the start
+_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,8 @@ class ObjectSpec:
     y_m: tuple[float, float] = (0.0, 0.0)
     z_m: float = 0.0
     yaw_deg: tuple[float, float] = (0.0, 0.0)
-    on: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
+    relative_to: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the asset, e.g. its colour
 
     def __post_init__(self) -> None:
         for axis in ("x_m", "y_m", "yaw_deg"):
@@ -85,6 +91,7 @@ class Randomisation:
 
     rest_qpos_rad: float = 0.02  # standard deviation on each joint
     light: float = 0.1  # half range of the relative brightness
+    colour: float = 0.1  # half range of the relative brightness of each primary colour of each object
 
 
 @dataclass(frozen=True)
@@ -100,6 +107,7 @@ class Task:
     cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
     success: Mapping[str, float]  # thresholds that the module reads, units in their names
     randomisation: Randomisation = Randomisation()
+    code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "robots", tuple(self.robots))
@@ -115,7 +123,7 @@ class Task:
 
     @property
     def module(self) -> ModuleType:
-        return import_module(f"rf_exp.tasks.{self.name}")
+        return import_module(self.code or f"rf_exp.tasks.{self.name}")
 
     @property
     def version(self) -> str:
@@ -124,7 +132,8 @@ class Task:
 
     def asset(self, name: str) -> assets.Asset:
         """The asset of an object of this task."""
-        return assets.load(self.objects[name].asset)
+        spec = self.objects[name]
+        return assets.load(spec.asset, spec.options)
 
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
         """Named places of this task: world_from_object (4, 4) of what is put there."""
@@ -132,8 +141,29 @@ class Task:
         return named(scene, self) if named else {}
 
     def start(self, seed: int) -> "Start":
-        """The start of an episode: a pure function of task and seed."""
+        """The start of an episode: a pure function of task and seed.
+
+        Objects that would stand in one another are all drawn again. Raises ArgumentError for ranges
+        in which there is no room.
+        """
         rng = np.random.default_rng([seed, 0])  # stream 0 of the episode: the scene
+        for _ in range(_DRAWS):
+            poses = self._draw(rng)
+            if self._roomy(poses):
+                break
+        else:
+            raise ArgumentError(
+                f"task {self.name!r}: seed {seed}: no start in {_DRAWS} draws leaves {GAP_M} m between the objects; "
+                "widen their ranges"
+            )
+        noise = rng.normal(0.0, self.randomisation.rest_qpos_rad, (len(self.robots), ARM_JOINTS))
+        fingers = np.full((len(self.robots), 2), FINGERS_OPEN_M)
+        light = 1.0 + rng.uniform(-self.randomisation.light, self.randomisation.light)
+        spread = self.randomisation.colour
+        tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in self.objects}
+        return Start(seed, np.hstack([np.array(REST_QPOS) + noise, fingers]), poses, light, tints)
+
+    def _draw(self, rng: np.random.Generator) -> dict[str, Matrix]:
         poses: dict[str, Matrix] = {}
         for name, spec in self.objects.items():
             local = planar(
@@ -142,11 +172,17 @@ class Task:
                 np.deg2rad(rng.uniform(*spec.yaw_deg)),
                 spec.z_m,
             )
-            poses[name] = poses[spec.on] @ local if spec.on else local
-        noise = rng.normal(0.0, self.randomisation.rest_qpos_rad, (len(self.robots), ARM_JOINTS))
-        fingers = np.full((len(self.robots), 2), FINGERS_OPEN_M)
-        light = 1.0 + rng.uniform(-self.randomisation.light, self.randomisation.light)
-        return Start(seed, np.hstack([np.array(REST_QPOS) + noise, fingers]), poses, light)
+            poses[name] = poses[spec.relative_to] @ local if spec.relative_to else local
+        return poses
+
+    def _roomy(self, poses: Mapping[str, Matrix]) -> bool:
+        """Whether the outlines of objects that share the table are apart. A stack is one outline."""
+        outlines = {
+            name: MultiPoint(self.asset(name).vertices(pose)[:, :2]).convex_hull
+            for name, pose in poses.items()
+            if self.asset(name).hulls and not self.objects[name].z_m
+        }
+        return all(outlines[a].distance(outlines[b]) > GAP_M for a, b in combinations(outlines, 2))
 
 
 @dataclass(frozen=True)
@@ -157,6 +193,7 @@ class Start:
     qpos: NDArray[np.float64]  # (N, 9) rad, metres
     poses: Mapping[str, Matrix]  # object -> world_from_object
     light: float  # relative brightness
+    tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
 
 
 class Judge:
@@ -170,8 +207,3 @@ class Judge:
         self._steps = self._steps + 1 if all(evidence.values()) else 0
         held = self._steps >= int(self._task.success["hold_steps"])
         return Verdict(held, bool(self._task.module.paper(scene, self._start, self._task)), evidence)
-
-
-def exists(name: str) -> bool:
-    """Whether a module of that task exists."""
-    return util.find_spec(f"rf_exp.tasks.{name}") is not None

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import dacite
 
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks import assets
 from rf_exp.tasks.base import Task
 
 
@@ -19,8 +18,7 @@ def load_task(name: str, node: Mapping) -> Task:
         task = dacite.from_dict(Task, dict(node), config=dacite.Config(cast=[tuple], strict=True))
     except dacite.UnexpectedDataError as error:
         unknown = ", ".join(sorted(map(str, error.keys)))
-        hint = "; YAML reads a bare `on` as true: write it in quotes" if True in error.keys else ""
-        raise ArgumentError(f"task {name!r}: unknown field {unknown}{hint}") from error
+        raise ArgumentError(f"task {name!r}: unknown field {unknown}") from error
     except dacite.MissingValueError as error:
         raise ArgumentError(f"task {name!r}: field {error.field_path} is missing") from error
     except dacite.WrongTypeError as error:
@@ -38,12 +36,13 @@ def load_task(name: str, node: Mapping) -> Task:
     seen: list[str] = []
     for key, spec in task.objects.items():
         try:
-            assets.load(spec.asset)
+            task.asset(key)
         except ArgumentError as error:
             raise ArgumentError(f"task {name!r}: object {key!r}: {error}") from error
-        if spec.on is not None and spec.on not in seen:
+        if spec.relative_to is not None and spec.relative_to not in seen:
             raise ArgumentError(
-                f"task {name!r}: object {key!r} stands on {spec.on!r}; expected one listed before it: {seen}"
+                f"task {name!r}: object {key!r} is relative to {spec.relative_to!r}; "
+                f"expected one listed before it: {seen}"
             )
         seen.append(key)
     return task

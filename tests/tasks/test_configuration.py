@@ -27,18 +27,13 @@ def message(node: dict[str, Any]) -> str:
 def test_the_file_becomes_a_task(node: dict[str, Any]) -> None:
     task = load_task("place_food", node)
     assert task.agents == (1, 2) and list(task.objects) == ["pot", "lid", "steak"]
-    assert task.objects["lid"].on == "pot"
+    assert task.objects["lid"].relative_to == "pot"
     assert task.robots[0].y_m == -0.75 and isinstance(task.robots, tuple)
 
 
 def test_an_unknown_field(node: dict[str, Any]) -> None:
     node["robot"] = []
     assert message(node) == "task 'place_food': unknown field robot"
-
-
-def test_on_without_quotes(node: dict[str, Any]) -> None:
-    node["objects"]["lid"][True] = node["objects"]["lid"].pop("on")
-    assert "unknown field True; YAML reads a bare `on` as true: write it in quotes" in message(node)
 
 
 def test_a_missing_field(node: dict[str, Any]) -> None:
@@ -63,10 +58,10 @@ def test_an_asset_that_does_not_exist(node: dict[str, Any]) -> None:
     )
 
 
-def test_an_object_that_stands_on_nothing(node: dict[str, Any]) -> None:
-    node["objects"]["lid"]["on"] = "pan"
+def test_an_object_relative_to_nothing(node: dict[str, Any]) -> None:
+    node["objects"]["lid"]["relative_to"] = "pan"
     assert message(node) == (
-        "task 'place_food': object 'lid' stands on 'pan'; expected one listed before it: ['pot']"
+        "task 'place_food': object 'lid' is relative to 'pan'; expected one listed before it: ['pot']"
     )
 
 

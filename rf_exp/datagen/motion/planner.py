@@ -12,6 +12,8 @@ from rf_exp.transforms import inverse
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Scene, Segment, Subgoal, Trajectory
 
 Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
+Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
+Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
 
 
 def present_state(task: Task, scene: Scene, arms: dict[int, Panda]) -> State:
@@ -38,11 +40,13 @@ def plan_motion(
     blocked: Blocked,
     limits: JointLimits,
     lockstep: Lockstep,
+    order: Order = (),
     rng: np.random.Generator,
 ) -> tuple[tuple[Trajectory, ...], State]:
     """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
 
-    Subgoals named in `lockstep` are timed as one motion of all their agents. Raises Unreachable.
+    Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
+    `order` starts from where the earlier leaves the objects. Raises Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = present_state(task, scene, arms)
@@ -51,12 +55,13 @@ def plan_motion(
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
     waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
     while any(waiting.values()):
-        ready = next((q for q in waiting.values() if q and _group(q[0], lockstep) is None), None)
-        if ready is not None:
-            subgoal = ready.pop(0)
+        ready = [queue for queue in waiting.values() if queue and not _waits(queue[0], waiting, order)]
+        alone = next((queue for queue in ready if _group(queue[0], lockstep) is None), None)
+        if alone is not None:
+            subgoal = alone.pop(0)
             segments[subgoal.agent] += primitives.plan(subgoal, state)
             continue
-        for segment in _joint_lift(_next_group(waiting, lockstep), primitives, state):
+        for segment in _joint_lift(_next_group(ready, lockstep, waiting), primitives, state):
             segments[segment.agent].append(segment)
     trajectories = tuple(
         Trajectory(agent, *start[agent], tuple(s for s in segments[agent] if len(s))) for agent in task.agents
@@ -72,9 +77,24 @@ def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
     return None
 
 
-def _next_group(waiting: dict[int, list[Subgoal]], lockstep: Lockstep) -> list[Subgoal]:
+def _waits(subgoal: Subgoal, waiting: dict[int, list[Subgoal]], order: Order) -> bool:
+    """Whether something that must be over before this subgoal has not been planned yet."""
+
+    def part_of(each: Subgoal, part: Part) -> bool:
+        agent, verb, name = part
+        return each.agent == agent and (verb is None or (each.verb, each.object) == (verb, name))
+
+    return any(
+        part_of(subgoal, then) and any(part_of(each, first) for each in waiting.get(first[0], ()))
+        for first, then in order
+    )
+
+
+def _next_group(
+    ready: list[list[Subgoal]], lockstep: Lockstep, waiting: dict[int, list[Subgoal]]
+) -> list[Subgoal]:
     """The joint subgoal that all its agents have come to; taken off their lists."""
-    fronts = [queue[0] for queue in waiting.values() if queue]
+    fronts = [queue[0] for queue in ready]
     for first in fronts:
         agents = _group(first, lockstep) or frozenset()
         members = [
@@ -84,8 +104,8 @@ def _next_group(waiting: dict[int, list[Subgoal]], lockstep: Lockstep) -> list[S
             for member in members:
                 waiting[member.agent].pop(0)
             return members
-    names = "; ".join(f"Agent_{s.agent}: {s.text}" for s in fronts)
-    raise Unreachable(f"subgoals that must be done together are in conflicting orders ({names})")
+    names = "; ".join(f"Agent_{queue[0].agent}: {queue[0].text}" for queue in waiting.values() if queue)
+    raise Unreachable(f"the subgoals wait for one another: their orders are in conflict ({names})")
 
 
 def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -> list[Segment]:

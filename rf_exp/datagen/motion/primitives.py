@@ -16,6 +16,7 @@ from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.timing import JointLimits, blend, densify, parameterise
 from rf_exp.robots import Panda
 from rf_exp.tasks import Task
+from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.tasks.base import REST_QPOS
 from rf_exp.transforms import Matrix, interpolate, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
@@ -25,12 +26,14 @@ LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
 PLACE_CLEARANCE_M = 0.10  # above the place from which an object is lowered
 RETREAT_M = 0.08
+STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm gives way
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
 _RANDOM_SEEDS = 12  # inverse kinematics restarts when the natural ones fail
 _MAX_JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
 
-_HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
-
+_FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # from a face, z up, to a tool that works on it, z down
+_TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
+_STRIKE_TURNS = 16
 
 T = TypeVar("T")
 
@@ -92,11 +95,8 @@ class Primitives:
                 return []
             raise Unreachable(f"Agent_{agent} already holds {state.held[agent][0]}")
         point = self.task.asset(name).points[_required(subgoal.point)]
-        goals = _symmetric(state.poses[name] @ point.object_from_tcp, point.symmetric)
         touches = frozenset({name})
-        reach = self._reach(
-            agent, goals, point.standoff_m, state, touches, f"grasp {name} at {subgoal.point}"
-        )
+        reach = self._grip(agent, state.poses[name], point, state, subgoal)
         segments = [self._segment(subgoal, "approach", reach, state, touches)]
         segments.append(self._fingers(subgoal, "close", GRIPPER_CLOSED, state, touches))
         tcp_from_object = inverse(self.arms[agent].tcp(state.qpos[agent])) @ state.poses[name]
@@ -109,17 +109,32 @@ class Primitives:
 
     def _carry(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (_, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
-        goals = self._above(subgoal, state, tcp_from_object, PLACE_CLEARANCE_M)
+        goals = self._above(subgoal, state, tcp_from_object, subgoal.height_m or 0.0)
         points = self._reach(agent, goals, 0.0, state, frozenset(), subgoal.text)
         return [self._segment(subgoal, "carry", points, state)]
 
     def _place(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (name, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
         goals = self._above(subgoal, state, tcp_from_object, DROP_M)
-        touches = frozenset({name})  # until it is let go there is a little air below, so nothing else
+        touches = frozenset({name}) | self._support(subgoal)
         points = self._reach(agent, goals, PLACE_CLEARANCE_M, state, touches, subgoal.text, down=True)
         segments = [self._segment(subgoal, "lower", points, state, touches)]
         return [*segments, *self._let_go(subgoal, state, touches)]
+
+    def _strike(self, subgoal: Subgoal, state: State) -> list[Segment]:
+        agent, (name, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
+        object_from_tool = self.task.asset(name).points[_required(subgoal.point)].object_from_tcp
+        world_from_target, _ = self._destination(subgoal, state)
+        goals = [
+            world_from_target
+            @ transform((0.0, 0.0, -STRIKE_M), _yaw(turn))
+            @ _FACING
+            @ inverse(tcp_from_object @ object_from_tool)
+            for turn in np.linspace(0.0, 2 * np.pi, _STRIKE_TURNS, endpoint=False)
+        ]
+        touches = frozenset({name, _required(subgoal.target)})
+        points = self._reach(agent, goals, PLACE_CLEARANCE_M, state, touches, subgoal.text, down=True)
+        return [self._segment(subgoal, "strike", points, state, touches)]
 
     def _release(self, subgoal: Subgoal, state: State) -> list[Segment]:
         name, _ = self._holding(subgoal, state)
@@ -128,7 +143,7 @@ class Primitives:
     def _press(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, name = subgoal.agent, _required(subgoal.object)
         point = self.task.asset(name).points[_required(subgoal.point)]
-        goals = _symmetric(state.poses[name] @ point.object_from_tcp, point.symmetric)
+        goals = _turned(state.poses[name] @ point.object_from_tcp, point.turns)
         touches = frozenset({name})
         segments = [self._fingers(subgoal, "close", GRIPPER_CLOSED, state)]
         points = self._reach(
@@ -145,6 +160,29 @@ class Primitives:
         return []
 
     # -- what the verbs are made of ----------------------------------------------------------------
+
+    def _grip(
+        self, agent: int, world_from_object: Matrix, point: InteractionPoint, state: State, subgoal: Subgoal
+    ) -> NDArray[np.float64]:
+        """Timed points (T, 7) to an interaction point; tipped no farther than reaching it takes."""
+        touches, what = frozenset({_required(subgoal.object)}), f"grasp {subgoal.object} at {subgoal.point}"
+        goals = _turned(world_from_object @ point.object_from_tcp, point.turns)
+        tips = [tip for tip in _TIPS_DEG if abs(tip) <= point.tip_deg]
+        for tried, tip in enumerate(tips, start=1):
+            tipped = [goal @ transform(rotation=_pitch(np.deg2rad(tip))) for goal in goals]
+            try:
+                return self._reach(agent, tipped, point.standoff_m, state, touches, what)
+            except Unreachable:
+                if tried == len(tips):
+                    raise
+        raise AssertionError("the first tip is none")
+
+    def _support(self, subgoal: Subgoal) -> frozenset[str]:
+        """The object on which something is placed; none where it is dropped into one."""
+        target = _required(subgoal.target)
+        if target not in self.task.objects or self._placing(subgoal).kind == "drop":
+            return frozenset()
+        return frozenset({target})
 
     def lift_line(self, subgoal: Subgoal, state: State) -> NDArray[np.float64]:
         """Joint points (K, 7) of a lift straight up; K depends on the height alone."""
@@ -167,7 +205,7 @@ class Primitives:
 
     def _touches_lifting(self, subgoal: Subgoal, state: State) -> frozenset[str]:
         # What is lifted leaves the thing it stands on, which it touches at the start.
-        supports = self.task.objects[_required(subgoal.object)].on
+        supports = self.task.objects[_required(subgoal.object)].relative_to
         return frozenset({_required(subgoal.object)} | ({supports} if supports else set()))
 
     def _let_go(self, subgoal: Subgoal, state: State, touches: frozenset[str]) -> list[Segment]:
@@ -197,13 +235,18 @@ class Primitives:
         if target not in state.poses:
             known = ", ".join(sorted([*state.places, *state.poses]))
             raise Unreachable(f"there is no place or object {target!r}; available: {known}")
-        asset = self.task.asset(target)
-        placing = {name: p for name, p in asset.points.items() if p.kind == "place"}
+        point = self._placing(subgoal)
+        return state.poses[target] @ point.object_from_tcp, point.slack_m
+
+    def _placing(self, subgoal: Subgoal) -> InteractionPoint:
+        """The point of the target object at which something is placed or dropped."""
+        points = self.task.asset(_required(subgoal.target)).points
+        placing = {name: point for name, point in points.items() if point.kind in ("place", "drop")}
         name = subgoal.target_point or next(iter(placing), None)
         if name not in placing:
             listed = ", ".join(sorted(placing)) or "none"
-            raise Unreachable(f"{target} has no place point {name!r}; available: {listed}")
-        return state.poses[target] @ placing[name].object_from_tcp, placing[name].slack_m
+            raise Unreachable(f"{subgoal.target} has no place point {name!r}; available: {listed}")
+        return placing[name]
 
     def _above(
         self, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float
@@ -361,9 +404,15 @@ def _required(value: T | None) -> T:
     return value
 
 
-def _symmetric(goal: Matrix, symmetric: bool) -> list[Matrix]:
-    return [goal, goal @ _HALF_TURN] if symmetric else [goal]
+def _turned(goal: Matrix, turns: int) -> list[Matrix]:
+    """The pose and those that equal turns about its z axis give."""
+    angles = np.linspace(0.0, 2 * np.pi, turns, endpoint=False)
+    return [goal @ transform(rotation=_yaw(angle)) for angle in angles]
 
 
 def _yaw(angle_rad: float) -> Rotation:
     return Rotation.from_euler("z", angle_rad)
+
+
+def _pitch(angle_rad: float) -> Rotation:
+    return Rotation.from_euler("y", angle_rad)

@@ -1,23 +1,42 @@
-"""Procedural assets: one module a thing, each with a function `build()` returning its `Asset`."""
+"""Procedural assets: one module a thing, each with a function `build(...)` returning its `Asset`."""
 
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-from rf_exp.errors import choices
+from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
 
 __all__ = ["Asset", "InteractionPoint", "Part", "available", "load"]
 
 
+_NOT_ASSETS = ("__main__", "base", "mesh")
+
+
 def available() -> tuple[str, ...]:
     """Names of the assets that exist."""
-    return tuple(module.name for module in iter_modules(__path__) if module.name != "base")
+    return tuple(module.name for module in iter_modules(__path__) if module.name not in _NOT_ASSETS)
+
+
+def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
+    """The asset of that name, built with `options`; always the same object for the same arguments.
+
+    The name of a module here, or the full name of another module with a function `build(...)`.
+    Raises ArgumentError for a name that does not exist and for options that it does not take.
+    """
+    return _load(name, tuple(sorted((options or {}).items())))
 
 
 @cache
-def load(name: str) -> Asset:
-    """The asset of that name. Raises ArgumentError for a name that does not exist."""
-    if name not in available():
+def _load(name: str, options: tuple[tuple[str, object], ...]) -> Asset:
+    if "." not in name and name not in available():
         raise choices("asset", name, available())
-    return import_module(f"{__name__}.{name}").build()
+    try:
+        module = import_module(name if "." in name else f"{__name__}.{name}")
+    except ModuleNotFoundError as error:
+        raise ArgumentError(f"asset {name!r}: {error}; available here: {', '.join(available())}") from error
+    try:
+        return module.build(**dict(options))
+    except TypeError as error:
+        raise ArgumentError(f"asset {name!r} with options {dict(options)}: {error}") from error

@@ -54,22 +54,24 @@ class Part:
 
 @dataclass(frozen=True)
 class InteractionPoint:
-    """Where and from which direction the gripper meets the asset.
+    """Where and from which direction the gripper, or another thing, meets the asset.
 
-    `object_from_tcp`: pose of the tool centre point at contact. Its z axis is the direction the
-    gripper comes along, its y axis the one the fingers close along. `symmetric`: half a turn about
-    z serves as well (two equal fingers).
+    grasp, press: `object_from_tcp` is the pose of the tool centre point at contact. Its z axis is the
+    direction the gripper comes along, its y axis the one the fingers close along.
+    place, drop: the pose that the frame of what is placed takes, z up; on it, or let go above it.
+    tool: the part of a held thing that does the work, its z axis pointing where it works.
     """
 
     object_from_tcp: Matrix
-    kind: str  # grasp | press | place
+    kind: str  # grasp | press | place | drop | tool
     standoff_m: float = 0.08  # where a straight approach begins
     width_m: float = 0.04  # between the fingers when closed on it (grasp)
-    symmetric: bool = True
-    slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place)
+    turns: int = 2  # so many equal turns about z serve as well: two fingers 2, a square 4
+    tip_deg: float = 0.0  # the gripper may be tipped so far about the axis it closes along (grasp)
+    slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place, drop)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Asset:
     """A rigid body. Origin on its underside centre unless its module says otherwise."""
 

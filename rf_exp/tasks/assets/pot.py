@@ -18,9 +18,9 @@ RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
 
 
 def build() -> Asset:
-    """The pot with place point `inside`.
+    """The pot with drop point `inside`.
 
-    Of a place point, `object_from_tcp` is the pose of the placed object's own frame, z up: what is
+    Of a drop point, `object_from_tcp` is the pose of the placed object's own frame, z up: what is
     put in ends up upright over the middle of the pot, and half a turn serves as well.
     """
     floor = Part.cylinder(INNER_M, FLOOR_M, transform((0, 0, FLOOR_M / 2)), ENAMEL, roughness=0.3)
@@ -32,7 +32,7 @@ def build() -> Asset:
     # Only seen: a bright rim, a little proud of the wall it stands in.
     band = _ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M)
     rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
-    inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "place", standoff_m=0.10, slack_m=0.03)
+    inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, slack_m=0.03)
     return Asset(
         "pot", parts=(floor, *walls, *handles, *rim), points={"inside": inside}, mass_kg=0.8, friction=1.2
     )
