@@ -67,8 +67,8 @@ class Checker:
     def __init__(self, task: Task, code: CheckCode, row: Row, proposal: Proposal | None = None) -> None:
         self._task, self._row, self._proposal = task, row, proposal
         self.checks = (*code.of(row), *(_implied(task, code) if row.spatial else ()))
-        self._plan: Plan | None = None
-        self._evidence: list[tuple[Check, Evidence]] = []
+        self.plan: Plan | None = None
+        self.evidence: list[tuple[Check, Evidence]] = []
         self._lost: dict[int, int] = {}
         self._missing = 0
 
@@ -106,15 +106,15 @@ class Checker:
     def check(self, trajectories: Sequence[Trajectory], timed: Schedule, scene: Scene) -> list[Violation]:
         """All checks on a plan before anything moves: the violations, earliest first."""
         prepared = self._prepare(trajectories, scene)
-        self._plan = plan = _with_schedule(prepared, timed)
+        self.plan = plan = _with_schedule(prepared, timed)
         self._lost, self._missing = {}, 0
-        self._evidence = [(check, check.planned(plan)) for check in self.checks]
-        failed = [violation(check, evidence) for check, evidence in self._evidence if not evidence.ok]
+        self.evidence = [(check, check.planned(plan)) for check in self.checks]
+        failed = [violation(check, evidence) for check, evidence in self.evidence if not evidence.ok]
         return sorted(failed, key=lambda each: each.time_s)
 
     def monitor(self, scene: Scene) -> Violation | None:
         """All checks on the real state at one control step of the plan checked last."""
-        plan = self._plan
+        plan = self.plan
         if plan is None:
             raise ArgumentError("there is nothing to monitor yet; call check() with a plan first")
         touched: dict[tuple[int, ...], Evidence | None] = {}
@@ -133,7 +133,7 @@ class Checker:
 
     def certificate(self) -> dict[str, Any]:
         """What was checked before execution and with what result; plain JSON values."""
-        plan = self._plan
+        plan = self.plan
         timed = plan.schedule if plan else None
         return {
             "row": self._row.name,
@@ -152,7 +152,7 @@ class Checker:
                     "time_s": float(evidence.time_s),
                     "reason": evidence.reason,
                 }
-                for check, evidence in self._evidence
+                for check, evidence in self.evidence
             ],
         }
 
@@ -160,15 +160,15 @@ class Checker:
 
     def _prepare(self, trajectories: Sequence[Trajectory], scene: Scene) -> Plan:
         """The plan without a schedule; the same one for the same trajectories, with its diagrams."""
-        plan, given = self._plan, tuple(trajectories)
+        plan, given = self.plan, tuple(trajectories)
         if (
             plan is not None
             and plan.scene is scene
             and tuple(map(id, plan.trajectories)) == tuple(map(id, given))
         ):
             return plan
-        self._plan = Plan(self._task, self._row, scene, given)
-        return self._plan
+        self.plan = Plan(self._task, self._row, scene, given)
+        return self.plan
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""

@@ -47,15 +47,18 @@ class _Contact:
         return plan.bodies.arms[self.segment.agent - 1].tcp(self.segment.qpos[-1])
 
     def object_pose(self, plan: Plan, name: str) -> Matrix:
-        """world_from_object: where it stands, or where a trajectory lets go of it, whichever is met."""
+        """world_from_object: where it stands, or where another agent leaves it, whichever is met."""
         poses = [plan.scene.poses[name]]
         for trajectory in plan.trajectories:
             arm = plan.bodies.arms[trajectory.agent - 1]
-            for segment in trajectory.segments:
-                if segment.carries == name and segment.tcp_from_object is not None:
-                    poses.append(arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object)
+            carrying = [segment for segment in trajectory.segments if segment.carries == name]
+            if trajectory.agent != self.segment.agent and carrying:
+                assert carrying[-1].tcp_from_object is not None  # Bodies.along has refused it otherwise
+                poses.append(arm.tcp(carrying[-1].qpos[-1]) @ carrying[-1].tcp_from_object)
         tcp = self.tcp(plan)
-        return min(poses, key=lambda pose: _offset_m(tcp, pose))
+        point = plan.task.asset(name).points.get(self.segment.subgoal.point or "")
+        at = np.eye(4) if point is None else point.object_from_tcp
+        return min(poses, key=lambda pose: _offset_m(tcp, pose @ at))
 
 
 def _contact(plan: Plan, agent: int, name: str) -> _Contact | None:

@@ -70,4 +70,6 @@ class Obstacles:
                 yield name, bodies.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._row.spatial else ():
             if other != agent:
-                yield f"Agent_{other}", bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M
+                holds = frozenset({state.held[other][0]}) if other in state.held else frozenset()
+                arm = bodies.arm(other, bodies.scene.qpos[other - 1], touches=holds)
+                yield f"Agent_{other}", arm, AGENT_MARGIN_M

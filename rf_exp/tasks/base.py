@@ -34,11 +34,17 @@ _DRAWS = 1000
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """Where an arm is bolted to the table."""
+    """Where an arm is bolted to the table, and how it stands when it has nothing to do."""
 
     x_m: float
     y_m: float
     yaw_deg: float
+    rest_rad: tuple[float, ...] = REST_QPOS  # (7,)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rest_rad", tuple(map(float, self.rest_rad)))
+        if len(self.rest_rad) != ARM_JOINTS:
+            raise ArgumentError(f"rest_rad has {len(self.rest_rad)} values; an arm has {ARM_JOINTS} joints")
 
     @cached_property
     def world_from_base(self) -> Matrix:
@@ -153,15 +159,16 @@ class Task:
                 break
         else:
             raise ArgumentError(
-                f"task {self.name!r}: seed {seed}: no start in {_DRAWS} draws leaves {GAP_M} m between the objects; "
-                "widen their ranges"
+                f"task {self.name!r}, seed {seed}: none of {_DRAWS} draws leaves {GAP_M} m between the "
+                "objects; widen their ranges"
             )
-        noise = rng.normal(0.0, self.randomisation.rest_qpos_rad, (len(self.robots), ARM_JOINTS))
+        rest = np.array([robot.rest_rad for robot in self.robots])
+        noise = rng.normal(0.0, self.randomisation.rest_qpos_rad, rest.shape)
         fingers = np.full((len(self.robots), 2), FINGERS_OPEN_M)
         light = 1.0 + rng.uniform(-self.randomisation.light, self.randomisation.light)
         spread = self.randomisation.colour
         tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in self.objects}
-        return Start(seed, np.hstack([np.array(REST_QPOS) + noise, fingers]), poses, light, tints)
+        return Start(seed, np.hstack([rest + noise, fingers]), poses, light, tints)
 
     def _draw(self, rng: np.random.Generator) -> dict[str, Matrix]:
         poses: dict[str, Matrix] = {}

@@ -1,6 +1,9 @@
 """Named measurements on a scene, so that success criteria read in words."""
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.transforms import Matrix
 from rf_exp.types import Scene
@@ -34,3 +37,48 @@ def still(scene: Scene, name: str, below_m_s: float) -> bool:
 def holders(scene: Scene, name: str) -> tuple[int, ...]:
     """The agents that pinch the object between their fingers."""
     return tuple(agent for agent, held in enumerate(scene.held, start=1) if held == name)
+
+
+def upright(scene: Scene, name: str, within_deg: float) -> bool:
+    """Whether the object's z axis is vertical."""
+    return tilt_deg(scene.poses[name]) < within_deg
+
+
+def offset_m(scene: Scene, top: str, bottom: str) -> tuple[float, float]:
+    """How far the origin of `top` is beside, and above, the origin of `bottom`."""
+    a, b = scene.poses[top], scene.poses[bottom]
+    return distance_xy_m(a, b), float(a[2, 3] - b[2, 3])
+
+
+def stacked(scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float) -> bool:
+    """Whether `top` is `height_m` above `bottom`, to within `above_m`, and at most `beside_m` beside it."""
+    beside, above = offset_m(scene, top, bottom)
+    return beside <= beside_m and abs(above - height_m) <= above_m
+
+
+def released(scene: Scene, names: Iterable[str]) -> bool:
+    """Whether nobody holds any of the objects."""
+    return not any(holders(scene, name) for name in names)
+
+
+def pushed_n(scene: Scene, agent: int, name: str, direction: NDArray[np.float64]) -> float:
+    """Force of an agent's fingers on the object along a direction (3,) in the world."""
+    return float(scene.finger_forces.get((agent, name), np.zeros(3)) @ direction)
+
+
+def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) -> dict[str, bool]:
+    """Conditions of things that have been put down: upright, let go, at rest.
+
+    Reads `upright_deg` and `still_m_s` of the task's thresholds.
+    """
+    names = tuple(names)
+    return {
+        "upright": all(upright(scene, name, limits["upright_deg"]) for name in names),
+        "released": released(scene, names),
+        "at rest": all(still(scene, name, limits["still_m_s"]) for name in names),
+    }
+
+
+def near(scene: Scene, name: str, target: str, within_m: float) -> bool:
+    """Whether the object is that near to another one, seen from above."""
+    return distance_xy_m(scene.poses[name], scene.poses[target]) < within_m

@@ -3,7 +3,22 @@
 One function a form, so that plans and the checker's grammar cannot drift apart.
 """
 
-from rf_exp.types import Constraint
+from collections.abc import Iterable
+
+from rf_exp.types import Constraint, Subgoal
+
+
+def grasping(subgoals: Iterable[Subgoal]) -> list[Constraint]:
+    """Interaction position and direction of everything that subgoals grasp."""
+    grasps = [each for each in subgoals if each.verb == "grasp" and each.object and each.point]
+    positions = [grasp_at(each.agent, each.object or "", each.point or "") for each in grasps]
+    return positions + [perpendicular(each.agent, each.object or "") for each in grasps]
+
+
+def keep_clear(agents: Iterable[int]) -> list[Constraint]:
+    """Nobody touches another agent, nor an object that his subgoals are not about."""
+    agents = tuple(agents)
+    return [avoid_agents(agent) for agent in agents] + [avoid_objects(agent) for agent in agents]
 
 
 def _agent(agent: int) -> str:
@@ -13,6 +28,11 @@ def _agent(agent: int) -> str:
 def grasp_at(agent: int, name: str, point: str) -> Constraint:
     """Interaction position: the agent grasps the object at an annotated point."""
     return Constraint("logical", (agent,), f"{_agent(agent)} must grasp {name} at its {point} point.")
+
+
+def press_at(agent: int, name: str, point: str) -> Constraint:
+    """Interaction position: the agent presses the object at an annotated point."""
+    return Constraint("logical", (agent,), f"{_agent(agent)} must press {name} at its {point} point.")
 
 
 def perpendicular(agent: int, name: str) -> Constraint:

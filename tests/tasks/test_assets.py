@@ -1,12 +1,23 @@
 """Laws of the procedural assets, and how the hand of a Panda fits them."""
 
+from itertools import combinations
+
+import coal
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
+from rf_exp.constraints.shapes import Piece
+from rf_exp.constraints.world import asset_pieces
 from rf_exp.errors import ArgumentError
+from rf_exp.robots import panda
+from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import assets
-from rf_exp.tasks.assets import Asset, InteractionPoint, lid, pot, steak
-from rf_exp.transforms import apply, inverse, transform
+from rf_exp.tasks.assets import Asset, InteractionPoint, camera, lid, pot, steak
+from rf_exp.tasks.base import CameraSpec, ObjectSpec, RobotSpec, Task
+from rf_exp.tasks.measure import tilt_deg
+from rf_exp.transforms import Matrix, apply, inverse, transform
 from tests.conftest import read_task
 
 # The hand around the TCP, from the collision shapes of the Panda's URDF; metres.
@@ -15,6 +26,7 @@ PALM_M = 0.037  # the palm behind the TCP
 PALM_HALF_M = (0.032, 0.105)  # half extents of the palm along the TCP's x and y
 SPAN_M = 0.08  # between open fingers
 CLEAR_M = 0.005
+MARGIN_M = 0.003  # that planners keep between a gripper and what it may not touch
 
 NAMES = assets.available()
 GRASPS = [
@@ -42,6 +54,35 @@ def grasp(name: str, point: str) -> tuple[Asset, InteractionPoint, np.ndarray]:
     return asset, at, asset.vertices(inverse(at.object_from_tcp))
 
 
+def gripper(world_from_tcp: Matrix, opening_m: float) -> list[tuple[Piece, Matrix]]:
+    """Hand and fingers of a Panda, each finger `opening_m` from the middle, with their world poses."""
+    qpos = np.concatenate([np.zeros(7), [opening_m, opening_m]])
+    poses, tcp_from_base = panda.link_poses(qpos), inverse(panda.tcp_pose(qpos))
+    names = ("panda_hand", "panda_leftfinger", "panda_rightfinger")
+    return [
+        (Piece.of(panda.hulls()[name]), world_from_tcp @ tcp_from_base @ poses[panda.LINKS.index(name)])
+        for name in names
+    ]
+
+
+def gap_m(a: Piece, world_from_a: Matrix, b: Piece, world_from_b: Matrix) -> float:
+    """Distance of two pieces, negative where they are in one another."""
+    placed = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (world_from_a, world_from_b)]
+    return coal.distance(
+        a.shape, placed[0], b.shape, placed[1], coal.DistanceRequest(), coal.DistanceResult()
+    )
+
+
+def gaps_m(hand: list[tuple[Piece, Matrix]], asset: Asset, world_from_asset: Matrix) -> np.ndarray:
+    """(links, pieces of the asset) distances."""
+    pieces = asset_pieces(asset)
+    return np.array([[gap_m(*link, piece, world_from_asset) for piece in pieces] for link in hand])
+
+
+def about(axis: str, angle_deg: float) -> Matrix:
+    return transform(rotation=Rotation.from_euler(axis, angle_deg, degrees=True))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_an_asset_is_made_of_convex_pieces_that_stand_on_the_table(name: str) -> None:
     asset = assets.load(name)
@@ -60,7 +101,7 @@ def test_interaction_points_are_rigid_poses(name: str) -> None:
         rotation = point.object_from_tcp[:3, :3]
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
         assert np.linalg.det(rotation) == pytest.approx(1)
-        assert point.kind in ("grasp", "press", "place") and point.standoff_m > 0
+        assert point.kind in ("grasp", "press", "place", "drop", "tool") and point.standoff_m > 0
 
 
 @pytest.mark.parametrize(("name", "point"), GRASPS)
@@ -91,6 +132,111 @@ def test_the_palm_clears_what_stands_between_the_fingers(name: str, point: str) 
     assert not inside(asset, apply(at.object_from_tcp, np.column_stack([x.ravel(), y.ravel(), depth]))).any()
 
 
+@pytest.mark.parametrize(("name", "point"), GRASPS)
+def test_the_open_gripper_comes_and_goes_freely_turned_and_tipped(name: str, point: str) -> None:
+    asset, at, _ = grasp(name, point)
+    for turn in range(at.turns):
+        for tip_deg in {-at.tip_deg, 0.0, at.tip_deg}:
+            turned = at.object_from_tcp @ about("z", 360 / at.turns * turn) @ about("y", tip_deg)
+            for back_m in (0.0, 0.01, at.standoff_m):
+                hand = gripper(turned @ transform((0, 0, -back_m)), SPAN_M / 2)
+                assert gaps_m(hand, asset, np.eye(4)).min() > MARGIN_M
+                assert min(apply(pose, piece.vertices)[:, 2].min() for piece, pose in hand) > MARGIN_M
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_gripped_by_one_hand_hangs_nearly_level(name: str) -> None:
+    asset = assets.load(name)
+    grips = [at.object_from_tcp[:2, 3] for at in asset.points.values() if at.kind == "grasp"]
+    if grips:
+        volumes = np.array([hull.volume for hull in asset.hulls])
+        middle = np.average([hull.center_mass for hull in asset.hulls], axis=0, weights=volumes)
+        np.testing.assert_allclose(np.mean(grips, axis=0), middle[:2], atol=CLEAR_M)
+
+
+@pytest.mark.parametrize("turn", range(8))
+def test_closed_fingers_press_the_shutter_and_nothing_else(turn: int) -> None:
+    asset = assets.load("camera")
+    at = asset.points["shutter"]
+    assert at.kind == "press" and at.turns == 8
+    closed = gripper(at.object_from_tcp @ about("z", 45 * turn), 0.0)
+    gaps = gaps_m(closed, asset, np.eye(4))
+    tops = np.array([hull.bounds[1, 2] for hull in asset.hulls])
+    button = tops == tops.max()
+    assert button.sum() == 1 and tops.max() == pytest.approx(camera.TOP_M + camera.BUTTON_M)
+    assert gaps[:, ~button].min() > MARGIN_M and gaps[0].min() > MARGIN_M
+    assert (gaps[1:, button] > -0.003).all() and (gaps[1:, button] < -0.0005).all()
+
+
+def test_three_hands_find_room_round_the_camera_on_its_plinth() -> None:
+    points = assets.load("camera").points
+    below = transform((0, 0, -assets.load("plinth").points["top"].object_from_tcp[2, 3]))
+    hands = [gripper(points[name].object_from_tcp, SPAN_M / 2) for name in ("left", "right")]
+    for hand in hands:
+        assert gaps_m(hand, assets.load("plinth"), below).min() > 0.02
+    hands.append(gripper(points["shutter"].object_from_tcp, 0.0))
+    for one, other in combinations(hands, 2):
+        assert min(gap_m(*a, *b) for a in one for b in other) > 0.03
+
+
+def test_the_camera_looks_along_its_lens_and_the_mallet_strikes_downwards() -> None:
+    lens, head = assets.load("camera").points["lens"], assets.load("hammer").points["head"]
+    assert lens.kind == head.kind == "tool"
+    np.testing.assert_allclose(lens.object_from_tcp[:3, 2], [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(head.object_from_tcp[:3, 2], [0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(head.object_from_tcp[:3, 3], [-0.02, 0, 0], atol=1e-12)
+    assert assets.load("hammer").bounds_m[1, 0] <= 0  # scenes lay it behind a line
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_asset_stands_on_a_wide_foot(name: str) -> None:
+    asset = assets.load(name)
+    if asset.hulls:
+        feet = asset.vertices(np.eye(4))
+        foot = ConvexHull(feet[feet[:, 2] < 1e-6, :2])
+        volumes = np.array([hull.volume for hull in asset.hulls])
+        middle = np.average([hull.center_mass for hull in asset.hulls], axis=0, weights=volumes)
+        assert (foot.equations @ [*middle[:2], 1]).max() < -CLEAR_M
+
+
+def test_everything_stays_where_it_is_dropped() -> None:
+    """Let fall from 3 mm, all of it upright and at rest within two seconds, the camera on its plinth."""
+    movable = [name for name in NAMES if not (assets.load(name).static or assets.load(name).ghost)]
+    high = {name: 0.003 for name in movable} | {"camera": 0.123}
+    spread = {name: (0.9 * (k % 3) - 0.6, 0.5 * (k // 3) - 0.9) for k, name in enumerate(movable)}
+    objects = {
+        name: ObjectSpec(name, (x, x), (y, y), high[name], (30.0, 30.0)) for name, (x, y) in spread.items()
+    }
+    x, y = spread["camera"]
+    objects["plinth"] = ObjectSpec("plinth", (x, x), (y, y), 0.0, (30.0, 30.0))
+    view = CameraSpec()
+    task = Task(
+        "drop", "", "", "", (RobotSpec(-1.0, 1.2, 0.0),), objects, {"global": view, "agent1": view}, {}
+    )
+    with Simulator(task, render=False) as simulator:
+        start = simulator.reset(0)
+        for _ in range(40):
+            scene = simulator.step(simulator.command)
+    for name in movable:
+        moved = scene.poses[name][:3, 3] - start.poses[name][:3, 3]
+        assert np.linalg.norm(moved[:2]) < 0.002 and -0.005 < moved[2] < 0, name
+        assert tilt_deg(scene.poses[name]) < 0.5, name
+        assert scene.speeds[name] < 0.005, name
+
+
+def test_a_cube_comes_in_three_colours_and_in_sizes_that_the_hand_fits() -> None:
+    looks = {colour: assets.load("cube", {"colour": colour}) for colour in ("blue", "red", "green")}
+    assert len({cube.parts[1].colour for cube in looks.values()}) == 3
+    small = assets.load("cube", {"half_m": 0.015})
+    assert small.points["top"].object_from_tcp[2, 3] == pytest.approx(0.03)
+    with pytest.raises(ArgumentError, match=r"'pink'; available: blue, green, red"):
+        assets.load("cube", {"colour": "pink"})
+    with pytest.raises(ArgumentError, match=r"half_m=0\.05 of a cube; expected"):
+        assets.load("cube", {"half_m": 0.05})
+    with pytest.raises(ArgumentError, match="sheen"):
+        assets.load("cube", {"sheen": 1.0})
+
+
 def test_the_barrier_is_gripped_where_the_release_grips_it() -> None:
     points = assets.load("barrier").points
     np.testing.assert_allclose(points["left"].object_from_tcp[:3, 3], [-0.222, 0, 0.074])
@@ -115,7 +261,7 @@ def test_the_steak_fits_the_pot_in_the_hand() -> None:
     fingers_m = SPAN_M / 2 + 0.026  # the widest part of an open finger
     assert np.hypot(fingers_m, 0.011) < free - CLEAR_M
     place = assets.load("pot").points["inside"]
-    assert place.kind == "place"
+    assert place.kind == "drop"
     assert place.object_from_tcp[2, 3] + held + PALM_M > pot.HEIGHT_M + CLEAR_M
     assert place.object_from_tcp[2, 3] < pot.HEIGHT_M - steak.HEIGHT_M / 2
 

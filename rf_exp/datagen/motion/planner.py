@@ -59,7 +59,7 @@ def plan_motion(
         alone = next((queue for queue in ready if _group(queue[0], lockstep) is None), None)
         if alone is not None:
             subgoal = alone.pop(0)
-            segments[subgoal.agent] += primitives.plan(subgoal, state)
+            segments[subgoal.agent] += primitives.plan(subgoal, state, alone)
             continue
         for segment in _joint_lift(_next_group(ready, lockstep, waiting), primitives, state):
             segments[segment.agent].append(segment)

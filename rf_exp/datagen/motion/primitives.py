@@ -4,7 +4,7 @@ A subgoal is carried out from the state in which the previous one leaves the age
 proposal is planned ahead of its execution. `State` is that predicted state.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeVar
 
@@ -81,14 +81,19 @@ class Primitives:
     blocked: Blocked
     rng: np.random.Generator
 
-    def plan(self, subgoal: Subgoal, state: State) -> list[Segment]:
-        """The segments of one subgoal; `state` moves on to what they leave. Raises Unreachable."""
+    def plan(self, subgoal: Subgoal, state: State, following: Sequence[Subgoal] = ()) -> list[Segment]:
+        """The segments of one subgoal; `state` moves on to what they leave. Raises Unreachable.
+
+        `following`: what the agent does next. A grasp is chosen so that this can be reached.
+        """
         state.targets = frozenset(set(self.task.objects) & {subgoal.object, subgoal.target})
+        if subgoal.verb == "grasp":
+            return self._grasp(subgoal, state, following)
         return getattr(self, f"_{subgoal.verb}")(subgoal, state)
 
     # -- the verbs -------------------------------------------------------------------------------
 
-    def _grasp(self, subgoal: Subgoal, state: State) -> list[Segment]:
+    def _grasp(self, subgoal: Subgoal, state: State, following: Sequence[Subgoal]) -> list[Segment]:
         agent, name = subgoal.agent, _required(subgoal.object)
         if agent in state.held:
             if state.held[agent][0] == name:
@@ -96,7 +101,7 @@ class Primitives:
             raise Unreachable(f"Agent_{agent} already holds {state.held[agent][0]}")
         point = self.task.asset(name).points[_required(subgoal.point)]
         touches = frozenset({name})
-        reach = self._grip(agent, state.poses[name], point, state, subgoal)
+        reach = self._grip(subgoal, state, point, following)
         segments = [self._segment(subgoal, "approach", reach, state, touches)]
         segments.append(self._fingers(subgoal, "close", GRIPPER_CLOSED, state, touches))
         tcp_from_object = inverse(self.arms[agent].tcp(state.qpos[agent])) @ state.poses[name]
@@ -109,13 +114,13 @@ class Primitives:
 
     def _carry(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (_, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
-        goals = self._above(subgoal, state, tcp_from_object, subgoal.height_m or 0.0)
+        goals = self._ends(subgoal, state, tcp_from_object)
         points = self._reach(agent, goals, 0.0, state, frozenset(), subgoal.text)
         return [self._segment(subgoal, "carry", points, state)]
 
     def _place(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (name, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
-        goals = self._above(subgoal, state, tcp_from_object, DROP_M)
+        goals = self._ends(subgoal, state, tcp_from_object)
         touches = frozenset({name}) | self._support(subgoal)
         points = self._reach(agent, goals, PLACE_CLEARANCE_M, state, touches, subgoal.text, down=True)
         segments = [self._segment(subgoal, "lower", points, state, touches)]
@@ -123,15 +128,7 @@ class Primitives:
 
     def _strike(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (name, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
-        object_from_tool = self.task.asset(name).points[_required(subgoal.point)].object_from_tcp
-        world_from_target, _ = self._destination(subgoal, state)
-        goals = [
-            world_from_target
-            @ transform((0.0, 0.0, -STRIKE_M), _yaw(turn))
-            @ _FACING
-            @ inverse(tcp_from_object @ object_from_tool)
-            for turn in np.linspace(0.0, 2 * np.pi, _STRIKE_TURNS, endpoint=False)
-        ]
+        goals = self._ends(subgoal, state, tcp_from_object)
         touches = frozenset({name, _required(subgoal.target)})
         points = self._reach(agent, goals, PLACE_CLEARANCE_M, state, touches, subgoal.text, down=True)
         return [self._segment(subgoal, "strike", points, state, touches)]
@@ -152,7 +149,8 @@ class Primitives:
         return [*segments, self._segment(subgoal, "press", points, state, touches)]
 
     def _home(self, subgoal: Subgoal, state: State) -> list[Segment]:
-        path = self._free_path(subgoal.agent, np.array(REST_QPOS), state, "go home")
+        rest = np.array(self.task.robots[subgoal.agent - 1].rest_rad)
+        path = self._free_path(subgoal.agent, rest, state, "go home")
         points = parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
         return [self._segment(subgoal, "move", points, state)]
 
@@ -162,20 +160,56 @@ class Primitives:
     # -- what the verbs are made of ----------------------------------------------------------------
 
     def _grip(
-        self, agent: int, world_from_object: Matrix, point: InteractionPoint, state: State, subgoal: Subgoal
+        self, subgoal: Subgoal, state: State, point: InteractionPoint, following: Sequence[Subgoal]
     ) -> NDArray[np.float64]:
-        """Timed points (T, 7) to an interaction point; tipped no farther than reaching it takes."""
-        touches, what = frozenset({_required(subgoal.object)}), f"grasp {subgoal.object} at {subgoal.point}"
-        goals = _turned(world_from_object @ point.object_from_tcp, point.turns)
+        """Timed points (T, 7) to an interaction point, tipped no farther than what follows takes."""
+        name, what = _required(subgoal.object), f"grasp {subgoal.object} at {subgoal.point}"
+        goals = _turned(state.poses[name] @ point.object_from_tcp, point.turns)
         tips = [tip for tip in _TIPS_DEG if abs(tip) <= point.tip_deg]
-        for tried, tip in enumerate(tips, start=1):
-            tipped = [goal @ transform(rotation=_pitch(np.deg2rad(tip))) for goal in goals]
+        tiers = [[goal @ transform(rotation=_pitch(np.deg2rad(tip))) for goal in goals] for tip in tips]
+        useful = [[goal for goal in tier if self._leads_on(goal, name, following, state)] for tier in tiers]
+        reason: Unreachable | None = None
+        for tier in (*filter(None, useful), goals):
             try:
-                return self._reach(agent, tipped, point.standoff_m, state, touches, what)
-            except Unreachable:
-                if tried == len(tips):
-                    raise
-        raise AssertionError("the first tip is none")
+                return self._reach(subgoal.agent, tier, point.standoff_m, state, frozenset({name}), what)
+            except Unreachable as error:
+                reason = reason or error
+        raise reason or AssertionError("there is always a last tier")
+
+    def _leads_on(self, goal: Matrix, name: str, following: Sequence[Subgoal], state: State) -> bool:
+        """Whether an arm that holds the object as from TCP pose `goal` can also do what comes next with it."""
+        tcp_from_object = inverse(goal) @ state.poses[name]
+        for each in following:
+            if each.object == name and each.verb in ("carry", "place", "strike"):
+                try:
+                    ends = self._ends(each, state, tcp_from_object)
+                except Unreachable:  # that will be said when its turn comes
+                    return True
+                return any(self._solves(each.agent, end) for end in ends)
+        return True
+
+    def _solves(self, agent: int, goal: Matrix) -> bool:
+        """Whether inverse kinematics reaches a TCP pose, and one well above it."""
+        arm, raised = self.arms[agent], goal.copy()
+        raised[2, 3] += PLACE_CLEARANCE_M
+        joints = arm.solve(raised, self._facing(agent, goal))
+        return joints is not None and arm.solve(goal, joints) is not None
+
+    def _ends(self, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> list[Matrix]:
+        """TCP poses in which an object held so has been carried, placed or struck as the subgoal says."""
+        if subgoal.verb == "carry":
+            return self._above(subgoal, state, tcp_from_object, subgoal.height_m or 0.0)
+        if subgoal.verb == "place":
+            return self._above(subgoal, state, tcp_from_object, DROP_M)
+        tool = self.task.asset(_required(subgoal.object)).points[_required(subgoal.point)]
+        world_from_target, _ = self._destination(subgoal, state)
+        return [
+            world_from_target
+            @ transform((0.0, 0.0, -STRIKE_M), _yaw(turn))
+            @ _FACING
+            @ inverse(tcp_from_object @ tool.object_from_tcp)
+            for turn in np.linspace(0.0, 2 * np.pi, _STRIKE_TURNS, endpoint=False)
+        ]
 
     def _support(self, subgoal: Subgoal) -> frozenset[str]:
         """The object on which something is placed; none where it is dropped into one."""
@@ -328,13 +362,16 @@ class Primitives:
 
     def _seeds(self, agent: int, goal: Matrix, current: NDArray[np.float64], found: bool):
         yield current
-        facing = np.array(REST_QPOS)
-        in_base = inverse(self.arms[agent].world_from_base) @ goal
-        facing[0] = np.arctan2(in_base[1, 3], in_base[0, 3])
+        facing = self._facing(agent, goal)
         yield facing
         if not found:
             for _ in range(_RANDOM_SEEDS):
                 yield facing + self.rng.normal(0.0, 0.6, 7)
+
+    def _facing(self, agent: int, goal: Matrix) -> NDArray[np.float64]:
+        """Joints (7,) of an arm at rest, turned towards a TCP pose: a good first guess."""
+        in_base = inverse(self.arms[agent].world_from_base) @ goal
+        return np.array([np.arctan2(in_base[1, 3], in_base[0, 3]), *REST_QPOS[1:]])
 
     def _line(
         self, agent: int, joints: NDArray[np.float64], start: Matrix, goal: Matrix

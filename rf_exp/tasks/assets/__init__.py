@@ -1,7 +1,10 @@
-"""Procedural assets: one module a thing, each with a function `build(...)` returning its `Asset`."""
+"""Procedural assets: one module a thing, each with a function `build(...)` returning its `Asset`.
 
-from collections.abc import Mapping
-from functools import cache
+A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.mesh`.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import cache, partial
 from importlib import import_module
 from pkgutil import iter_modules
 
@@ -10,19 +13,19 @@ from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
 
 __all__ = ["Asset", "InteractionPoint", "Part", "available", "load"]
 
-
-_NOT_ASSETS = ("__main__", "base", "mesh")
+_MACHINERY = ("__main__", "annotation", "base", "mesh")
 
 
 def available() -> tuple[str, ...]:
     """Names of the assets that exist."""
-    return tuple(module.name for module in iter_modules(__path__) if module.name not in _NOT_ASSETS)
+    return tuple(module.name for module in iter_modules(__path__) if module.name not in _MACHINERY)
 
 
 def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
     """The asset of that name, built with `options`; always the same object for the same arguments.
 
-    The name of a module here, or the full name of another module with a function `build(...)`.
+    The name of a module here, the full name of another module with a function `build(...)`, or the
+    path of an annotation file (.yaml) of a mesh; a path counts from the current folder.
     Raises ArgumentError for a name that does not exist and for options that it does not take.
     """
     return _load(name, tuple(sorted((options or {}).items())))
@@ -30,13 +33,19 @@ def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
 
 @cache
 def _load(name: str, options: tuple[tuple[str, object], ...]) -> Asset:
+    if name.endswith((".yaml", ".yml")):
+        return _call(name, partial(import_module(f"{__name__}.mesh").build, name), options)
     if "." not in name and name not in available():
         raise choices("asset", name, available())
     try:
         module = import_module(name if "." in name else f"{__name__}.{name}")
     except ModuleNotFoundError as error:
         raise ArgumentError(f"asset {name!r}: {error}; available here: {', '.join(available())}") from error
+    return _call(name, module.build, options)
+
+
+def _call(name: str, build: Callable[..., Asset], options: tuple[tuple[str, object], ...]) -> Asset:
     try:
-        return module.build(**dict(options))
+        return build(**dict(options))
     except TypeError as error:
         raise ArgumentError(f"asset {name!r} with options {dict(options)}: {error}") from error

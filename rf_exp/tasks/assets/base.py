@@ -24,6 +24,7 @@ class Part:
     mesh: trimesh.Trimesh  # convex, metres, already placed in the asset's frame
     colour: Colour
     solid: bool = True  # takes part in collisions
+    seen: bool = True  # takes part in pictures
     roughness: float = 0.6
     metallic: float = 0.0
 

@@ -1,0 +1,55 @@
+"""A mallet that lies with the axis of its head upright: the face that strikes looks down.
+
+The origin is 2 cm in front of that axis, so a scene can lay the mallet against a line.
+"""
+
+from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.transforms import from_axes, transform
+
+HEAD_X_M = -0.02
+RADIUS_M, HEIGHT_M = 0.018, 0.060  # of the head
+COLLAR_RADIUS_M, COLLAR_M = 0.0165, 0.036  # the painted middle of the head is a little thinner
+HANDLE_END_M, HANDLE_HALF_M, HANDLE_Z_M = -0.20, (0.011, 0.010), 0.030  # half extents in y and z
+POMMEL_HALF_M = 0.013  # in x and y; the mallet lies on it, level
+WRAP_M, PROUD_M = (-0.135, -0.195), 0.0005  # a coloured grip round the handle, only seen
+GRIP_X_M = -0.095  # near the centre of mass, so that it hangs level
+
+WOOD, STEEL, YELLOW, BLACK = (0.52, 0.27, 0.09), (0.20, 0.21, 0.23), (0.75, 0.42, 0.02), (0.03, 0.03, 0.03)
+
+
+def build() -> Asset:
+    """The mallet with grasp point `handle` and tool point `head`."""
+    head = [
+        Part.cylinder(RADIUS_M, end_m, transform((HEAD_X_M, 0, z)), STEEL, roughness=0.35, metallic=0.3)
+        for end_m, z in (
+            ((HEIGHT_M - COLLAR_M) / 2, (HEIGHT_M - COLLAR_M) / 4),
+            ((HEIGHT_M - COLLAR_M) / 2, HEIGHT_M - (HEIGHT_M - COLLAR_M) / 4),
+        )
+    ]
+    collar = Part.cylinder(COLLAR_RADIUS_M, COLLAR_M, transform((HEAD_X_M, 0, HEIGHT_M / 2)), YELLOW)
+    handle = _bar(HEAD_X_M, HANDLE_END_M, 0.0, WOOD)
+    wrap = _bar(*WRAP_M, PROUD_M, BLACK, solid=False)
+    top_m = HANDLE_Z_M + HANDLE_HALF_M[1] + 0.002
+    pommel = Part.box(
+        (POMMEL_HALF_M, POMMEL_HALF_M, top_m / 2), transform((HANDLE_END_M, 0, top_m / 2)), BLACK
+    )
+    return Asset(
+        "hammer",
+        parts=(*head, collar, handle, wrap, pommel),
+        points={
+            "handle": InteractionPoint(
+                from_axes((GRIP_X_M, 0, HANDLE_Z_M), z=(0, 0, -1), y=(0, 1, 0)),
+                "grasp",
+                width_m=2 * HANDLE_HALF_M[0],
+            ),
+            "head": InteractionPoint(from_axes((HEAD_X_M, 0, 0), z=(0, 0, -1), y=(0, 1, 0)), "tool"),
+        },
+        mass_kg=0.12,
+        friction=1.2,
+    )
+
+
+def _bar(from_x_m: float, to_x_m: float, proud_m: float, colour, **keywords) -> Part:
+    """A piece of the handle between two places along it."""
+    half = ((from_x_m - to_x_m) / 2, HANDLE_HALF_M[0] + proud_m, HANDLE_HALF_M[1] + proud_m)
+    return Part.box(half, transform(((from_x_m + to_x_m) / 2, 0, HANDLE_Z_M)), colour, **keywords)

@@ -1,0 +1,159 @@
+"""A low sneaker, toe towards +x: gripped across its waist, below the high tongue.
+
+Heel and toe are lower than the grip, so a hand tipped forwards or backwards does not meet them.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.transforms import from_axes
+
+LENGTH_M, WIDTH_M, SOLE_M = 0.20, 0.074, 0.020
+WAIST_M, WAIST_HALF_M = (-0.020, 0.040), 0.027  # along x; half width between the fingers
+TOPS_M = (0.080, 0.062)  # of the waist at both its ends
+HEEL_M = 0.056  # height of the collar round the heel
+GRIP_X_M, GRIP_Z_M, TIP_DEG = 0.002, 0.066, 45.0
+INSOLE_M = 0.014  # above the sole
+HEEL_CENTRE_M, HEEL_OUTER_M, WALL_M = -0.050, (0.044, 0.032), 0.007  # an ellipse: half axes along x, y
+HEEL_WALLS = 6
+PROUD_M = 0.0006
+
+RED, DARK, WHITE, LACE = (0.60, 0.05, 0.03), (0.05, 0.03, 0.03), (0.82, 0.80, 0.76), (0.90, 0.88, 0.80)
+
+
+def build() -> Asset:
+    """The shoe with grasp point `center`."""
+    return Asset(
+        "shoe",
+        parts=(_sole(), _insole(), *_heel(), _waist(), _tongue(), _vamp(), _cap(), *_laces(), *_stripes()),
+        points={
+            "center": InteractionPoint(
+                from_axes((GRIP_X_M, 0, GRIP_Z_M), z=(0, 0, -1), y=(0, 1, 0)),
+                "grasp",
+                width_m=2 * WAIST_HALF_M,
+                tip_deg=TIP_DEG,
+            )
+        },
+        mass_kg=0.15,
+        friction=1.2,
+    )
+
+
+def _half_width_m(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K,) half width of the sole along its length: round at both ends, widest at the ball."""
+    s = np.clip(x / (LENGTH_M / 2), -1, 1)
+    round_ends = (1 - np.abs(s) ** 3.2) ** (1 / 2.2)
+    return WIDTH_M / 2 * round_ends * (0.93 + 0.07 * s)
+
+
+def _outline(low_x_m: float, high_x_m: float, z_m: float, inset_m: float = 0.0) -> NDArray[np.float64]:
+    """(K, 3) points round a stretch of the sole's outline at a height, moved inwards."""
+    share = (1 - np.cos(np.linspace(0, np.pi, 16))) / 2  # closer together at the round ends
+    x = low_x_m + (high_x_m - low_x_m) * share
+    shrunk = x * (1 - 2 * inset_m / LENGTH_M)
+    half = np.maximum(_half_width_m(x) - inset_m, 0.0)
+    return np.concatenate([np.column_stack([shrunk, side * half, np.full_like(x, z_m)]) for side in (-1, 1)])
+
+
+def _sole() -> Part:
+    end = LENGTH_M / 2
+    return Part.hull(
+        np.concatenate(
+            [_outline(-end, end, 0.0, 0.004), _outline(-end, end, 0.005), _outline(-end, end, SOLE_M)]
+        ),
+        WHITE,
+    )
+
+
+def _ellipse(angle: float, inset_m: float) -> tuple[float, float]:
+    along, across = HEEL_OUTER_M
+    return HEEL_CENTRE_M + (along - inset_m) * np.cos(angle), (across - inset_m) * np.sin(angle)
+
+
+def _insole() -> Part:
+    """The dark inside of the shoe, seen through its opening."""
+    rim = [_ellipse(angle, WALL_M) for angle in np.linspace(np.pi / 2, 3 * np.pi / 2, 13)]
+    floor = [(x, y) for x, y in rim] + [(WAIST_M[0], side * (HEEL_OUTER_M[1] - WALL_M)) for side in (-1, 1)]
+    return Part.hull(np.array([(x, y, z) for x, y in floor for z in (SOLE_M, SOLE_M + INSOLE_M)]), DARK)
+
+
+def _heel() -> list[Part]:
+    """The wall round the heel in convex pieces: a half ellipse, and straight from there to the waist."""
+    angles = np.linspace(np.pi / 2, 3 * np.pi / 2, HEEL_WALLS + 1)
+    pieces = [
+        [_ellipse(angle, inset) for angle in edge for inset in (0.0, WALL_M)] for edge in pairwise(angles)
+    ]
+    across = HEEL_OUTER_M[1]
+    for side in (-1, 1):
+        pieces.append(
+            [(x, side * y) for x in (HEEL_CENTRE_M, WAIST_M[0] + 0.004) for y in (across - WALL_M, across)]
+        )
+    return [
+        Part.hull(np.array([(x, y, z) for x, y in piece for z in (SOLE_M, HEEL_M)]), RED) for piece in pieces
+    ]
+
+
+def _waist() -> Part:
+    """The part between the fingers: upright sides, the top falling towards the toe."""
+    tops = zip(WAIST_M, TOPS_M, strict=True)
+    corners = [(x, side * WAIST_HALF_M, z) for x, top in tops for side in (-1, 1) for z in (SOLE_M, top)]
+    return Part.hull(np.array(corners), RED)
+
+
+def _tongue() -> Part:
+    """A flap that stands up at the front of the opening."""
+    profile = ((-0.021, 0.068), (-0.010, 0.068), (-0.015, 0.088), (-0.021, 0.088))
+    half = 0.020
+    return Part.hull(np.array([(x, side * half, z) for x, z in profile for side in (-1, 1)]), WHITE)
+
+
+def _vamp() -> Part:
+    """From the waist down to the toe."""
+    start, end = WAIST_M[1] - 0.006, 0.094
+    ridge = [
+        (x, side * half, z)
+        for x, half, z in ((start, 0.024, TOPS_M[1]), (0.080, 0.016, 0.042))
+        for side in (-1, 1)
+    ]
+    return Part.hull(np.concatenate([_outline(start, end, SOLE_M, 0.003), np.array(ridge)]), RED)
+
+
+def _cap() -> Part:
+    """The rubber toe cap, over the end of the vamp."""
+    low, high = _outline(0.066, LENGTH_M / 2, SOLE_M, 0.001), _outline(0.068, 0.095, 0.036, 0.006)
+    top = np.array([(0.066, side * 0.017, 0.047) for side in (-1, 1)])
+    return Part.hull(np.concatenate([low, high, top]), WHITE)
+
+
+def _laces() -> list[Part]:
+    """Bars across the slope of waist, only seen."""
+    slope = (TOPS_M[1] - TOPS_M[0]) / (WAIST_M[1] - WAIST_M[0])
+    bars = []
+    for x in (-0.002, 0.009, 0.020, 0.031):
+        z = TOPS_M[0] + slope * (x - WAIST_M[0])
+        pose = from_axes((x, 0, z), z=(-slope, 0, 1), y=(0, 1, 0))
+        bars.append(Part.box((0.003, 0.020, 0.0018), pose, LACE, solid=False))
+    return bars
+
+
+def _stripes() -> list[Part]:
+    """Two slanted white stripes on either side of the waist, only seen."""
+    half, width = WAIST_HALF_M + PROUD_M, 0.007
+    return [
+        Part.hull(
+            np.array(
+                [
+                    (x + shift + extra, y, z)
+                    for z, shift in ((SOLE_M + 0.002, 0.012), (0.058, 0.0))
+                    for extra in (0.0, width)
+                    for y in (-half, half)
+                ]
+            ),
+            WHITE,
+            solid=False,
+        )
+        for x in (-0.014, 0.004)
+    ]

@@ -1,0 +1,71 @@
+"""Long Pipeline Delivery: a shoe goes through the hands of four arms to the goal."""
+
+from itertools import pairwise
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import distance_xy_m, height_m, holders, near, released, set_down
+from rf_exp.transforms import Matrix, planar
+from rf_exp.types import Constraint, Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+CHAIN = (4, 3, 2, 1)  # agents from the shoe to the goal
+STOP_X_M = -0.35  # of the places between two neighbours
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """Half-way between neighbours: `stop4` is where agent 4 lays the shoe for agent 3."""
+    bases = {agent: task.robots[agent - 1] for agent in CHAIN}
+    return {
+        f"stop{giver}": planar(STOP_X_M, (bases[giver].y_m + bases[taker].y_m) / 2, 0.0)
+        for giver, taker in pairwise(CHAIN)
+    }
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """From where the shoe is now: each arm lays it within reach of the next one and makes room."""
+    if _delivered(scene, task) and released(scene, ["shoe"]):
+        return Proposal((), ())
+    subgoals: list[Subgoal] = []
+    constraints: list[Constraint] = []
+    chain = CHAIN[CHAIN.index(_turn(scene, task)) :]
+    for agent in chain:
+        subgoals.append(Subgoal(agent, "grasp", "shoe", "center"))
+        if agent == chain[-1]:
+            subgoals.append(Subgoal(agent, "place", "shoe", target="goal", target_point="middle"))
+        else:
+            subgoals += [Subgoal(agent, "place", "shoe", target=f"stop{agent}"), Subgoal(agent, "home")]
+    for giver, taker in pairwise(chain):
+        constraints += [
+            say.before(giver, "place", "shoe", taker, "grasp", "shoe"),
+            say.share_space(giver, taker),
+        ]
+    return Proposal(tuple(subgoals), (*say.grasping(subgoals), *constraints, *say.keep_clear(task.agents)))
+
+
+def _turn(scene: Scene, task: Task) -> int:
+    """Whose turn it is: who holds the shoe, who finds it at a stop, or who is nearest to it."""
+    if holders(scene, "shoe"):
+        return holders(scene, "shoe")[0]
+    for giver, taker in pairwise(CHAIN):
+        if distance_xy_m(scene.poses["shoe"], task.places(scene)[f"stop{giver}"]) < task.success["goal_m"]:
+            return taker
+    return min(CHAIN, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses["shoe"][1, 3]))
+
+
+def _delivered(scene: Scene, task: Task) -> bool:
+    return (
+        near(scene, "shoe", "goal", task.success["goal_m"])
+        and height_m(scene, "shoe") < task.success["down_m"]
+    )
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The shoe stands upright on the goal, let go and at rest."""
+    return {"shoe on the goal": _delivered(scene, task), **set_down(scene, ["shoe"], task.success)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the shoe is near the goal, seen from above."""
+    return near(scene, "shoe", "goal", task.success["paper_distance_m"])

@@ -1,0 +1,60 @@
+"""Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import distance_xy_m, height_m, near, released, set_down
+from rf_exp.transforms import Matrix, planar
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+GIVER, TAKER = 1, 2
+MIDWAY = (0.0, 0.0)  # within reach of both, m
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """Where the shoe changes hands: world_from_object (4, 4)."""
+    return {"midway": planar(*MIDWAY, 0.0)}
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """The giver lays the shoe midway and makes room; the taker brings it to the goal."""
+    if _delivered(scene, task) and released(scene, ["shoe"]):
+        return Proposal((), ())
+    give = (
+        Subgoal(GIVER, "grasp", "shoe", "center"),
+        Subgoal(GIVER, "place", "shoe", target="midway"),
+        Subgoal(GIVER, "home"),
+    )
+    take = (
+        Subgoal(TAKER, "grasp", "shoe", "center"),
+        Subgoal(TAKER, "place", "shoe", target="goal", target_point="middle"),
+    )
+    passed = distance_xy_m(scene.poses["shoe"], task.places(scene)["midway"]) < task.success["goal_m"]
+    subgoals = take if passed or scene.held[TAKER - 1] else (*give, *take)
+    together = [say.before(GIVER, "place", "shoe", TAKER, "grasp", "shoe"), say.share_space(GIVER, TAKER)]
+    return Proposal(
+        subgoals,
+        (
+            *say.grasping(subgoals),
+            *(together if len(subgoals) > len(take) else ()),
+            *say.keep_clear(task.agents),
+        ),
+    )
+
+
+def _delivered(scene: Scene, task: Task) -> bool:
+    return (
+        near(scene, "shoe", "goal", task.success["goal_m"])
+        and height_m(scene, "shoe") < task.success["down_m"]
+    )
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The shoe stands on the goal, let go and at rest."""
+    return {"shoe on the goal": _delivered(scene, task), **set_down(scene, ["shoe"], task.success)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the shoe is near the goal, seen from above."""
+    return near(scene, "shoe", "goal", task.success["paper_distance_m"])

@@ -1,0 +1,36 @@
+"""Stack Cube: one arm puts the blue cube on the red one."""
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import released, set_down, stacked
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+ARM = 1
+CUBE_M = 0.04  # side
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Grasp the blue cube, place it on the red one."""
+    if _on_top(scene, task) and released(scene, task.objects):
+        return Proposal((), ())
+    subgoals = (
+        Subgoal(ARM, "grasp", "blue", "center"),
+        Subgoal(ARM, "place", "blue", target="red", target_point="top"),
+    )
+    return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
+
+
+def _on_top(scene: Scene, task: Task) -> bool:
+    return stacked(scene, "blue", "red", CUBE_M, task.success["beside_m"], task.success["above_m"])
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The blue cube lies on the red one, both level, let go and at rest."""
+    return {"blue on red": _on_top(scene, task), **set_down(scene, task.objects, task.success)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the blue cube is above the red one."""
+    return stacked(scene, "blue", "red", CUBE_M, task.success["paper_beside_m"], task.success["above_m"])

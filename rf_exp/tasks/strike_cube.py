@@ -1,0 +1,58 @@
+"""Strike Cube: one arm takes the hammer by its handle and strikes the cube."""
+
+import numpy as np
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import holders, upright
+from rf_exp.transforms import Matrix, angle_between_rad
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+ARM = 1
+LIFT_M = 0.06  # off the table, before the hammer swings over the cube
+DOWN = (0.0, 0.0, -1.0)
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Grasp the handle, lift, bring the head down on the cube."""
+    held = holders(scene, "hammer") == (ARM,)
+    if held and _gap_m(scene, task) < task.success["struck_m"]:
+        return Proposal((), ())
+    strike = Subgoal(ARM, "strike", "hammer", "head", target="cube", target_point="top")
+    take = (
+        Subgoal(ARM, "grasp", "hammer", "handle"),
+        Subgoal(ARM, "lift", "hammer", height_m=LIFT_M),
+    )
+    subgoals = (strike,) if held else (*take, strike)
+    return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
+
+
+def _head(scene: Scene, task: Task) -> Matrix:
+    """world_from_head: the middle of the striking face, z where it strikes."""
+    return scene.poses["hammer"] @ task.asset("hammer").points["head"].object_from_tcp
+
+
+def _gap_m(scene: Scene, task: Task) -> float:
+    """From the face of the hammer to the middle of the cube's top."""
+    top = scene.poses["cube"] @ task.asset("cube").points["top"].object_from_tcp
+    return float(np.linalg.norm(_head(scene, task)[:3, 3] - top[:3, 3]))
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The held hammer stands on the cube with its face down, and the cube is where it was."""
+    limits = task.success
+    slipped_m = float(np.linalg.norm(scene.poses["cube"][:3, 3] - start.poses["cube"][:3, 3]))
+    off_deg = float(np.degrees(angle_between_rad(_head(scene, task)[:3, 2], DOWN)))
+    return {
+        "hammer held": holders(scene, "hammer") == (ARM,),
+        "face on the cube": _gap_m(scene, task) < limits["struck_m"],
+        "face down": off_deg < limits["face_deg"],
+        "cube where it was": slipped_m < limits["slip_m"] and upright(scene, "cube", limits["face_deg"]),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the hammer's head is near the top of the cube."""
+    return _gap_m(scene, task) < task.success["paper_gap_m"]

@@ -1,0 +1,94 @@
+"""A camera in two hands and what it looks at: shared by Camera Alignment and Take Photo.
+
+The task's objects are `camera`, on a plinth, and `steak`; agents 1 and 2 stand at the sides of the
+camera, agent 3 in front of it.
+"""
+
+import numpy as np
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import height_m, holders, still, upright
+from rf_exp.transforms import Matrix, angle_between_rad, transform
+from rf_exp.types import Constraint, Scene, Subgoal
+
+LEFT, RIGHT = 1, 2  # the agents at the sides of the camera
+GRIPS = {LEFT: "left", RIGHT: "right"}
+MODEL = 3  # the agent that holds the steak
+RAISED_M = 0.22  # height of the camera's underside, a little more than asked for
+FRONT_M = 0.30  # from the lens to the steak
+TOGETHER_S = 0.1
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """`front`: where the steak is in the middle of the picture once the camera is up."""
+    lens = _lens(scene, task)
+    seen = lens[:3, 3] + FRONT_M * lens[:3, 2]
+    up_m = max(0.0, RAISED_M - height_m(scene, "camera"))
+    return {"front": transform((*seen[:2], seen[2] + up_m - _middle_m(task)))}
+
+
+def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
+    """What is left to do to have the camera up in both hands."""
+    grasps = [
+        Subgoal(agent, "grasp", "camera", point)
+        for agent, point in GRIPS.items()
+        if scene.held[agent - 1] != "camera"
+    ]
+    up_m = round(RAISED_M - height_m(scene, "camera"), 3)
+    if not grasps and height_m(scene, "camera") > task.success["camera_up_m"]:
+        return []
+    return grasps + [Subgoal(agent, "lift", "camera", height_m=max(up_m, 0.01)) for agent in GRIPS]
+
+
+def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
+    """What is left to do to have the steak held where the camera looks."""
+    carry = Subgoal(MODEL, "carry", "steak", target="front")
+    if holders(scene, "steak") != (MODEL,):
+        return [Subgoal(MODEL, "grasp", "steak", "center"), carry]
+    return [] if aim_deg(scene, task) < task.success["aim_deg"] / 2 else [carry]
+
+
+def constraints(subgoals: list[Subgoal]) -> list[Constraint]:
+    """Grasp as annotated; lift the camera level, with both arms at the same time."""
+    stated = say.grasping(subgoals)
+    if any((subgoal.verb, subgoal.object) == ("lift", "camera") for subgoal in subgoals):
+        stated += [say.same_height(LEFT, RIGHT), say.together(LEFT, RIGHT, "lift", "camera", TOGETHER_S)]
+    return stated
+
+
+def conditions(scene: Scene, task: Task) -> dict[str, bool]:
+    """The camera is held by both sides, up and level; the steak is held, up and in its picture."""
+    limits = task.success
+    return {
+        "camera held by both arms": holders(scene, "camera") == tuple(GRIPS),
+        "camera up": height_m(scene, "camera") > limits["camera_up_m"],
+        "camera level": upright(scene, "camera", limits["level_deg"]),
+        "steak held": holders(scene, "steak") == (MODEL,),
+        "steak up": height_m(scene, "steak") > limits["steak_up_m"],
+        "camera points at the steak": aim_deg(scene, task) < limits["aim_deg"],
+        "at rest": all(still(scene, name, limits["still_m_s"]) for name in ("camera", "steak")),
+    }
+
+
+def paper(scene: Scene, task: Task) -> bool:
+    """The release's criterion: both are high enough; it does not look at the alignment."""
+    high = height_m(scene, "camera") > task.success["camera_up_m"]
+    return high and height_m(scene, "steak") > task.success["steak_up_m"]
+
+
+def aim_deg(scene: Scene, task: Task) -> float:
+    """Angle between the axis of the lens and the line from the lens to the steak's middle."""
+    lens, steak = _lens(scene, task), scene.poses["steak"]
+    middle = steak[:3, 3] + _middle_m(task) * steak[:3, 2]
+    return float(np.degrees(angle_between_rad(middle - lens[:3, 3], lens[:3, 2])))
+
+
+def _lens(scene: Scene, task: Task) -> Matrix:
+    """world_from_lens, z where the camera looks."""
+    return scene.poses["camera"] @ task.asset("camera").points["lens"].object_from_tcp
+
+
+def _middle_m(task: Task) -> float:
+    """Height of the steak's middle above its origin."""
+    return float(task.asset("steak").bounds_m[:, 2].mean())

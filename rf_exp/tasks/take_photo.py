@@ -1,0 +1,72 @@
+"""Take Photo: two arms hold up a camera, a third the steak in front of it, a fourth presses the shutter."""
+
+import numpy as np
+
+from rf_exp.robots import Panda
+from rf_exp.tasks import say, studio
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import pushed_n
+from rf_exp.transforms import Matrix, angle_between_rad
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+PHOTOGRAPHER = 4
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """`front`: where the steak is in the middle of the picture once the camera is up."""
+    return studio.places(scene, task)
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """The camera goes up and the steak in front of it; then the shutter is pressed."""
+    before = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
+    if not before and _pressed(scene, task):
+        return Proposal((), ())
+    subgoals = [*before, Subgoal(PHOTOGRAPHER, "press", "camera", "shutter")]
+    constraints = studio.constraints(subgoals)
+    constraints += [
+        say.press_at(PHOTOGRAPHER, "camera", "shutter"),
+        say.perpendicular(PHOTOGRAPHER, "camera"),
+    ]
+    for step in before:
+        if step.verb in ("lift", "carry") and step.object:
+            constraints.append(
+                say.before(step.agent, step.verb, step.object, PHOTOGRAPHER, "press", "camera")
+            )
+    return Proposal(tuple(subgoals), (*constraints, *say.keep_clear(task.agents)))
+
+
+def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
+    """world_from_tcp of an agent."""
+    return Panda(task.robots[agent - 1].world_from_base).tcp(scene.qpos[agent - 1])
+
+
+def _shutter(scene: Scene, task: Task) -> Matrix:
+    """world_from_tcp of a finger that presses the shutter, z along the way it goes down."""
+    return scene.poses["camera"] @ task.asset("camera").points["shutter"].object_from_tcp
+
+
+def _pressed(scene: Scene, task: Task) -> bool:
+    """Whether the photographer's fingers are on the shutter and push it the way it goes."""
+    limits, hand, shutter = task.success, _hand(scene, task, PHOTOGRAPHER), _shutter(scene, task)
+    beside = np.linalg.norm(hand[:3, 3] - shutter[:3, 3]) < limits["press_m"]
+    along = np.degrees(angle_between_rad(hand[:3, 2], shutter[:3, 2])) < limits["press_deg"]
+    return bool(
+        beside and along and pushed_n(scene, PHOTOGRAPHER, "camera", shutter[:3, 2]) > limits["press_n"]
+    )
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The camera is aligned with the steak, all of it held, and its shutter is pressed."""
+    return {**studio.conditions(scene, task), "shutter pressed": _pressed(scene, task)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
+    limits = task.success
+    off = np.abs(_hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]).max()
+    steak = _hand(scene, task, studio.MODEL)[:3, 3] - scene.poses["steak"][:3, 3]
+    close = off < limits["paper_shutter_m"] and np.linalg.norm(steak) < limits["paper_steak_m"]
+    return studio.paper(scene, task) and bool(close)

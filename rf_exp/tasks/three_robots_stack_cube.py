@@ -1,0 +1,67 @@
+"""Three Robots Stack Cube: three arms build a stack of three cubes on the goal, one cube each."""
+
+from itertools import pairwise
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import height_m, near, released, set_down, stacked
+from rf_exp.types import Constraint, Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+STACK = {1: "blue", 2: "red", 3: "green"}  # agent -> its cube, from the bottom up
+SIDE_M = 0.04
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Everybody fetches a cube; each is placed once the one below it lies there."""
+    subgoals: list[Subgoal] = []
+    for (agent, name), stands in zip(STACK.items(), _standing(scene, task), strict=True):
+        if subgoals or not stands or not released(scene, [name]):
+            below = STACK.get(agent - 1)
+            subgoals += [
+                Subgoal(agent, "grasp", name, "center"),
+                Subgoal(
+                    agent, "place", name, target=below or "goal", target_point="top" if below else "middle"
+                ),
+                Subgoal(agent, "home"),
+            ]
+    agents = sorted({subgoal.agent for subgoal in subgoals})
+    constraints: list[Constraint] = say.grasping(subgoals)
+    for first, then in pairwise(agents):
+        constraints += [
+            say.before(first, "place", STACK[first], then, "place", STACK[then]),
+            say.share_space(first, then),
+        ]
+    return Proposal(tuple(subgoals), (*constraints, *say.keep_clear(task.agents)))
+
+
+def _standing(scene: Scene, task: Task) -> list[bool]:
+    """Which of the cubes lies where it belongs: blue on the goal, the others on the one below."""
+    limits = task.success
+    bottom = near(scene, "blue", "goal", limits["goal_m"]) and height_m(scene, "blue") < limits["above_m"]
+    upper = [
+        stacked(scene, top, below, SIDE_M, limits["beside_m"], limits["above_m"])
+        for below, top in pairwise(STACK.values())
+    ]
+    return [bottom, *upper]
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """Each cube is in its place, level, let go and at rest."""
+    standing = zip(STACK.values(), _standing(scene, task), strict=True)
+    return {
+        **{f"{name} in its place": there for name, there in standing},
+        **set_down(scene, STACK.values(), task.success),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: each cube above the one below, the upper two near the goal."""
+    limits = task.success
+    over_goal = all(near(scene, name, "goal", limits["paper_goal_m"]) for name in ("red", "green"))
+    high = all(
+        stacked(scene, top, below, SIDE_M, limits["paper_beside_m"], limits["above_m"])
+        for below, top in pairwise(STACK.values())
+    )
+    return over_goal and high and released(scene, STACK.values())

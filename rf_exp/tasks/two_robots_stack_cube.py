@@ -1,0 +1,62 @@
+"""Two Robots Stack Cube: one arm brings the blue cube to the goal, the other puts the red one on it."""
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import height_m, holders, near, released, set_down, stacked
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+BASE, TOP = 1, 2  # the agents
+CUBE_M = 0.04  # side
+CUBES = ("blue", "red")
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Both fetch their cubes; the red one comes down once the blue one lies on the goal."""
+    subgoals: list[Subgoal] = []
+    if not _on_goal(scene, task) or holders(scene, "blue"):
+        subgoals += [
+            Subgoal(BASE, "grasp", "blue", "center"),
+            Subgoal(BASE, "place", "blue", target="goal", target_point="middle"),
+            Subgoal(BASE, "home"),
+        ]
+    if subgoals or not _on_blue(scene, task) or holders(scene, "red"):
+        subgoals += [
+            Subgoal(TOP, "grasp", "red", "center"),
+            Subgoal(TOP, "place", "red", target="blue", target_point="top"),
+        ]
+    order = (say.before(BASE, "place", "blue", TOP, "place", "red"), say.share_space(BASE, TOP))
+    both = {subgoal.agent for subgoal in subgoals} == {BASE, TOP}
+    return Proposal(
+        tuple(subgoals),
+        (*say.grasping(subgoals), *(order if both else ()), *say.keep_clear(task.agents)),
+    )
+
+
+def _on_goal(scene: Scene, task: Task) -> bool:
+    return (
+        near(scene, "blue", "goal", task.success["goal_m"])
+        and height_m(scene, "blue") < task.success["above_m"]
+    )
+
+
+def _on_blue(scene: Scene, task: Task) -> bool:
+    return stacked(scene, "red", "blue", CUBE_M, task.success["beside_m"], task.success["above_m"])
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """Blue on the goal, red on blue, both level, let go and at rest."""
+    return {
+        "blue on the goal": _on_goal(scene, task),
+        "red on blue": _on_blue(scene, task),
+        **set_down(scene, CUBES, task.success),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: red above blue, blue near the goal, nothing grasped."""
+    limits = task.success
+    on_goal = near(scene, "blue", "goal", limits["paper_goal_m"])
+    above = stacked(scene, "red", "blue", CUBE_M, limits["paper_beside_m"], limits["above_m"])
+    return on_goal and above and released(scene, CUBES)
