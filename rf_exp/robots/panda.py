@@ -122,6 +122,12 @@ def self_pairs() -> tuple[tuple[int, int], ...]:
     return tuple((i, j) for i, j in pairs if frozenset((LINKS[i], LINKS[j])) not in excused)
 
 
+# Of the arm's geometry (its URDF): the axis of the last joint meets the plane of the wrist 0.2104 m
+# behind the TCP, and is never farther from the shoulder than the outstretched arm and the wrist's offset.
+SHOULDER_M, FLANGE_TO_TCP_M = 0.333, 0.2104
+REACH_M = float(np.hypot(0.316, 0.0825) + np.hypot(0.384, 0.0825)) + 0.088
+
+
 class Panda:
     """One arm bolted to the table at `world_from_base` (4, 4)."""
 
@@ -145,7 +151,7 @@ class Panda:
         seed_qpos: NDArray[np.float64],
         *,
         tolerance: float = 1e-4,
-        iterations: int = 60,
+        iterations: int = 15,
         margin_rad: float = 0.02,
     ) -> NDArray[np.float64] | None:
         """Joints (7,) rad that put the TCP at a pose, by damped Newton steps from `seed_qpos` (7,).
@@ -154,7 +160,11 @@ class Panda:
         `tolerance` bounds position (m) and rotation (rad) error together.
         """
         model, data = _model(), self._data
-        goal = pin.SE3(self._base_from_world @ world_from_tcp)
+        base_from_tcp = self._base_from_world @ world_from_tcp
+        flange = base_from_tcp[:3, 3] - FLANGE_TO_TCP_M * base_from_tcp[:3, 2]
+        if np.linalg.norm(flange - (0.0, 0.0, SHOULDER_M)) > REACH_M:
+            return None
+        goal = pin.SE3(base_from_tcp)
         low, high = limits_rad() + np.array([[margin_rad], [-margin_rad]])
         q = np.zeros(model.nq)
         q[:ARM_JOINTS] = np.clip(seed_qpos[:ARM_JOINTS], low, high)

@@ -25,6 +25,7 @@ from rf_exp.tasks.base import CameraSpec, Start, Task
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import CONTROL_HZ
 
+CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on one edge only: things swing
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
 # Hand frame: z along the fingers, y between them. The camera sits beside the hand and looks at the tips.
@@ -80,7 +81,11 @@ class TableEnv(BaseEnv):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(sim_freq=PHYSICS_HZ, control_freq=CONTROL_HZ, scene_config=SceneConfig())
+        return SimConfig(
+            sim_freq=PHYSICS_HZ,
+            control_freq=CONTROL_HZ,
+            scene_config=SceneConfig(contact_offset=CONTACT_OFFSET_M),
+        )
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:

@@ -55,7 +55,7 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
         return part.colour, part.roughness, part.metallic
 
     made = []
-    for key, group in groupby(sorted(asset.parts, key=finish), key=finish):
+    for key, group in groupby(sorted(filter(_seen, asset.parts), key=finish), key=finish):
         shaded = [trimesh.graph.smooth_shade(part.mesh, angle=SMOOTH_RAD) for part in group]
         mesh = cast(trimesh.Trimesh, trimesh.util.concatenate(shaded))
         made.append(
@@ -67,6 +67,10 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
             )
         )
     return tuple(made)
+
+
+def _seen(part: Part) -> bool:
+    return part.seen
 
 
 class AssetBuilder(ActorBuilder):

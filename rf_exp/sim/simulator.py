@@ -1,7 +1,6 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from types import TracebackType
 from typing import Any
@@ -17,26 +16,10 @@ from rf_exp.sim.environment import PHYSICS_HZ, TableEnv, hand_from_camera, world
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks.base import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Scene
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, CameraModel, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
 GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
-
-
-@dataclass(frozen=True)
-class CameraModel:
-    """A pinhole camera: square pixels, principal point in the middle."""
-
-    width_px: int
-    height_px: int
-    fov_y_rad: float
-    world_from_camera: Matrix  # (4, 4), OpenCV axes: x right, y down, z forward
-
-    @property
-    def intrinsics(self) -> NDArray[np.float64]:
-        """(3, 3) pixels from camera coordinates."""
-        focal = self.height_px / 2 / np.tan(self.fov_y_rad / 2)
-        return np.array([[focal, 0, self.width_px / 2], [0, focal, self.height_px / 2], [0, 0, 1.0]])
 
 
 class Simulator:
@@ -78,6 +61,7 @@ class Simulator:
             else {}
         )
         self._drawn_at = -1
+        self._poses = self._measured_poses()
         self._step = 0
         return self._scene({})
 
@@ -112,20 +96,26 @@ class Simulator:
         return self._command.copy()
 
     def _scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
+        poses = self._measured_poses()
+        moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
+        self._poses = poses
         held, pushes = self._contacts.of_fingers(self._physics.get_contacts(), self._physics.timestep)
         return Scene(
             step=self._step,
             qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
             qvel=np.stack([robot.qvel for robot in self._robots]).astype(float),
-            poses={
-                name: body.pose.to_transformation_matrix().astype(float)
-                for name, body in self._bodies.items()
-            },
-            speeds={name: _speed_m_s(body) for name, body in self._bodies.items()},
+            poses=poses,
+            # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
+            speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},
             held=held,
             finger_forces=pushes,
             arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
         )
+
+    def _measured_poses(self) -> dict[str, Matrix]:
+        return {
+            name: body.pose.to_transformation_matrix().astype(float) for name, body in self._bodies.items()
+        }
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -190,11 +180,6 @@ class Simulator:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def _speed_m_s(body: sapien.Entity) -> float:
-    dynamic: Any = body.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
-    return float(np.linalg.norm(dynamic.linear_velocity)) if dynamic else 0.0
 
 
 _require_rendering_once = cache(require_rendering)

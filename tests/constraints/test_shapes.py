@@ -12,7 +12,11 @@ from rf_exp.tasks import assets
 
 PIECES: list[tuple[str, Piece]] = [
     *zip(LINKS, arm_pieces(), strict=True),
-    *((f"{name}{k}", piece) for name in assets.available() for k, piece in enumerate(asset_pieces(name)[:4])),
+    *(
+        (f"{name}{k}", piece)
+        for name in assets.available()
+        for k, piece in enumerate(asset_pieces(assets.load(name))[:4])
+    ),
 ]
 pieces = pytest.mark.parametrize("piece", [piece for _, piece in PIECES], ids=[name for name, _ in PIECES])
 

@@ -165,7 +165,7 @@ def test_closed_fingers_press_the_shutter_and_nothing_else(turn: int) -> None:
     button = tops == tops.max()
     assert button.sum() == 1 and tops.max() == pytest.approx(camera.TOP_M + camera.BUTTON_M)
     assert gaps[:, ~button].min() > MARGIN_M and gaps[0].min() > MARGIN_M
-    assert (gaps[1:, button] > -0.003).all() and (gaps[1:, button] < -0.0005).all()
+    assert (gaps[1:, button] > -camera.BUTTON_M).all() and (gaps[1:, button] < -0.0005).all()
 
 
 def test_three_hands_find_room_round_the_camera_on_its_plinth() -> None:

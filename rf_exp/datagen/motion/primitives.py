@@ -4,7 +4,7 @@ A subgoal is carried out from the state in which the previous one leaves the age
 proposal is planned ahead of its execution. `State` is that predicted state.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeVar
 
@@ -28,14 +28,22 @@ PLACE_CLEARANCE_M = 0.10  # above the place from which an object is lowered
 RETREAT_M = 0.08
 STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm gives way
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
-_RANDOM_SEEDS = 12  # inverse kinematics restarts when the natural ones fail
+_RANDOM_SEEDS, _SPREAD_RAD = 12, 0.6  # inverse kinematics restarts when the natural ones fail
+_SWIVELS = np.array([[turn, 0, -turn, 0, 0, 0, 0] for turn in (-0.7, 0.7)])  # rad, the elbow to a side
+_SAME_RAD = 0.05  # solutions nearer than this are one
 _MAX_JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
 
 _FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # from a face, z up, to a tool that works on it, z down
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 _STRIKE_TURNS = 16
+_WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
+_SPOT = InteractionPoint(np.eye(4), "place", turns=12)  # a named place: how a thing is turned there is free
 
 T = TypeVar("T")
+Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
+Onward = Callable[
+    [int, NDArray[np.float64], Matrix], float | None
+]  # (agent, joints, TCP pose) -> rad or None
 
 
 class Unreachable(Exception):
@@ -101,7 +109,17 @@ class Primitives:
             raise Unreachable(f"Agent_{agent} already holds {state.held[agent][0]}")
         point = self.task.asset(name).points[_required(subgoal.point)]
         touches = frozenset({name})
-        reach = self._grip(subgoal, state, point, following)
+        goals = _turned(state.poses[name] @ point.object_from_tcp, point.turns)
+        tips = [transform(rotation=_pitch(np.deg2rad(tip))) for tip in _TIPS_DEG if abs(tip) <= point.tip_deg]
+        reach = self._reach(
+            agent,
+            [[goal @ tip for goal in goals] for tip in tips],
+            point.standoff_m,
+            state,
+            touches,
+            f"grasp {name} at {subgoal.point}",
+            onward=self._onward(following, name, state),
+        )
         segments = [self._segment(subgoal, "approach", reach, state, touches)]
         segments.append(self._fingers(subgoal, "close", GRIPPER_CLOSED, state, touches))
         tcp_from_object = inverse(self.arms[agent].tcp(state.qpos[agent])) @ state.poses[name]
@@ -144,7 +162,7 @@ class Primitives:
         touches = frozenset({name})
         segments = [self._fingers(subgoal, "close", GRIPPER_CLOSED, state)]
         points = self._reach(
-            agent, goals, point.standoff_m, state, touches, f"press {name} at {subgoal.point}"
+            agent, [goals], point.standoff_m, state, touches, f"press {name} at {subgoal.point}"
         )
         return [*segments, self._segment(subgoal, "press", points, state, touches)]
 
@@ -159,57 +177,56 @@ class Primitives:
 
     # -- what the verbs are made of ----------------------------------------------------------------
 
-    def _grip(
-        self, subgoal: Subgoal, state: State, point: InteractionPoint, following: Sequence[Subgoal]
-    ) -> NDArray[np.float64]:
-        """Timed points (T, 7) to an interaction point, tipped no farther than what follows takes."""
-        name, what = _required(subgoal.object), f"grasp {subgoal.object} at {subgoal.point}"
-        goals = _turned(state.poses[name] @ point.object_from_tcp, point.turns)
-        tips = [tip for tip in _TIPS_DEG if abs(tip) <= point.tip_deg]
-        tiers = [[goal @ transform(rotation=_pitch(np.deg2rad(tip))) for goal in goals] for tip in tips]
-        useful = [[goal for goal in tier if self._leads_on(goal, name, following, state)] for tier in tiers]
-        reason: Unreachable | None = None
-        for tier in (*filter(None, useful), goals):
-            try:
-                return self._reach(subgoal.agent, tier, point.standoff_m, state, frozenset({name}), what)
-            except Unreachable as error:
-                reason = reason or error
-        raise reason or AssertionError("there is always a last tier")
+    def _onward(self, subgoals: Sequence[Subgoal], name: str, state: State) -> Onward:
+        """The cost of what an agent does next with an object, once it holds it as from some TCP pose."""
+        with_it = [each for each in subgoals if each.object == name and each.verb in _WITH_HELD]
 
-    def _leads_on(self, goal: Matrix, name: str, following: Sequence[Subgoal], state: State) -> bool:
-        """Whether an arm that holds the object as from TCP pose `goal` can also do what comes next with it."""
-        tcp_from_object = inverse(goal) @ state.poses[name]
-        for each in following:
-            if each.object == name and each.verb in ("carry", "place", "strike"):
-                try:
-                    ends = self._ends(each, state, tcp_from_object)
-                except Unreachable:  # that will be said when its turn comes
-                    return True
-                return any(self._solves(each.agent, end) for end in ends)
-        return True
+        def cost_rad(agent: int, joints: NDArray[np.float64], goal: Matrix) -> float | None:
+            tcp_from_object, total = inverse(goal) @ state.poses[name], 0.0
+            for each in with_it:
+                line = None
+                if each.verb == "lift":
+                    raised = self.arms[agent].tcp(joints)
+                    line = self._line(agent, joints, raised, _above(raised, _required(each.height_m)))
+                elif (ends := self._ends_or_none(each, state, tcp_from_object)) is None:
+                    return total  # that will be said when its turn comes
+                else:
+                    ways = (self._arrive(agent, end, joints) for tier in ends for end in tier)
+                    line = min((way for way in ways if way is not None), key=_length_rad, default=None)
+                if line is None:
+                    return None
+                total, joints = total + _length_rad(line), line[-1]
+            return total
 
-    def _solves(self, agent: int, goal: Matrix) -> bool:
-        """Whether inverse kinematics reaches a TCP pose, and one well above it."""
-        arm, raised = self.arms[agent], goal.copy()
-        raised[2, 3] += PLACE_CLEARANCE_M
-        joints = arm.solve(raised, self._facing(agent, goal))
-        return joints is not None and arm.solve(goal, joints) is not None
+        return cost_rad
 
-    def _ends(self, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> list[Matrix]:
+    def _arrive(self, agent: int, goal: Matrix, joints: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Joints (3, 7) now, well above a TCP pose, and there; None where inverse kinematics fails."""
+        arm, raised = self.arms[agent], _above(goal, PLACE_CLEARANCE_M)
+        for seed in (joints, self._facing(agent, goal)):
+            high = arm.solve(raised, seed)
+            low = None if high is None else arm.solve(goal, high)
+            if high is not None and low is not None:
+                return np.stack([joints, high, low])
+        return None
+
+    def _ends_or_none(self, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers | None:
+        try:
+            return self._ends(subgoal, state, tcp_from_object)
+        except Unreachable:
+            return None
+
+    def _ends(self, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
         """TCP poses in which an object held so has been carried, placed or struck as the subgoal says."""
         if subgoal.verb == "carry":
-            return self._above(subgoal, state, tcp_from_object, subgoal.height_m or 0.0)
+            return self._over(subgoal, state, tcp_from_object, subgoal.height_m or 0.0)
         if subgoal.verb == "place":
-            return self._above(subgoal, state, tcp_from_object, DROP_M)
+            return self._over(subgoal, state, tcp_from_object, DROP_M)
         tool = self.task.asset(_required(subgoal.object)).points[_required(subgoal.point)]
         world_from_target, _ = self._destination(subgoal, state)
-        return [
-            world_from_target
-            @ transform((0.0, 0.0, -STRIKE_M), _yaw(turn))
-            @ _FACING
-            @ inverse(tcp_from_object @ tool.object_from_tcp)
-            for turn in np.linspace(0.0, 2 * np.pi, _STRIKE_TURNS, endpoint=False)
-        ]
+        face = world_from_target @ transform((0.0, 0.0, -STRIKE_M))
+        grip = _FACING @ inverse(tcp_from_object @ tool.object_from_tcp)
+        return [[turned @ grip for turned in _turned(face, _STRIKE_TURNS)]]
 
     def _support(self, subgoal: Subgoal) -> frozenset[str]:
         """The object on which something is placed; none where it is dropped into one."""
@@ -261,16 +278,16 @@ class Primitives:
             )
         return held
 
-    def _destination(self, subgoal: Subgoal, state: State) -> tuple[Matrix, float]:
-        """world_from_object of the thing once it has been placed, and how far off it may be (m)."""
+    def _destination(self, subgoal: Subgoal, state: State) -> tuple[Matrix, InteractionPoint]:
+        """world_from_object of the thing once it has been placed, and the point that says how freely."""
         target = _required(subgoal.target)
         if target in state.places:
-            return state.places[target], 0.0
+            return state.places[target], _SPOT
         if target not in state.poses:
             known = ", ".join(sorted([*state.places, *state.poses]))
             raise Unreachable(f"there is no place or object {target!r}; available: {known}")
         point = self._placing(subgoal)
-        return state.poses[target] @ point.object_from_tcp, point.slack_m
+        return state.poses[target] @ point.object_from_tcp, point
 
     def _placing(self, subgoal: Subgoal) -> InteractionPoint:
         """The point of the target object at which something is placed or dropped."""
@@ -282,36 +299,33 @@ class Primitives:
             raise Unreachable(f"{subgoal.target} has no place point {name!r}; available: {listed}")
         return placing[name]
 
-    def _above(
-        self, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float
-    ) -> list[Matrix]:
-        """TCP poses that put the held object at its destination, raised by `height_m`; best first.
+    def _over(self, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float) -> Tiers:
+        """TCP poses that put the held object at its destination, raised by `height_m`; best tier first.
 
-        The yaw of what is placed is free, and it may stand off towards the arm by the slack of the
-        place: another turn, or a little nearer, may be reachable where the exact pose is not.
+        It may be turned as the place allows, and where nothing else is reachable stand off towards the
+        arm by the slack of the place.
         """
-        world_from_object, slack_m = self._destination(subgoal, state)
+        world_from_object, point = self._destination(subgoal, state)
         towards_arm = self.arms[subgoal.agent].world_from_base[:2, 3] - world_from_object[:2, 3]
         towards_arm /= np.linalg.norm(towards_arm)
-        goals = []
-        for offset_m in (0.0, slack_m / 2, slack_m) if slack_m else (0.0,):
-            raised = world_from_object.copy()
+        tiers = []
+        for offset_m in (0.0, point.slack_m / 2, point.slack_m) if point.slack_m else (0.0,):
+            raised = _above(world_from_object, height_m)
             raised[:2, 3] += offset_m * towards_arm
-            raised[2, 3] += height_m
-            turns = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])
-            goals += [raised @ transform(rotation=_yaw(turn)) @ inverse(tcp_from_object) for turn in turns]
-        return goals
+            tiers.append([turned @ inverse(tcp_from_object) for turned in _turned(raised, point.turns)])
+        return tiers
 
     def _reach(
         self,
         agent: int,
-        goals: Iterable[Matrix],
+        tiers: Tiers,
         standoff_m: float,
         state: State,
         touches: frozenset[str],
         what: str,
         *,
         down: bool = False,
+        onward: Onward | None = None,
     ) -> NDArray[np.float64]:
         """Timed points (T, 7) to the first goal that can be reached, ending with a straight approach.
 
@@ -319,7 +333,7 @@ class Primitives:
         Free motion and approach are one motion with a rounded corner.
         """
         reasons = []
-        for pre, line in self._candidates(agent, goals, standoff_m, state, down):
+        for pre, line in self._ways(agent, tiers, standoff_m, state, down, onward):
             path = self._free_path_or_none(agent, pre, state)
             if path is None:
                 reasons.append("no free path")
@@ -334,39 +348,49 @@ class Primitives:
         reason = f": {', '.join(dict.fromkeys(reasons))}" if reasons else ": out of reach"
         raise Unreachable(f"Agent_{agent} cannot {what}{reason}")
 
-    def _candidates(
-        self, agent: int, goals: Iterable[Matrix], standoff_m: float, state: State, down: bool
+    def _ways(
+        self, agent: int, tiers: Tiers, standoff_m: float, state: State, down: bool, onward: Onward | None
     ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """(joints before the approach, joint points of the approach).
+        """(joints before the approach, joint points of the approach), tier by tier the shortest first.
 
-        Goals that come `down` are in order of preference; others are equal, so the cheapest motion
-        comes first.
+        Those from which what comes next cannot be reached come last of all.
         """
-        arm, current = self.arms[agent], state.qpos[agent]
-        found = []
-        for goal in goals:
-            pre = goal.copy() if down else goal @ transform((0.0, 0.0, -standoff_m))
-            if down:
-                pre[2, 3] += standoff_m
-            for seed in self._seeds(agent, goal, current, bool(found)):
-                joints = arm.solve(pre, seed)
-                line = None if joints is None else self._line(agent, joints, pre, goal)
-                if joints is not None and line is not None:
-                    cost = np.abs(joints - current).max() + np.abs(line[-1] - line[0]).max()
-                    found.append((round(float(cost), 6), len(found), joints, line))
-                    break
-            if down and found:
-                yield found.pop()[2:]
-        for _, _, joints, line in sorted(found, key=lambda item: item[:2]):
+        last = []
+        for tier in tiers:
+            found = []
+            for goal in tier:
+                pre = _above(goal, standoff_m) if down else goal @ transform((0.0, 0.0, -standoff_m))
+                for joints, line in self._lines(agent, pre, goal, state.qpos[agent], bool(found)):
+                    cost = np.abs(joints - state.qpos[agent]).max() + _length_rad(line)
+                    more = onward(agent, line[-1], goal) if onward else 0.0
+                    way = (round(float(cost + (more or 0.0)), 6), len(found), joints, line)
+                    (last if more is None else found).append(way)
+            for _, _, joints, line in sorted(found, key=lambda way: way[:2]):
+                yield joints, line
+        for _, _, joints, line in last:
             yield joints, line
 
-    def _seeds(self, agent: int, goal: Matrix, current: NDArray[np.float64], found: bool):
-        yield current
+    def _lines(
+        self, agent: int, pre: Matrix, goal: Matrix, current: NDArray[np.float64], found: bool
+    ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Distinct (joints at `pre`, joint points from there to `goal`) of one goal.
+
+        The arm has a joint to spare, so one pose has many postures; some lead through stretched arms,
+        where a short line takes long.
+        """
+        known: list[NDArray[np.float64]] = []
         facing = self._facing(agent, goal)
-        yield facing
-        if not found:
-            for _ in range(_RANDOM_SEEDS):
-                yield facing + self.rng.normal(0.0, 0.6, 7)
+        spare = [facing + self.rng.normal(0.0, _SPREAD_RAD, 7) for _ in range(_RANDOM_SEEDS)]
+        for tried, seed in enumerate([current, facing, *(facing + swivel for swivel in _SWIVELS), *spare]):
+            if (known or found) and tried >= 2 + len(_SWIVELS):
+                break
+            joints = self.arms[agent].solve(pre, seed)
+            if joints is None or any(np.abs(joints - other).max() < _SAME_RAD for other in known):
+                continue
+            line = self._line(agent, joints, pre, goal)
+            if line is not None:
+                known.append(joints)
+                yield joints, line
 
     def _facing(self, agent: int, goal: Matrix) -> NDArray[np.float64]:
         """Joints (7,) of an arm at rest, turned towards a TCP pose: a good first guess."""
@@ -439,6 +463,17 @@ class Primitives:
 def _required(value: T | None) -> T:
     assert value is not None  # parse_subgoal has seen to it
     return value
+
+
+def _above(pose: Matrix, height_m: float) -> Matrix:
+    raised = pose.copy()
+    raised[2, 3] += height_m
+    return raised
+
+
+def _length_rad(points: NDArray[np.float64]) -> float:
+    """Length of a joint path (K, 7): what it costs in time, but for starting and stopping."""
+    return float(np.abs(np.diff(points, axis=0)).max(axis=1).sum())
 
 
 def _turned(goal: Matrix, turns: int) -> list[Matrix]:

@@ -19,7 +19,7 @@ HANDLE_M = (0.066, 0.145)  # along y; the inner end is inside the body
 HANDLE_Z_M, HANDLE_HALF_M, CHAMFER_M = (0.020, 0.080), 0.012, 0.015  # the palm clears the cut corners
 GRIP_Y_M, GRIP_Z_M = 0.125, 0.050
 SLANT = np.sqrt(0.5)  # sine and cosine of 45 deg
-PRESS_M = 0.008  # TCP above the button: closed finger tips, 10 mm beyond it, push 2 mm into the top
+PRESS_M = 0.005  # TCP above the button: closed finger tips, 10 mm beyond it, push 5 mm down
 SHOWN_M = 0.0008  # how far what is only seen stands out of the body
 
 LEATHER, SILVER, RUBBER = (0.035, 0.032, 0.035), (0.55, 0.56, 0.58), (0.02, 0.02, 0.022)

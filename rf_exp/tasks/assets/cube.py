@@ -45,7 +45,7 @@ def build(colour: str = "blue", half_m: float = 0.02) -> Asset:
                 tip_deg=TIP_DEG,
                 turns=4,
             ),
-            "top": InteractionPoint(transform((0, 0, 2 * half_m)), "place"),
+            "top": InteractionPoint(transform((0, 0, 2 * half_m)), "place", turns=4),
         },
         mass_kg=0.055,
         friction=1.0,

@@ -20,6 +20,6 @@ def build(radius_m: float = 0.1) -> Asset:
     return Asset(
         "goal",
         parts=tuple(rings),
-        points={"middle": InteractionPoint(transform(), "place")},
+        points={"middle": InteractionPoint(transform(), "place", turns=12)},
         ghost=True,
     )

@@ -32,7 +32,7 @@ def build() -> Asset:
     # Only seen: a bright rim, a little proud of the wall it stands in.
     band = _ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M)
     rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
-    inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, slack_m=0.03)
+    inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, turns=8, slack_m=0.03)
     return Asset(
         "pot", parts=(floor, *walls, *handles, *rim), points={"inside": inside}, mass_kg=0.8, friction=1.2
     )

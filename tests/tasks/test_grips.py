@@ -1,0 +1,81 @@
+"""Every annotated grasp with real arms: the gripper closes, lifts, and the asset comes along, level."""
+
+import numpy as np
+import pytest
+
+from rf_exp.robots import Panda
+from rf_exp.sim.simulator import Simulator
+from rf_exp.tasks import assets
+from rf_exp.tasks.base import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task
+from rf_exp.tasks.measure import tilt_deg
+from rf_exp.transforms import Matrix, interpolate, inverse, transform
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN
+from tests.tasks.test_assets import about
+
+LIFT_M = 0.12
+REST_RAD = (0.0, -0.2, 0.0, -2.3, 0.0, 2.1, np.pi / 4)  # drawn back, clear of what stands in the middle
+CASES = [
+    (name, tip_deg)
+    for name in assets.available()
+    for grips in [[at for at in assets.load(name).points.values() if at.kind == "grasp"]]
+    if grips
+    for tip_deg in sorted({0.0, grips[0].tip_deg, -grips[0].tip_deg})
+]
+
+
+class Arms:
+    """Drives the arms of a simulator to TCP poses, without any regard for what is in the way."""
+
+    def __init__(self, simulator: Simulator) -> None:
+        self.simulator, self.scene = simulator, simulator.reset(0)
+        self.arms = [Panda(robot.world_from_base) for robot in simulator.task.robots]
+
+    def go(self, goals: list[Matrix], gripper: float, *, straight: bool = True, steps: int = 30) -> None:
+        command = self.simulator.command
+        starts = command[:, :7].copy()
+        tcps = [arm.tcp(q) for arm, q in zip(self.arms, starts, strict=True)]
+        ends = None if straight else [self._solve(k, goal, starts[k]) for k, goal in enumerate(goals)]
+        for share in [*np.linspace(0, 1, steps)[1:], *[1.0] * 10]:
+            for k, goal in enumerate(goals):
+                if ends is None:
+                    command[k, :7] = self._solve(k, interpolate(tcps[k], goal, share), command[k, :7])
+                else:
+                    command[k, :7] = starts[k] + share * (ends[k] - starts[k])
+            command[:, 7] = gripper
+            self.scene = self.simulator.step(command)
+
+    def _solve(self, k: int, goal: Matrix, seed: np.ndarray) -> np.ndarray:
+        at = (inverse(self.arms[k].world_from_base) @ goal)[:2, 3]
+        rng = np.random.default_rng(0)
+        facing = np.array([np.arctan2(at[1], at[0]), *REST_RAD[1:]])
+        for guess in (seed, facing, *(facing + rng.normal(0, 0.6, (20, 7)))):
+            if (joints := self.arms[k].solve(goal, guess)) is not None:
+                return joints
+        raise AssertionError(f"arm {k + 1} does not reach {goal[:3, 3]}")
+
+
+@pytest.mark.parametrize(("name", "tip_deg"), CASES)
+def test_what_is_gripped_and_lifted_stays_in_the_hand_and_level(name: str, tip_deg: float) -> None:
+    grips = [at for at in assets.load(name).points.values() if at.kind == "grasp"]
+    far_m = 0.85 if len(grips) == 2 else 0.55
+    robots = tuple(RobotSpec(0, side * far_m, -90 * side, REST_RAD) for side in (-1, 1)[: len(grips)])
+    plinth = {"plinth": ObjectSpec("plinth")} if name == "camera" else {}
+    yaw_deg = 90.0 if name == "barrier" else 0.0  # its ends point at the arms
+    thing = ObjectSpec(name, z_m=0.12 if plinth else 0.0, yaw_deg=(yaw_deg, yaw_deg))
+    cameras = {name: CameraSpec() for name in ("global", *(f"agent{k + 1}" for k in range(len(grips))))}
+    objects = plinth | {"it": thing}
+    task = Task("grip", "", "", "", robots, objects, cameras, {}, Randomisation(0, 0, 0))
+    with Simulator(task, render=False) as simulator:
+        arms = Arms(simulator)
+        start = arms.scene.poses["it"]
+        goals = [start @ at.object_from_tcp @ about("y", tip_deg) for at in grips]
+        back = [goal @ transform((0, 0, -at.standoff_m)) for goal, at in zip(goals, grips, strict=True)]
+        arms.go(back, GRIPPER_OPEN, straight=False, steps=50)
+        arms.go(goals, GRIPPER_OPEN)
+        np.testing.assert_allclose(arms.scene.poses["it"], start, atol=0.001)  # nothing touched it
+        arms.go(goals, GRIPPER_CLOSED, steps=2)
+        arms.go([transform((0, 0, LIFT_M)) @ goal for goal in goals], GRIPPER_CLOSED)
+        end = arms.scene.poses["it"]
+    assert arms.scene.held == ("it",) * len(grips)
+    np.testing.assert_allclose(end[:3, 3] - start[:3, 3], [0, 0, LIFT_M], atol=0.003)
+    assert tilt_deg(end) < 2.0
