@@ -1,35 +1,38 @@
 """The shortest schedule of agents on fixed paths: integers in, integers out.
 
-A joint state holds a path position for each agent. In one control step every agent moves on by one
-position or waits, and it waits only at its knots. Forbidden are pairs of positions (coordination
-diagrams). Two agents are solved exactly by a dynamic programme over their diagram; its table of
-remaining steps is a lower bound for any larger team. A larger team is first scheduled agent by agent
-in every order; unless the best of these meets the bound, A* under the bounds of all pairs looks for
-a shorter schedule, and when it runs out of its budget its frontier still proves a bound.
+In one control step every agent moves on by one position of its path or waits, and it waits only at its
+knots. So a schedule is no more than the step at which each segment between two knots starts, and a pair
+of positions that is forbidden (coordination diagrams) is a choice: one agent is past before the other
+one comes, or the other way round. Each way is a bound on the difference of two starts. Such bounds are
+closed under addition (longest paths), a choice with one way left becomes a bound, and what is still open
+is tried both ways. A makespan that is refuted raises the proven bound, one that is met is a schedule:
+halving what lies between ends with the shortest schedule (Brucker, Jurisch and Sievers 1994, A branch and
+bound algorithm for the job-shop scheduling problem, is the same idea for machines).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
-from itertools import combinations, permutations, product
-from operator import sub
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 Pair = tuple[int, int]
 Diagram = NDArray[np.bool_]  # (P_i, P_j) True = forbidden
+Bound = tuple[int, int, int]  # x, y, c: start x is at least c steps after start y
+Choice = tuple[Bound, Bound]  # one of the two holds
 
 UNREACHABLE = np.iinfo(np.int32).max // 4
-BUDGET = 8_000  # joint states that the exact search may expand
-GREED = 4.0  # weight of the remaining steps where any schedule will do
+BUDGET = 1_000  # choices that may be tried
+UNBOUNDED = -(10**7)  # steps: less than any difference of two starts
+NEVER: Bound = (0, 0, 1)
 
 
 @dataclass(frozen=True)
 class Problem:
     """Agents from 0. `diagrams` has an entry (i, j), i < j, for every pair that is not free."""
 
-    knots: tuple[frozenset[int], ...]  # positions at which an agent may wait; the last one included
+    knots: tuple[frozenset[int], ...]  # positions at which an agent may wait; 0 and the last one included
     lengths: tuple[int, ...]  # last position of each agent
     diagrams: Mapping[Pair, Diagram]
     deadlines: tuple[tuple[int, int, int], ...] = ()  # (agent, position, latest step)
@@ -49,6 +52,199 @@ class Impossible:
 
     pair: Pair | None
     proven: bool
+
+
+def solve(problem: Problem, budget: int = BUDGET) -> Found | Impossible:
+    """The shortest schedule, or the best one found within the budget with its proven bound."""
+    starts = _Starts(problem)
+    steps, settled = starts.within(sum(problem.lengths), budget)  # in every step somebody has to move
+    if steps is None:
+        for i, j in combinations(range(len(problem.lengths)), 2):
+            diagram = problem.diagrams.get((i, j))
+            if diagram is not None and (
+                remaining(diagram, problem.knots[i], problem.knots[j])[0, 0] >= UNREACHABLE
+            ):
+                return Impossible((i, j), proven=True)
+        return Impossible(None, proven=settled)
+    bound = max(problem.lengths)
+    makespan = beyond = starts.makespan(steps)
+    while bound < beyond:
+        middle = (bound + beyond - 1) // 2
+        shorter, settled = starts.within(middle, budget)
+        if shorter is not None:
+            steps = shorter
+            makespan = beyond = starts.makespan(steps)
+        elif settled:
+            bound = middle + 1
+        else:
+            beyond = middle
+    return Found(starts.positions(steps, makespan), bound)
+
+
+class _Paths:
+    """The segments of all agents, numbered from 1; 0 stands for the beginning of the schedule."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.knots = [sorted(knots) for knots in problem.knots]
+        first = np.cumsum([1, *(len(knots) - 1 for knots in self.knots)]).tolist()
+        self.segments = [list(range(low, high)) for low, high in pairwise(first)]  # of each agent
+        self.count = first[-1]
+
+    def arrives(self, agent: int, knot: int) -> tuple[int, int]:
+        """Segment and steps after its start at which an agent comes to a knot."""
+        if knot == 0:
+            return 0, 0
+        return self.segments[agent][knot - 1], self.knots[agent][knot] - self.knots[agent][knot - 1]
+
+    def leaves_before(self, agent: int, knot: int, segment: int, step: int) -> Bound:
+        """The agent leaves a knot before a segment has come to a step."""
+        if knot == len(self.knots[agent]) - 1:
+            return NEVER
+        return segment, self.segments[agent][knot], 1 - step
+
+    def choices(self, diagrams: Mapping[Pair, Diagram]) -> Iterator[Choice]:
+        """What the diagrams leave to choose."""
+        for (i, j), diagram in diagrams.items():
+            if diagram.any():
+                yield from self._passing(i, j, diagram)
+                yield from self._standing(i, j, diagram)
+                yield from self._standing(j, i, diagram.T)
+                yield from self._resting(i, j, diagram)
+
+    def _passing(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
+        """Both move."""
+        for x, low, high in zip(self.segments[i], self.knots[i], self.knots[i][1:], strict=False):
+            for y, left, right in zip(self.segments[j], self.knots[j], self.knots[j][1:], strict=False):
+                rows, columns = np.nonzero(diagram[low : high + 1, left : right + 1])
+                ahead = np.zeros(high - low + right - left + 1, dtype=bool)
+                ahead[rows - columns + right - left] = True
+                for begin, end in _runs(ahead):  # y may not start so many steps after x, less right - left
+                    yield (y, x, end - right + left), (x, y, right - left - begin + 1)
+
+    def _standing(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
+        """Agent i moves, agent j stands at a knot."""
+        for knot, position in enumerate(self.knots[j]):
+            segment, steps = self.arrives(j, knot)
+            for x, low, high in zip(self.segments[i], self.knots[i], self.knots[i][1:], strict=False):
+                for begin, end in _runs(diagram[low : high + 1, position]):
+                    yield self.leaves_before(j, knot, x, begin), (segment, x, end - steps)
+
+    def _resting(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
+        """Both stand at knots."""
+        for a, b in np.argwhere(diagram[np.ix_(self.knots[i], self.knots[j])]).tolist():
+            yield self.leaves_before(i, a, *self.arrives(j, b)), self.leaves_before(j, b, *self.arrives(i, a))
+
+
+class _Starts:
+    """The steps at which all segments start: bounds on their differences, and choices between bounds."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._paths = paths = _Paths(problem)
+        choices = np.array(list(paths.choices(problem.diagrams)), dtype=np.int64).reshape(-1, 2, 3)
+        self._x, self._y, self._c = choices[..., 0], choices[..., 1], choices[..., 2]  # (K, 2) each
+        # (S, S): start of the column less start of the row is at least this
+        self._least = np.full((paths.count, paths.count), UNBOUNDED)
+        self._least[0] = 0
+        np.fill_diagonal(self._least, 0)
+        for knots, segments in zip(paths.knots, paths.segments, strict=True):
+            for x, y, steps in zip(segments, segments[1:], np.diff(knots).tolist(), strict=False):
+                self._least[x, y] = steps
+        for agent, position, latest in problem.deadlines:
+            if position > 0:
+                knot = int(np.searchsorted(paths.knots[agent], position)) - 1
+                self._no_later(paths.segments[agent][knot], latest - position + paths.knots[agent][knot])
+        self._open = _closed(self._least) and self._forced(self._least)
+        self._ends = [  # last segment of each agent that moves, and its steps
+            (segments[-1], knots[-1] - knots[-2])
+            for knots, segments in zip(paths.knots, paths.segments, strict=True)
+            if segments
+        ]
+
+    def makespan(self, starts: NDArray[np.int64]) -> int:
+        """Steps until everybody is at the end."""
+        return max((int(starts[segment]) + steps for segment, steps in self._ends), default=0)
+
+    def positions(self, starts: NDArray[np.int64], makespan: int) -> NDArray[np.int64]:
+        """(makespan + 1, N) where everybody is."""
+        times = np.arange(makespan + 1)[:, None]
+        return np.stack(
+            [
+                np.clip(times - starts[segments], 0, np.diff(knots)).sum(axis=1)
+                for knots, segments in zip(self._paths.knots, self._paths.segments, strict=True)
+            ],
+            axis=1,
+        )
+
+    def within(self, makespan: int, budget: int) -> tuple[NDArray[np.int64] | None, bool]:
+        """The earliest starts (S,) of a schedule of at most so many steps, and whether the answer is settled.
+
+        None that is settled proves that there is none.
+        """
+        least = self._least.copy()
+        in_time = all(_bounded(least, 0, segment, steps - makespan) for segment, steps in self._ends)
+        todo = [least] if self._open and in_time and self._forced(least) else []
+        while todo:
+            least = todo.pop()
+            starts = least[0]
+            lack = self._c - (starts[self._x] - starts[self._y])  # (K, 2) by how much each way is missed
+            missed = lack.min(axis=1, initial=UNREACHABLE)
+            if not (missed > 0).any():
+                return starts, True
+            if budget <= 0:
+                return None, False
+            budget -= 1
+            worst = int(missed.argmax())
+            for way in np.argsort(-lack[worst], kind="stable").tolist():  # the nearer one is tried first
+                tried = least.copy()
+                if self._chosen(tried, worst, way) and self._forced(tried):
+                    todo.append(tried)
+        return None, True
+
+    def _no_later(self, segment: int, step: int) -> None:
+        self._least[segment, 0] = max(self._least[segment, 0], -step)
+
+    def _forced(self, least: NDArray[np.int64]) -> bool:
+        """Turns every choice with one way left into a bound; False if one has none left."""
+        while True:
+            closed = least[self._x, self._y] + self._c > 0  # (K, 2) this way is not open any more
+            if closed.all(axis=1).any():
+                return False
+            choice, way = np.nonzero(closed[:, ::-1] & (least[self._y, self._x] < self._c))
+            if not len(choice):
+                return True
+            if 2 * len(choice) < len(least):  # cheaper one by one
+                for one in zip(choice.tolist(), way.tolist(), strict=True):
+                    if not self._chosen(least, *one):
+                        return False
+                continue
+            pairs = self._y[choice, way], self._x[choice, way]
+            np.maximum.at(least, pairs, self._c[choice, way])
+            if not _closed(least):
+                return False
+
+    def _chosen(self, least: NDArray[np.int64], choice: int, way: int) -> bool:
+        return _bounded(least, self._x[choice, way], self._y[choice, way], self._c[choice, way])
+
+
+def _bounded(least: NDArray[np.int64], x: int, y: int, c: int) -> bool:
+    """Adds a bound to closed ones; False if it contradicts them."""
+    if least[y, x] < c:
+        np.maximum(least, (least[:, y] + c)[:, None] + least[x], out=least)
+    return not least.diagonal().any()
+
+
+def _closed(least: NDArray[np.int64]) -> bool:
+    """Closes bounds under addition (Floyd and Warshall); False if they contradict one another."""
+    for middle in range(len(least)):
+        np.maximum(least, least[:, middle, None] + least[middle], out=least)
+    return not least.diagonal().any()
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[Pair]:
+    """First index and index after the last one of every run of True."""
+    edges = (np.flatnonzero(mask[1:] != mask[:-1]) + 1).tolist()
+    edges = [*([0] if mask[0] else []), *edges, *([len(mask)] if mask[-1] else [])]
+    return list(zip(edges[::2], edges[1::2], strict=True))
 
 
 def remaining(diagram: Diagram, knots_a: frozenset[int], knots_b: frozenset[int]) -> NDArray[np.int32]:
@@ -75,177 +271,6 @@ def remaining(diagram: Diagram, knots_a: frozenset[int], knots_b: frozenset[int]
                 start = stop + 1
         steps[row, :-1] = np.minimum(best, UNREACHABLE)
     return steps[:-1, :-1]
-
-
-def solve(problem: Problem, budget: int = BUDGET) -> Found | Impossible:
-    """The shortest schedule, or the best one found within the budget with its proven bound."""
-    agents = range(len(problem.lengths))
-    tables: dict[Pair, NDArray[np.int32]] = {}
-    for i, j in combinations(agents, 2):
-        diagram = problem.diagrams.get((i, j))
-        if diagram is not None and diagram.any():
-            tables[i, j] = remaining(diagram, problem.knots[i], problem.knots[j])
-            if tables[i, j][0, 0] >= UNREACHABLE:
-                return Impossible((i, j), proven=True)
-
-    bound = max([*problem.lengths, *(int(table[0, 0]) for table in tables.values())])
-    best = _in_some_order(problem, bound) if len(agents) > 2 else None
-    if best is not None and len(best) - 1 == bound:
-        return Found(best, bound)
-    shorter_than = UNREACHABLE if best is None else len(best) - 1
-    better, bound, settled = _search(problem, tables, 1.0, budget, shorter_than)
-    if better is not None:
-        return Found(better, bound)
-    if best is not None:
-        return Found(best, shorter_than if settled else bound)
-    if settled:
-        return Impossible(None, proven=True)
-    some, _, _ = _search(problem, tables, GREED, budget, UNREACHABLE)
-    return Impossible(None, proven=False) if some is None else Found(some, bound)
-
-
-def _in_some_order(problem: Problem, bound: int) -> NDArray[np.int64] | None:
-    """The best schedule in which each agent takes its fastest way past the ones before it in some order."""
-    best: NDArray[np.int64] | None = None
-    for order in permutations(range(len(problem.lengths))):
-        horizon = sum(problem.lengths) if best is None else len(best) - 2
-        if horizon < bound:
-            break
-        placed: dict[int, NDArray[np.int64]] = {}
-        for agent in order:
-            way = _past(problem, agent, placed, horizon)
-            if way is None:
-                break
-            placed[agent] = way
-        else:
-            positions = np.stack([placed[agent] for agent in range(len(order))], axis=1)
-            best = positions[: 1 + int(np.argmax((positions == problem.lengths).all(axis=1)))]
-    return best
-
-
-def _past(
-    problem: Problem, agent: int, placed: Mapping[int, NDArray[np.int64]], horizon: int
-) -> NDArray[np.int64] | None:
-    """(horizon + 1,) positions of an agent that arrives as early as the placed ones let it.
-
-    None if they do not let it. The only choice is when to leave each knot, so sets of arrival times
-    are all that is kept.
-    """
-    length = problem.lengths[agent]
-    blocked = np.zeros((horizon + length + 2, length + 1), dtype=bool)  # (t, position); free past the horizon
-    for other, positions in placed.items():
-        pair = (agent, other) if agent < other else (other, agent)
-        diagram = problem.diagrams.get(pair)
-        if diagram is not None:
-            blocked[: horizon + 1] |= (diagram.T if agent < other else diagram)[positions]
-    knots = sorted(problem.knots[agent])
-    latest = {position: step for who, position, step in problem.deadlines if who == agent}
-    times = np.arange(horizon + 1)
-    arrivals = np.zeros((len(knots), horizon + 1), dtype=bool)
-    arrivals[0, 0] = not blocked[0, 0]
-    arrived = np.zeros((len(knots), horizon + 1), dtype=np.int64)  # when the agent last came, if it may stay
-    for n, knot in enumerate(knots):
-        if knot in latest:
-            arrivals[n, latest[knot] + 1 :] = False
-        came = np.maximum.accumulate(np.where(arrivals[n], times, -1))
-        barred = np.maximum.accumulate(np.where(blocked[: horizon + 1, knot], times, -1))
-        arrived[n] = np.where(came > barred, came, -1)
-        if knot == length:
-            break
-        steps = knots[n + 1] - knot
-        row, column = blocked.strides
-        ahead = np.lib.stride_tricks.as_strided(  # (t, k): where the agent is k steps after leaving at t
-            blocked[1:, knot + 1 :], (horizon + 1, steps), (row, row + column), writeable=False
-        )
-        leaves = (arrived[n] >= 0) & ~ahead.any(axis=1)
-        arrivals[n + 1, steps:] = leaves[: max(horizon + 1 - steps, 0)]
-    final = np.flatnonzero(
-        (arrived[-1] >= 0) & (times > np.max(times[blocked[: horizon + 1, length]], initial=-1))
-    )
-    if not len(final):
-        return None
-    way = np.full(horizon + 1, length)
-    time = int(final[0])
-    for n in range(len(knots) - 1, -1, -1):
-        came = int(arrived[n, time])
-        way[came : time + 1] = knots[n]
-        if n:
-            steps = knots[n] - knots[n - 1]
-            way[came - steps : came + 1] = np.arange(knots[n - 1], knots[n] + 1)
-            time = came - steps
-    return way
-
-
-def _search(
-    problem: Problem, tables: Mapping[Pair, NDArray[np.int32]], weight: float, budget: int, shorter_than: int
-) -> tuple[NDArray[np.int64] | None, int, bool]:
-    """Weighted A* for a schedule of fewer than `shorter_than` steps: (schedule or None, bound, settled).
-
-    `settled`: None proves that there is none. The bound holds for all schedules below `shorter_than`.
-    """
-    lengths, knots = problem.lengths, problem.knots
-    lookups = [(i, j, table.tolist()) for (i, j), table in tables.items()]
-
-    def to_go(state: tuple[int, ...]) -> int:
-        most = max(map(sub, lengths, state))
-        for i, j, table in lookups:
-            left = table[state[i]][state[j]]
-            if left > most:
-                most = left
-        return most
-
-    start, goal = (0,) * len(lengths), tuple(lengths)
-    first = to_go(start)
-    parents: dict[tuple[int, ...], tuple[int, ...] | None] = {start: None}
-    steps = {start: 0}
-    heap = [(weight * first, 0, 0, start)]  # ties: the most progress, then the newest
-    closed: set[tuple[int, ...]] = set()
-    pushed, bound = 0, first
-    while heap:
-        key, *_, state = heappop(heap)
-        if state in closed:
-            continue
-        closed.add(state)
-        step = steps[state]
-        if weight == 1.0:
-            bound = int(key)
-        if state == goal:
-            return _walk(parents, goal), bound, True
-        if len(closed) > budget:
-            return None, bound, False
-        options = []
-        for position, length, may_wait in zip(state, lengths, knots, strict=True):
-            onward = (position + 1,) if position < length else ()
-            options.append((position, *onward) if position in may_wait else onward)
-        for following in product(*options):
-            if following == state or steps.get(following, UNREACHABLE) <= step + 1:
-                continue
-            left = to_go(following)
-            if step + 1 + left >= shorter_than or _late(problem, following, step + 1):
-                continue
-            pushed += 1
-            steps[following], parents[following] = step + 1, state
-            heappush(heap, (step + 1 + weight * left, -sum(following), -pushed, following))
-            closed.discard(following)
-    return None, bound, True
-
-
-def _late(problem: Problem, state: tuple[int, ...], step: int) -> bool:
-    return any(
-        state[agent] < position and step + position - state[agent] > latest
-        for agent, position, latest in problem.deadlines
-    )
-
-
-def _walk(
-    parents: Mapping[tuple[int, ...], tuple[int, ...] | None], goal: tuple[int, ...]
-) -> NDArray[np.int64]:
-    states: list[tuple[int, ...]] = []
-    state: tuple[int, ...] | None = goal
-    while state is not None:
-        states.append(state)
-        state = parents[state]
-    return np.array(states[::-1], dtype=np.int64)
 
 
 def blocked_region(diagram: Diagram, knots_a: Sequence[int], knots_b: Sequence[int]) -> Pair:

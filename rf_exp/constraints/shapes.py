@@ -5,7 +5,7 @@ and its face planes for filling voxels. All in the frame of the piece, metres.
 """
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import coal
 import numpy as np
@@ -30,6 +30,11 @@ class Piece:
     radius_m: float
     cover: NDArray[np.float64]  # (COVER_SPHERES, 4): centre and radius; the last ones repeat the first
     shape: coal.Convex
+
+    @cached_property
+    def hull(self) -> NDArray[np.float32]:
+        """(V, 3) the vertices, at half the width for fast products."""
+        return self.vertices.astype(np.float32)
 
     @staticmethod
     def of(mesh: trimesh.Trimesh) -> "Piece":

@@ -90,8 +90,18 @@ def test_the_makespan_is_that_of_breadth_first_search(problem):
     assert len(answer.positions) - 1 == expected == answer.bound
 
 
+@settings(max_examples=60, deadline=None)
+@given(problems(most_agents=5, longest=4))
+def test_larger_teams_are_solved_as_exactly(problem):
+    expected, answer = brute_force(problem), solve(problem)
+    assert (expected is None) == isinstance(answer, Impossible)
+    if isinstance(answer, Found):
+        check_moves(problem, answer.positions)
+        assert len(answer.positions) - 1 == expected == answer.bound
+
+
 @settings(max_examples=100, deadline=None)
-@given(problems(most_agents=4, longest=4), st.integers(1, 12))
+@given(problems(most_agents=4, longest=4), st.integers(0, 3))
 def test_a_small_budget_keeps_the_bound_and_the_rules(problem, budget):
     expected, answer = brute_force(problem), solve(problem, budget)
     if isinstance(answer, Found):
@@ -122,8 +132,25 @@ def test_four_agents_through_one_gap():
     answer = solve(problem)
     assert isinstance(answer, Found)
     check_moves(problem, answer.positions)
-    # each next one enters at the knot before the middle when the last one leaves it
-    assert answer.bound <= len(answer.positions) - 1 <= length + 3 * third
+    # each next one leaves the knot before the middle a step before the last one has left the middle
+    assert answer.bound == len(answer.positions) - 1 == length + 3 * (third - 1)
+
+
+def test_many_stops_and_obstacles_are_solved_to_proven_optimality():
+    """Four agents with twelve segments each: the number of joint states alone rules out trying them all."""
+    rng = np.random.default_rng(0)
+    length, knots = 240, frozenset(range(0, 241, 20))
+    pairs = {}
+    for i in range(4):
+        for j in range(i + 1, 4):
+            pairs[i, j] = np.zeros((length + 1, length + 1), dtype=bool)
+            for row, column in rng.integers(5, 180, (8, 2)).tolist():
+                pairs[i, j][row : row + 30, column : column + 30] = True
+    problem = Problem((knots,) * 4, (length,) * 4, pairs)
+    answer = solve(problem)
+    assert isinstance(answer, Found)
+    check_moves(problem, answer.positions)
+    assert answer.bound == len(answer.positions) - 1 > length
 
 
 def test_the_pair_to_blame_is_named():

@@ -269,7 +269,7 @@ def test_reason_out_of_budget():
     trajectories = tuple(walk(agent, KEYS, 5) for agent in (1, 2, 3, 4))
     diagrams = {}
     for pair_ in ((i, j) for i in range(1, 5) for j in range(i + 1, 5)):
-        diagrams[pair_] = rng.random((21, 21)) < 0.1
+        diagrams[pair_] = rng.random((21, 21)) < 0.05
         diagrams[pair_][0, 0] = diagrams[pair_][-1, -1] = False
     answer = schedule(trajectories, diagrams, budget=1)
     assert isinstance(answer, Violation)
