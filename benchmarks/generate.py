@@ -13,6 +13,7 @@ from pathlib import Path
 
 from omegaconf import OmegaConf
 
+from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.datagen.episode import Settings
 from rf_exp.datagen.generate import generate
 from rf_exp.sim.pool import Pictures
@@ -41,7 +42,7 @@ def main() -> None:
     given = parser.parse_args()
     node = OmegaConf.to_object(OmegaConf.load(CONF / f"{given.task}.yaml"))
     assert isinstance(node, dict)
-    settings = Settings(load_task(given.task, node[given.task]), Row("full"), "scripted")
+    settings = Settings(load_task(given.task, node[given.task]), Row("full"), ScriptedSpec())
     width, height = given.size
     found = {
         f"{what}_{workers}": round(per_hour(settings, pictures, given.episodes, workers))

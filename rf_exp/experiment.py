@@ -8,7 +8,7 @@ from typing import Any, Literal
 import dacite
 from hydra.core.config_store import ConfigStore
 
-from rf_exp.datagen.brain import make_brain
+from rf_exp.datagen.brain import BrainSpec, read_brain
 from rf_exp.datagen.episode import Settings
 from rf_exp.datagen.motion import JointLimits
 from rf_exp.errors import ArgumentError
@@ -30,7 +30,7 @@ class Experiment:
     tasks: tuple[Task, ...]
     rows: tuple[Row, ...]
     archs: tuple[Arch, ...]
-    brain: str
+    brain: BrainSpec
     stages: tuple[str, ...]
     out: Path
     name: str
@@ -72,7 +72,6 @@ class Experiment:
             )
         if not self.pictures.render and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError("render=false makes no pictures to learn from; use it with stages=[generate]")
-        make_brain(self.brain)
 
     def settings(self, task: Task, row: Row) -> Settings:
         """What decides the episodes of a task under a row of constraints."""
@@ -101,7 +100,7 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
             "tasks": tuple(load_task(name, task) for name, task in node["task"].items()),
             "rows": tuple(Row(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
-            "brain": node["brain"]["name"],
+            "brain": read_brain(node["brain"]),
             "out": Path(node["out"]),
             "pictures": {**picture, "render": node["render"]},
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take

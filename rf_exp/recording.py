@@ -1,7 +1,6 @@
 """What an episode looks like in rerun: the bridge from simulator, checker and loop to `rf_exp.viz`."""
 
-import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import TracebackType
@@ -12,17 +11,30 @@ import trimesh
 from numpy.typing import NDArray
 
 from rf_exp.constraints import RoboChecker
+from rf_exp.constraints.clearance import Mask
+from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.logical import ConsistentHeight
 from rf_exp.constraints.occupancy import centres_m, voxels
+from rf_exp.constraints.temporal import ShareSpace
+from rf_exp.constraints.timing import Demands
 from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.episode import Plan
 from rf_exp.robots import LINKS, Panda
 from rf_exp.robots.meshes import light_meshes
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import Scene, Violation
-from rf_exp.viz import CameraModel, Mesh, Recorder, camera_entity, link_entity, object_entity
+from rf_exp.types import ARM_JOINTS, Scene, Trajectory, Violation
+from rf_exp.viz import Mesh, Recorder, camera_entity, link_entity, object_entity
+from rf_exp.viz.text import CheckResult
 
 OCCUPANCY_EVERY = 2  # control steps
+UNITS = {
+    "ValidateInteraction": "m",
+    "ValidateDirection": "deg",
+    "ValidateSpatialOccupancy": "m",
+    "ValidateScheduling": "s",
+}
+ODD_UNITS: dict[type, str] = {ConsistentHeight: "m", ShareSpace: ""}  # a height, a share
 TABLE_M = (2.4, 2.4, 0.02)  # what is drawn of the table
 TABLE_COLOUR = (0.45, 0.40, 0.35)
 
@@ -35,24 +47,21 @@ class EpisodeRecorder:
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
         self._moving = [name for name in world.cameras if task.cameras[name].mount == "wrist"]
-        models = {
-            name: CameraModel(
-                model.width_px,
-                model.height_px,
-                model.fov_y_rad,
-                None if name in self._moving else model.world_from_camera,
-            )
-            for name, model in world.camera_models().items()
-        }
         self._task, self._world = task, world
         self._arms = [Panda(robot.world_from_base) for robot in task.robots]
         self._recorder = Recorder(
-            path, task=task.name, title=title, agents=len(task.agents), cameras=models, meshes=_meshes(task)
+            path,
+            task=task.name,
+            title=title,
+            agents=len(task.agents),
+            cameras=world.camera_models(),
+            meshes=_meshes(task),
+            moving=self._moving,
         )
         self._plan: Plan | None = None
+        self._scene: Scene | None = None  # as seen last
         self._since = 0  # step at which the plan began
-        self._step = 0
-        self._doing: dict[int, str] = {}
+        self._doing: dict[int, tuple[str, str]] = {}  # agent -> subgoal, primitive
         self._touching = False
 
     def __enter__(self) -> Self:
@@ -67,24 +76,32 @@ class EpisodeRecorder:
     # -- what the generation loop tells an observer ------------------------------------------------
 
     def planned(self, plan: Plan, checker: RoboChecker) -> None:
-        """Proposal, check code and the verdict of every check before anything moves."""
-        self._plan, self._since = plan, self._step
+        """Proposal, check code, the evidence of every check, and the diagrams the schedule leads through."""
+        self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
         self._recorder.proposal(plan.proposal)
-        self._recorder.code(str(plan.code))
-        for entry in checker.certificate()["checks"]:
-            lane = re.sub(r"\W+", "-", entry["code"]).strip("-")  # what an entity path shows without escapes
-            self._recorder.verdict(lane, bool(entry["ok"]), entry["reason"])
+        self._recorder.checked(check_results(checker))
+        if checker.plan is not None:
+            self._recorder.coordination(
+                plan.trajectories,
+                plan.schedule,
+                checker.plan.diagrams,
+                orders(checker, plan.trajectories),
+            )
 
     def rejected(self, violation: Violation) -> None:
-        self._recorder.violation(violation)
+        """A violation, marked at the hands of the agents involved; it ends what was going on."""
+        self._recorder.violation(violation, self._hands_m(violation.agents))
+        self._plan = None
+        for agent in self._task.agents:
+            self._do(agent, "", "")
 
     def stepped(
         self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
     ) -> None:
         """One control step: poses, curves, pictures, occupancy, and what each agent is about."""
-        self._step = scene.step + 1
         self.look(scene, action, pictures)
-        self._subgoals(scene)
+        if self._plan is not None:
+            self._follow(self._plan, scene.step - self._since + 1)
 
     # -- what a rollout shows ----------------------------------------------------------------------
 
@@ -104,6 +121,7 @@ class EpisodeRecorder:
         pictures: Mapping[str, NDArray[np.uint8]] | None = None,
     ) -> None:
         """The scene as it is, without a plan."""
+        self._scene = scene
         poses = {object_entity(name): pose for name, pose in scene.poses.items()}
         for agent, arm in zip(self._task.agents, self._arms, strict=True):
             links = arm.links(scene.qpos[agent - 1])
@@ -125,18 +143,59 @@ class EpisodeRecorder:
         for name, occupied in objects.items():
             self._recorder.occupancy(name, None if name in scene.held else centres_m(occupied))
 
-    def _subgoals(self, scene: Scene) -> None:
-        if self._plan is None:
-            return
-        step = min(scene.step - self._since + 1, len(self._plan.schedule))
-        for trajectory in self._plan.trajectories:
-            position = int(self._plan.schedule.positions[step, trajectory.agent - 1])
-            index = int(np.searchsorted(trajectory.knots[1:], position))
-            over = position == len(trajectory)
-            text = "" if over or not trajectory.segments else trajectory.segments[index].subgoal.text
-            if self._doing.get(trajectory.agent) != text:
-                self._doing[trajectory.agent] = text
-                self._recorder.subgoal(trajectory.agent, text)
+    def _follow(self, plan: Plan, step: int) -> None:
+        """What each agent does in a control step of the plan, the first being 1."""
+        positions = plan.schedule.positions
+        now, before = positions[min(step, len(plan.schedule))], positions[min(step, len(plan.schedule)) - 1]
+        self._recorder.positions(now)
+        for trajectory in plan.trajectories:
+            at = int(now[trajectory.agent - 1])
+            moves = at != before[trajectory.agent - 1] and step <= len(plan.schedule)
+            if not moves and at == len(trajectory):
+                self._do(trajectory.agent, "", "")
+                continue
+            segment = trajectory.segments[int(np.searchsorted(trajectory.knots[1:], at))]
+            self._do(trajectory.agent, segment.subgoal.text, segment.primitive if moves else "")
+
+    def _do(self, agent: int, subgoal: str, primitive: str) -> None:
+        if self._doing.get(agent, ("", "")) != (subgoal, primitive):
+            self._doing[agent] = subgoal, primitive
+            self._recorder.motion(agent, subgoal, primitive)
+
+    def _hands_m(self, agents: tuple[int, ...]) -> NDArray[np.float64]:
+        """(K, 3) tool centre points of some agents, as seen last."""
+        if self._scene is None:
+            return np.zeros((0, 3))
+        qpos = self._scene.qpos
+        hands = [self._arms[agent - 1].tcp(qpos[agent - 1, :ARM_JOINTS])[:3, 3] for agent in agents]
+        return np.array(hands).reshape(-1, 3)
+
+
+def check_results(checker: RoboChecker) -> tuple[CheckResult, ...]:
+    """The evidence of all checks on the plan checked last, ready to be shown."""
+    return tuple(check_result(check, evidence) for check, evidence in checker.evidence)
+
+
+def check_result(check: Check, evidence: Evidence) -> CheckResult:
+    """A check with its evidence, ready to be shown."""
+    return CheckResult(
+        repr(check),
+        check.text,
+        evidence.ok,
+        evidence.value,
+        evidence.bound,
+        ODD_UNITS.get(type(check), UNITS[check.name]),
+        evidence.time_s,
+        evidence.reason,
+    )
+
+
+def orders(checker: RoboChecker, trajectories: Sequence[Trajectory]) -> Mapping[tuple[int, int], Mask]:
+    """(P_i, P_j) for pairs of agents i < j: True where the temporal constraints of a plan forbid to be."""
+    demands = Demands(trajectories)
+    for rule in checker.rules:
+        rule.demand(demands)
+    return demands.cells
 
 
 def _meshes(task: Task) -> dict[str, Mesh]:

@@ -15,6 +15,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from rf_exp.datagen.brain import refuse_keys
 from rf_exp.errors import ArgumentError, RfError
 from rf_exp.experiment import CONF, read_experiment, register_all_tasks
 from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
@@ -50,6 +51,7 @@ def guarded(job: Callable[[], None]) -> int:
     # Hydra would print every error itself and exit with 1; this lets them through to here.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     try:
+        refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
         job()
     except (ArgumentError, HydraException, OmegaConfBaseException) as error:
         print(f"wrong argument: {error}", file=sys.stderr)

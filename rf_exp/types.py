@@ -11,6 +11,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.transforms import Matrix
+
 CONTROL_HZ = 20
 CONTROL_DT_S = 1.0 / CONTROL_HZ
 ARM_JOINTS = 7
@@ -195,6 +197,22 @@ class Rollout:
     success_paper: bool
     steps: int
     violations: int  # control steps with a violation, seen by the monitor
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole camera: square pixels, principal point in the middle."""
+
+    width_px: int
+    height_px: int
+    fov_y_rad: float
+    world_from_camera: Matrix  # (4, 4), OpenCV axes: x right, y down, z forward
+
+    @property
+    def intrinsics(self) -> NDArray[np.float64]:
+        """(3, 3) pixels from camera coordinates."""
+        focal = self.height_px / 2 / np.tan(self.fov_y_rad / 2)
+        return np.array([[focal, 0, self.width_px / 2], [0, focal, self.height_px / 2], [0, 0, 1.0]])
 
 
 class World(Protocol):

@@ -13,16 +13,36 @@ import trimesh
 from rf_exp import viz
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.transforms import from_axes, planar, transform
-from rf_exp.types import Constraint, Proposal, Subgoal, Violation
-from rf_exp.viz.layout import AGENT_COLOURS, HOLDS, VIOLATED
+from rf_exp.types import (
+    CameraModel,
+    Constraint,
+    Proposal,
+    Schedule,
+    Segment,
+    Subgoal,
+    Trajectory,
+    Violation,
+)
+from rf_exp.viz import text
+from rf_exp.viz.figures import coordination, coordination_size_px, lanes
+from rf_exp.viz.layout import (
+    AGENT_COLOURS,
+    HOLDS,
+    OBJECT,
+    ORDERED,
+    PRIMITIVES,
+    VIOLATED,
+    WAITS,
+    primitive_colour,
+)
 from rf_exp.viz.shading import creased, srgb
 
 BARRIER = viz.object_entity("barrier")
 LINKS = [viz.link_entity(agent, link) for agent in (1, 2) for link in ("panda_link0", "panda_hand")]
 EYE_M = np.array([1.05, 0.0, 0.75])
 CAMERAS = {
-    "global": viz.CameraModel(32, 24, np.deg2rad(70), from_axes(EYE_M, z=-EYE_M, y=(0, 0, -1))),
-    "agent1": viz.CameraModel(32, 24, np.deg2rad(70)),  # on the wrist: moves
+    "global": CameraModel(32, 24, np.deg2rad(70), from_axes(EYE_M, z=-EYE_M, y=(0, 0, -1))),
+    "agent1": CameraModel(32, 24, np.deg2rad(70), np.eye(4)),  # on the wrist: moves
 }
 QPOS = np.tile([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, 0.8, 0.04, 0.04], (2, 1))
 ACTION = np.tile([0.0, 0.4, 0.0, -2.0, 0.0, 2.4, 0.8, -1.0], (2, 1))
@@ -43,6 +63,7 @@ def open_recorder(path: Path, **changed) -> viz.Recorder:
         "agents": 2,
         "cameras": CAMERAS,
         "meshes": meshes,
+        "moving": ["agent1"] if "agent1" in changed.get("cameras", CAMERAS) else [],
     }
     return viz.Recorder(path, **{**given, **changed})
 
@@ -59,23 +80,25 @@ class Content:
             self.batches[chunk.entity_path].append(chunk.to_record_batch())
             self.timelines[chunk.entity_path] |= set(chunk.timeline_names)
 
+    def rows(self, entity: str, component: str) -> list[tuple[int | None, list]]:
+        """(step, value) of every row that has the component, in the order of logging; static: no step."""
+        found = []
+        for batch in self.batches[entity]:
+            names = batch.schema.names
+            if component in names:
+                values = batch.column(component).to_pylist()
+                steps = batch.column("step").to_pylist() if "step" in names else [None] * len(values)
+                order = [bytes(row) for row in batch.column(names[0]).to_pylist()]
+                found += [row for row in zip(order, steps, values, strict=True) if row[2] is not None]
+        return [(step, value) for _, step, value in sorted(found, key=lambda row: row[0])]
+
     def column(self, entity: str, component: str) -> list:
         """Every logged value of a component, in the order of logging."""
-        rows = []
-        for batch in self.batches[entity]:
-            if component in batch.schema.names:
-                rows += batch.column(component).to_pylist()
-        return [row for row in rows if row is not None]
+        return [value for _, value in self.rows(entity, component)]
 
     def steps(self, entity: str, component: str) -> list[int]:
         """The step of every row that has the component."""
-        found = []
-        for batch in self.batches[entity]:
-            if component in batch.schema.names and "step" in batch.schema.names:
-                values = batch.column(component).to_pylist()
-                pairs = zip(batch.column("step").to_pylist(), values, strict=True)
-                found += [step for step, value in pairs if value is not None]
-        return found
+        return [step for step, _ in self.rows(entity, component) if step is not None]
 
     def texts(self, entity: str) -> list[str]:
         return [text for row in self.column(entity, "TextLog:text") for text in row]
@@ -138,37 +161,82 @@ def test_the_camera_sees_what_its_model_says(path):
     np.testing.assert_allclose(top[:2] / top[2], [16.0, 0.0], atol=1e-3)
 
 
-def test_verdicts_violations_and_subgoals_say_why(path):
+def test_verdicts_and_violations_say_why(path):
     clash = Violation("ValidateSpatialOccupancy", (1, 2), 1.35, 0.031, 0.05, "the arms share 3 voxels")
+    refused = Violation("Motion", (), 0.2, 0.0, 0.0, "no free path")
     with open_recorder(path) as recorder:
-        recorder.subgoal(1, "grasp barrier at left")
-        recorder.violation(clash, where_m=(0.0, 0.1, 0.3))
-        recorder.violation(clash, where_m=(0.0, 0.2, 0.3))
+        recorder.violation(clash, [(0.0, 0.1, 0.3), (0.0, -0.1, 0.3)])
+        recorder.violation(clash, [(0.0, 0.2, 0.3)])
+        recorder.violation(refused)
         recorder.step(3, poses=POSES, qpos=QPOS)
         recorder.verdict("ValidateSpatialOccupancy", True, "no shared voxel over 4.2 s")
-        recorder.subgoal(1, "lift barrier by 0.2 m")
-        recorder.subgoal(1, "")
     content = Content(path)
     lane = "/checks/ValidateSpatialOccupancy"
     why = "agent 1 and agent 2: the arms share 3 voxels (0.031, bound 0.05, at 1.35 s)"
     assert content.texts(lane)[0] == f"ValidateSpatialOccupancy: {why}"
     assert content.texts(lane)[-1] == "ValidateSpatialOccupancy: no shared voxel over 4.2 s"
+    assert content.texts("/checks/Motion") == ["Motion: no free path (at 0.20 s)"]
     assert content.column(lane, "StateChange:state") == [["violated"], ["violated"], ["holds"]]
     assert content.steps(lane, "StateChange:state") == [0, 0, 3]
     assert content.column(lane, "StateConfiguration:values") == [["holds", "violated"]]
     marks = content.column("/world/violations", "Points3D:positions")[-1]
-    np.testing.assert_allclose(marks, [[0.0, 0.1, 0.3], [0.0, 0.2, 0.3]], atol=1e-6)
-    told = content.texts("/subgoals/agent1")
-    assert told == ["agent 1: grasp barrier at left", "agent 1: lift barrier by 0.2 m"]
-    assert content.column("/subgoals/agent1", "StateChange:state")[-1] == [""]
-    shown = content.column("/subgoals/agent1", "StateConfiguration:values")[-1]
-    assert shown == ["grasp barrier at left", "lift barrier by 0.2 m"]
+    np.testing.assert_allclose(marks, [[0.0, 0.1, 0.3], [0.0, -0.1, 0.3], [0.0, 0.2, 0.3]], atol=1e-6)
+
+
+def test_lanes_tell_motions_from_waiting(path):
+    with open_recorder(path) as recorder:
+        recorder.motion(1, "grasp barrier at left", "approach")
+        recorder.step(3, poses=POSES, qpos=QPOS)
+        recorder.motion(1, "lift barrier by 0.2 m", "")
+        recorder.step(4, poses=POSES, qpos=QPOS)
+        recorder.motion(1, "lift barrier by 0.2 m", "lift")
+        recorder.motion(1, "", "")
+    content, lane = Content(path), "/motions/agent1"
+    states = [state for row in content.column(lane, "StateChange:state") for state in row]
+    shown = ["approach: grasp barrier at left", "waits", "lift: lift barrier by 0.2 m"]
+    assert states == [*shown, ""]
+    assert content.steps(lane, "StateChange:state") == [0, 3, 4, 4]
+    assert content.column(lane, "StateConfiguration:values")[-1] == shown
+    colours = [PRIMITIVES["approach"], WAITS, PRIMITIVES["lift"]]
+    written = content.column(lane, "StateConfiguration:colors")[-1]
+    assert [(each >> 24, each >> 16 & 255, each >> 8 & 255) for each in written] == colours
+
+
+RESULTS = (
+    text.CheckResult("VI(Agent_1, barrier, left)", "said", True, 0.0021, 0.01, "m", 1.5, "2 mm | off"),
+    text.CheckResult("VSO(Agent_1)", "said", False, 0.004, 0.01, "m", 2.0, "too near"),
+    text.CheckResult("VSO(Agent_2, objects)", "said", True, np.inf, 0.003, "m", 0.0, "nothing to avoid"),
+)
+
+
+def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(path):
+    with open_recorder(path) as recorder:
+        recorder.violation(Violation("Motion", (), 0.0, 0.0, 0.0, "no free path"))
+        recorder.checked(RESULTS)
+        recorder.step(5, poses=POSES, qpos=QPOS)
+        recorder.checked(RESULTS[:1])
+    content = Content(path)
+    [first], [both] = content.column("/plan/checks", "TextDocument:text")
+    assert both.endswith(first)
+    assert both.startswith("## Check code 2, step 5\n\n**True**: all 1 checks hold.")
+    assert "**False**: 1 of 3 checks are violated." in first
+    assert "and VSO(Agent_1)  # VIOLATED: 0.004 m, bound 0.01 m\n" in first
+    assert "| **violated** | `VSO(Agent_1)` | 0.004 m | 0.01 m | 2.00 s | too near |" in first
+    assert "| `VSO(Agent_2, objects)` | none | 0.003 m |" in first
+    assert "2 mm \\| off" in first  # else it would end the cell
+
+    def lane(name: str) -> list[str]:
+        return [state for row in content.column(f"/checks/{name}", "StateChange:state") for state in row]
+
+    assert lane("VI-Agent_1-barrier-left") == ["holds", "holds"]
+    assert lane("VSO-Agent_1") == ["violated", ""]
+    assert lane("Motion") == ["violated", ""]
 
 
 def test_the_mark_of_a_violation_leaves_after_half_a_second(path):
     clash = Violation("ValidateSpatialOccupancy", (1, 2), 0.0, 0.031, 0.05, "too close")
     with open_recorder(path) as recorder:
-        recorder.violation(clash, where_m=(0.0, 0.1, 0.3))
+        recorder.violation(clash, [(0.0, 0.1, 0.3)])
         for step in (5, 9, 10, 11):
             recorder.step(step, poses=POSES, qpos=QPOS)
     content = Content(path)
@@ -199,14 +267,92 @@ def test_documents_show_every_attempt_newest_first(path):
     with open_recorder(path) as recorder:
         recorder.proposal(proposal)
         recorder.proposal(proposal)
-        recorder.code("ValidateScheduling(agents=(1, 2))")
     content = Content(path)
-    [text] = content.column("/plan/proposals", "TextDocument:text")[-1]
-    assert text.index("Proposal 2, step 0") < text.index("Proposal 1, step 0")
-    assert "1. grasp barrier at left" in text
-    assert "- *temporal*, agents 1, 2: lift at the same time" in text
-    [[code]] = content.column("/plan/checks", "TextDocument:text")
-    assert "```python\nValidateScheduling(agents=(1, 2))\n```" in code
+    [shown] = content.column("/plan/proposals", "TextDocument:text")[-1]
+    assert shown.index("Proposal 2, step 0") < shown.index("Proposal 1, step 0")
+    assert "1. grasp barrier at left" in shown
+    assert "- *temporal*, agents 1, 2: lift at the same time" in shown
+    assert "agent 2 is to grasp barrier at right" in content.texts("/log")
+
+
+def still(agent: int, *parts: tuple[str, int]) -> Trajectory:
+    """Segments of so many steps that do not move: pictures of plans only count steps."""
+    segments = tuple(
+        Segment(agent, Subgoal(agent, "grasp", "barrier", "left"), name, np.zeros((steps, 7)), np.ones(steps))
+        for name, steps in parts
+    )
+    return Trajectory(agent, np.zeros(7), 1.0, segments)
+
+
+TWO = (still(1, ("approach", 20), ("close", 10)), still(2, ("approach", 20)))
+# Agent 2 waits at its start while agent 1 makes ten steps, then both go on.
+TIMED = Schedule(np.array([[t, 0] for t in range(10)] + [[10 + t, t] for t in range(21)]), 30)
+
+
+def colour_at(picture: np.ndarray, pixel: np.ndarray) -> tuple[int, ...]:
+    column, row = np.floor(pixel).astype(int)
+    return tuple(picture[row, column].tolist())
+
+
+def test_diagrams_colour_what_is_forbidden_where_the_schedule_is_drawn():
+    close, ordered = np.zeros((31, 21), bool), np.zeros((31, 21), bool)
+    close[24:29, 3:8], ordered[2:7, 12:18] = True, True
+    found = coordination(TWO, TIMED, {(1, 2): close}, {(1, 2): ordered})
+    assert found.pairs == ((1, 2),)
+    assert found.picture.shape[1::-1] == coordination_size_px(1)
+
+    def at(i: int, j: int) -> tuple[int, ...]:
+        [pixel] = found.at(np.array([i, j]))
+        return colour_at(found.picture, pixel)
+
+    assert at(26, 5) == VIOLATED
+    assert at(4, 15) == ORDERED
+    assert at(5, 0) == at(20, 10) == (255, 255, 255)  # the schedule
+    assert at(5, 26 % 21) != VIOLATED  # the axes are not swapped
+
+
+def test_every_pair_has_a_diagram_of_its_own():
+    three = (*TWO, still(3, ("lift", 40)))
+    positions = np.column_stack([np.minimum(np.arange(41), 30), np.minimum(np.arange(41), 20), np.arange(41)])
+    pairs = ((1, 2), (1, 3), (2, 3))
+    free = {(i, j): np.zeros((len(three[i - 1]) + 1, len(three[j - 1]) + 1), bool) for i, j in pairs}
+    free[2, 3][15:20, 0:6] = True
+    found = coordination(three, Schedule(positions, 40), free, {})
+    pixels = found.at(np.array([17, 17, 3]))
+    hits = [colour_at(found.picture, pixel) == VIOLATED for pixel in pixels]
+    assert found.pairs == pairs
+    assert hits == [False, False, True]
+
+
+def test_the_picture_of_lanes_shows_motion_and_waiting():
+    picture = lanes(TWO, TIMED)
+    shown = {tuple(colour) for colour in picture.reshape(-1, 3).tolist()}
+    assert {PRIMITIVES["approach"], PRIMITIVES["close"], WAITS} <= shown
+    assert PRIMITIVES["lift"] not in shown
+    legend = picture.shape[0] // 4  # above the rows
+    waiting = (picture[legend:] == WAITS).all(axis=-1).any(axis=0)
+    assert (
+        0.25 < waiting.sum() / picture.shape[1] < 0.4
+    )  # agent 2, 10 of 30 steps of nine tenths of the width
+
+
+def test_a_primitive_without_a_colour_is_grey():
+    assert primitive_colour("juggle") == OBJECT
+
+
+def test_the_point_in_the_diagram_moves_with_the_plan(path):
+    with open_recorder(path) as recorder:
+        recorder.positions(np.array([0, 0]))  # no plan yet: nothing to show
+        recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
+        for step in range(3):
+            recorder.step(step, poses=POSES, qpos=QPOS)
+            recorder.positions(TIMED.positions[10 + step])
+    content = Content(path)
+    assert len(content.column("/plan/diagrams", "EncodedImage:blob")) == 1
+    places = np.array(content.column("/plan/diagrams/now", "Points2D:positions"))[:, 0]
+    assert content.steps("/plan/diagrams/now", "Points2D:positions") == [0, 1, 2]
+    right, down = np.diff(places, axis=0).T
+    assert (right > 0).all() and (down < 0).all()  # both agents go on
 
 
 @pytest.mark.parametrize("cameras", [CAMERAS, {}], ids=["rendered", "without pictures"])
@@ -214,7 +360,9 @@ def test_the_layout_is_in_the_file(path, cameras):
     with open_recorder(path, cameras=cameras) as recorder:
         recorder.step(0, poses=POSES, qpos=QPOS)
         recorder.proposal(Proposal((), ()))
-        recorder.code("")
+        recorder.checked(RESULTS)
+        recorder.motion(1, "home", "move")
+        recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
     [entry] = Content(path).blueprints
     layout = Content(path, entry)
     views = [entity for entity in layout.batches if entity.startswith("/view/") and entity.count("/") == 2]
@@ -223,8 +371,8 @@ def test_the_layout_is_in_the_file(path, cameras):
         return [row[0] for view in views for row in layout.column(view, f"ViewBlueprint:{name}")]
 
     classes, names, origins = fields("class_identifier"), fields("display_name"), fields("space_origin")
-    assert classes.count("2D") == len(cameras)
-    assert classes.count("3D") == 1
+    assert classes.count("2D") == len(cameras) + 1  # and the diagrams
+    assert classes.count("3D") == 2  # with and without occupancy
     assert {"agent 1 joints (rad)", "agent 2 joints (rad)", "grippers (mm open)", "log"} <= set(names)
     recorded = Content(path).batches
     for origin in origins:  # a view of an entity that is never written would stay empty
@@ -312,10 +460,10 @@ def test_other_wrong_values_are_named(path):
             recorder.occupancy("agent3", np.zeros((1, 3)))
         with pytest.raises(ArgumentError, match="centres_m of agent1 has shape 4x2; expected 4x3"):
             recorder.occupancy("agent1", np.zeros((4, 2)))
-        with pytest.raises(ArgumentError, match="where_m has shape 2; expected 3"):
-            recorder.violation(Violation("Check", (1,), 0.0, 1.0, 0.0, "why"), where_m=(0.0, 1.0))
+        with pytest.raises(ArgumentError, match="places_m has shape 1x2; expected 1x3"):
+            recorder.violation(Violation("Check", (1,), 0.0, 1.0, 0.0, "why"), [(0.0, 1.0)])
         with pytest.raises(ArgumentError, match="unknown agent 'agent0'; available: agent1, agent2"):
-            recorder.subgoal(0, "home")
+            recorder.motion(0, "home", "move")
 
 
 def test_wrong_recordings_are_refused_with_the_reason(path, tmp_path):
@@ -323,6 +471,8 @@ def test_wrong_recordings_are_refused_with_the_reason(path, tmp_path):
         open_recorder(path.with_suffix(".mp4"))
     with pytest.raises(ArgumentError, match="recording of 0 agents; expected at least 1"):
         open_recorder(path, agents=0)
+    with pytest.raises(ArgumentError, match="unknown moving camera 'agent9'; available: agent1, global"):
+        open_recorder(path, moving=["agent9"])
     bad = viz.Mesh(np.zeros((3, 3)), np.array([[0, 1, 2]]), colour=np.zeros((2, 3)))
     with pytest.raises(ArgumentError, match="colour of 'world/objects/bad' has shape 2x3; expected 3 or 3x3"):
         open_recorder(path, meshes={viz.object_entity("bad"): bad})
@@ -335,7 +485,7 @@ def test_a_hundred_steps_with_three_pictures_stay_small(path):
     """Pictures without any flat ground: blobs of 20 pixels in all colours."""
     rng = np.random.default_rng(0)
     noise = cv2.resize(rng.integers(0, 256, (12, 16, 3), dtype=np.uint8), (320, 240))
-    cameras = {name: viz.CameraModel(320, 240, 1.2, np.eye(4)) for name in ("global", "agent1", "agent2")}
+    cameras = {name: CameraModel(320, 240, 1.2, np.eye(4)) for name in ("global", "agent1", "agent2")}
     with open_recorder(path, cameras=cameras) as recorder:
         for step in range(100):
             pictures = {name: np.roll(noise, step, axis=1).astype(np.uint8) for name in cameras}

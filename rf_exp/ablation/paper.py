@@ -12,21 +12,11 @@ Grid = Mapping[str, Mapping[str, float]]  # row -> task -> figure
 
 
 @dataclass(frozen=True)
-class PaperTask:
-    """A task as the paper's supplementary table describes it."""
-
-    title: str
-    agents: int
-    description: str
-    condition: str
-
-
-@dataclass(frozen=True)
 class Paper:
     """Every figure of the paper's tables."""
 
     source: str
-    tasks: Mapping[str, PaperTask]  # in the order of the paper
+    levels: Mapping[str, int]  # task -> number of agents, in the order of the baseline table
     baseline: Mapping[str, Mapping[int, float]]  # task -> demonstrations -> rate
     averages: Mapping[int, Mapping[int, float]]  # agents -> demonstrations -> rate, as printed
     architectures: Grid  # rates
@@ -53,7 +43,7 @@ def paper() -> Paper:
 
     return Paper(
         source=raw["source"],
-        tasks={name: PaperTask(**task) for name, task in raw["tasks"].items()},
+        levels={task: agents for agents, tasks in raw["levels"].items() for task in tasks},
         baseline={task: by_demos(figures) for task, figures in raw["baseline"].items()},
         averages={agents: by_demos(figures) for agents, figures in raw["averages"].items()},
         architectures=rates(raw["architectures"]),

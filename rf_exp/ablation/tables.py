@@ -12,12 +12,14 @@ from typing import Literal
 from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results, newest
 from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
+from rf_exp.ablation.suite import Suite, configured
 from rf_exp.errors import choices
 
 Unit = Literal["rate", "steps", "text"]
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
 BASELINE_CONSTRAINTS = "full"  # whose demonstrations the paper's policies learn from
 BASELINE_BRAIN = "scripted"
+LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals, policies with joint targets
 
 
 @dataclass(frozen=True)
@@ -90,9 +92,9 @@ class Table:
         )
 
 
-def title_of(task: str) -> str:
-    """The paper's name of a task; for further tasks their own in title case."""
-    known = paper().tasks.get(task)
+def title_of(task: str, suite: Suite | None = None) -> str:
+    """The configured title of a task; where it is not in the suite its name in title case."""
+    known = (configured() if suite is None else suite).get(task)
     return known.title if known else task.replace("_", " ").title()
 
 
@@ -141,11 +143,12 @@ def text_cell(value: object) -> Cell:
 # Tables
 
 
-def tasks(results: Results) -> Table:
+def tasks(results: Results, suite: Suite) -> Table:
     """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
     demos = _demos(results)
     columns = [
         Column("agents", "Agents", "text"),
+        Column("criteria", "Criteria version", "text"),
         Column("generated", "Data generation"),
         Column("length", "Episode length", "steps"),
         *(Column(f"demos_{count}", f"{count} demos") for count in demos),
@@ -153,53 +156,63 @@ def tasks(results: Results) -> Table:
         Column("condition", "Target condition", "text"),
     ]
     lines = []
-    for task in _tasks(paper().tasks, (*results.generation, *results.evaluation)):
-        known = paper().tasks.get(task)
+    for task in _tasks([*paper().levels, *suite], (*results.generation, *results.evaluation)):
+        known = suite.get(task)
         made = _generated(results, task, BASELINE_CONSTRAINTS, BASELINE_BRAIN)
         cells = [
-            text_cell(known.agents if known else ""),
+            text_cell(_agents(task, suite) or ""),
+            text_cell(known.version if known else ""),
             rate_cell(made, paper().ablation_success["full"].get(task)),
             length_cell(made, paper().ablation_length["full"].get(task)),
             *(_baseline_cell(results, task, count) for count in demos),
             text_cell(known.description if known else ""),
             text_cell(known.condition if known else ""),
         ]
-        lines.append(Line(task, title_of(task), tuple(cells)))
+        lines.append(Line(task, title_of(task, suite), tuple(cells)))
     caption = (
         f"All tasks: demonstrations made under all constraints by the {BASELINE_BRAIN} brain, and "
         f"{BASELINE_ARCH} policies that learnt from them."
     )
-    notes = _left_out(results) + _mixed_versions(lines)
+    absent = [title_of(task, suite) for task in paper().levels if task not in suite]
+    gap = [f"Tasks of the paper without a configuration: {', '.join(absent)}."] if absent else []
+    notes = (*gap, *_left_out(results), *_mixed_versions(lines))
     return Table("tasks", "Tasks", caption, "Task", tuple(columns), tuple(lines), notes)
 
 
-def benchmark(results: Results) -> Table:
-    """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline)."""
+def benchmark(results: Results, suite: Suite) -> Table:
+    """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline).
+
+    The averages are over the paper's tasks of a level, so that they stand beside the paper's.
+    """
     demos = _demos(results)
     columns = (
         Column("agents", "Agents", "text"),
         *(Column(f"demos_{count}", f"{count} demos") for count in demos),
     )
-    lines = []
-    names = _tasks(paper().tasks, results.evaluation)
-    for agents in (*paper().averages, None):
-        level = [name for name in names if _agents(name) == agents]
-        of_level = [
+
+    def lines_of(names: Iterable[str]) -> list[Line]:
+        return [
             Line(
                 name,
-                title_of(name),
-                (text_cell(agents or ""), *(_baseline_cell(results, name, count) for count in demos)),
+                title_of(name, suite),
+                (
+                    text_cell(_agents(name, suite) or ""),
+                    *(_baseline_cell(results, name, count) for count in demos),
+                ),
             )
-            for name in level
+            for name in names
         ]
-        lines += of_level
-        if agents is not None:
-            figures = paper().averages[agents]
-            averages = (
-                _average([line.cells[index] for line in of_level], figures.get(count))
-                for index, count in enumerate(demos, start=1)
-            )
-            lines.append(Line(f"average_{agents}", "Average", (text_cell(agents), *averages)))
+
+    lines = []
+    for agents, figures in paper().averages.items():
+        of_level = lines_of(name for name, level in paper().levels.items() if level == agents)
+        averages = (
+            _average([line.cells[index] for line in of_level], figures.get(count))
+            for index, count in enumerate(demos, start=1)
+        )
+        lines += [*of_level, Line(f"average_{agents}", "Average", (text_cell(agents), *averages))]
+    listed = _tasks([*paper().levels, *suite], results.evaluation)
+    lines += lines_of(name for name in listed if name not in paper().levels)
     return Table(
         "benchmark",
         "Diffusion policy baseline",
@@ -211,26 +224,27 @@ def benchmark(results: Results) -> Table:
     )
 
 
-def comparison(results: Results) -> Table:
-    """What embodied benchmarks cover (paper, comparison of benchmarks), and this suite by its rows."""
+def comparison(results: Results, suite: Suite) -> Table:
+    """What embodied benchmarks cover (paper, comparison of benchmarks), and this suite by its tasks."""
     columns = (
         Column("single", "Single-agent", "text"),
         Column("multi", "Multi-agent", "text"),
         Column("level", "Task level", "text"),
     )
-    found = {_agents(row.task) for row in (*results.generation, *results.evaluation)} - {None}
-    levels = ["Plan" if results.generation else "", "Control" if results.evaluation else ""]
-    here = (1 in found, any(agents != 1 for agents in found), " & ".join(filter(None, levels)) or "missing")
-    entries = {**paper().comparison, "This suite": here}
+    counts = [task.agents for task in suite.values()]
+    here = (1 in counts, any(agents > 1 for agents in counts), LEVEL)
     lines = []
-    for name, (single, multi, level) in entries.items():
+    for name, (single, multi, level) in {**paper().comparison, "This suite": here}.items():
         texts = ("yes" if single else "no", "yes" if multi else "no", level)
         lines.append(Line(name, name, tuple(map(text_cell, texts))))
-    caption = "Embodied benchmarks. The last row says what the result rows at hand cover."
+    levels = ", ".join(f"{n} with {agents}" for agents, n in sorted(Counter(counts).items()))
+    caption = (
+        f"Embodied benchmarks. This suite has {len(suite)} tasks, by number of agents: {levels or 'none'}."
+    )
     return Table("comparison", "Comparison of benchmarks", caption, "Benchmark", columns, tuple(lines))
 
 
-def architectures(results: Results) -> Table:
+def architectures(results: Results, suite: Suite) -> Table:
     """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand."""
     rows = [row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS]
     names = _tasks(paper().architectures[BASELINE_ARCH], rows)
@@ -239,7 +253,7 @@ def architectures(results: Results) -> Table:
     counts = sorted({row.demos for row in rows}) or [paper().demos[-1]]
     columns = (
         Column("demos", "Demos", "text"),
-        *(Column(name, title_of(name)) for name in names),
+        *(Column(name, title_of(name, suite)) for name in names),
     )
     lines, gaps = [], []
     for count in counts:
@@ -254,7 +268,7 @@ def architectures(results: Results) -> Table:
             lines.append(Line(f"{arch}-{count}", arch, (text_cell(count), *cells)))
         for index, name in enumerate(names, start=1):
             same = {line.title: line.cells[index] for line in lines if line.key.endswith(f"-{count}")}
-            gaps += _gaps(f"{title_of(name)}, {count} demos", same, BASELINE_ARCH)
+            gaps += _gaps(f"{title_of(name, suite)}, {count} demos", same, BASELINE_ARCH)
     notes = [f"The paper's figures are with {paper().demos[-1]} demonstrations.", *gaps]
     return Table(
         "architectures",
@@ -267,9 +281,9 @@ def architectures(results: Results) -> Table:
     )
 
 
-def ablation_success(results: Results) -> Table:
+def ablation_success(results: Results, suite: Suite) -> Table:
     """Success rate of data generation, seeds as denominators (paper, ablation)."""
-    columns, lines = _ablation(results, "rate", paper().ablation_success, rate_cell)
+    columns, lines = _ablation(results, suite, "rate", paper().ablation_success, rate_cell)
     gaps = [
         gap
         for index, column in enumerate(columns)
@@ -286,9 +300,9 @@ def ablation_success(results: Results) -> Table:
     )
 
 
-def ablation_length(results: Results) -> Table:
+def ablation_length(results: Results, suite: Suite) -> Table:
     """Mean length of the valid demonstrations (paper, ablation)."""
-    columns, lines = _ablation(results, "steps", paper().ablation_length, length_cell)
+    columns, lines = _ablation(results, suite, "steps", paper().ablation_length, length_cell)
     return Table(
         "ablation_length",
         "Ablation: episode length",
@@ -300,29 +314,30 @@ def ablation_length(results: Results) -> Table:
     )
 
 
-TABLES: Mapping[str, Callable[[Results], Table]] = {
+TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
     builder.__name__: builder
     for builder in (tasks, comparison, benchmark, architectures, ablation_success, ablation_length)
 }
 
 
-def build(results: Results) -> dict[str, Table]:
-    """Every table, by name."""
-    return {name: builder(results) for name, builder in TABLES.items()}
+def build(results: Results, suite: Suite | None = None) -> dict[str, Table]:
+    """Every table, by name, for a suite of tasks; without one for all that are configured."""
+    suite = configured() if suite is None else suite
+    return {name: builder(results, suite) for name, builder in TABLES.items()}
 
 
 # What several tables need
 
 
 def _tasks(known: Iterable[str], rows: Iterable[GenerationRow | EvaluationRow]) -> list[str]:
-    """The paper's tasks in its order, then any further one that has rows."""
-    listed = list(known)
+    """The known tasks in their order, then any further one that has rows."""
+    listed = list(dict.fromkeys(known))
     return listed + sorted({row.task for row in rows} - set(listed))
 
 
-def _agents(task: str) -> int | None:
-    known = paper().tasks.get(task)
-    return known.agents if known else None
+def _agents(task: str, suite: Suite) -> int | None:
+    known = suite.get(task)
+    return known.agents if known else paper().levels.get(task)
 
 
 def _demos(results: Results) -> list[int]:
@@ -356,6 +371,7 @@ def _average(cells: Sequence[Cell], figure: float | None) -> Cell:
 
 def _ablation(
     results: Results,
+    suite: Suite,
     unit: Unit,
     figures: Mapping[str, Mapping[str, float]],
     cell: Callable[[Iterable[GenerationRow], float | None], Cell],
@@ -378,7 +394,7 @@ def _ablation(
         title = constraints.replace("_", " + ") if constraints != "full" else "logical + spatial + temporal"
         key = constraints if own else f"{constraints}-{brain}"
         lines.append(Line(key, title if own else f"{title} ({brain} brain)", tuple(cells)))
-    return tuple(Column(name, title_of(name), unit) for name in names), tuple(lines)
+    return tuple(Column(name, title_of(name, suite), unit) for name in names), tuple(lines)
 
 
 def _gaps(label: str, cells: Mapping[str, Cell], reference: str) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import CheckCode, RoboChecker, actions
-from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json, to_json
+from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
 from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
@@ -43,13 +43,17 @@ class Settings:
 
     task: Task
     row: Row
-    brain: str
+    brain: BrainSpec
     limits: JointLimits = field(default_factory=JointLimits)
     attempts: int = 4
 
     def __post_init__(self) -> None:
         if self.attempts < 1:
             raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
+
+    def make_brain(self, seed: int) -> Brain:
+        """The brain for one episode."""
+        return self.brain.make(self.task, self.row, seed)
 
 
 @dataclass(frozen=True)

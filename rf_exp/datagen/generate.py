@@ -4,14 +4,13 @@ from collections.abc import Iterator, Sequence
 
 from joblib import delayed
 
-from rf_exp.datagen.brain import make_brain
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.sim.pool import Pictures, in_order, simulator
 
 
 def make_episode(settings: Settings, pictures: Pictures, seed: int) -> Outcome:
     """One episode in this process. The same arguments give the same bytes, whatever ran before."""
-    return EpisodeMaker(settings, simulator(settings.task, pictures), make_brain(settings.brain)).make(seed)
+    return EpisodeMaker(settings, simulator(settings.task, pictures), settings.make_brain(seed)).make(seed)
 
 
 def generate(settings: Settings, pictures: Pictures, seeds: Sequence[int], workers: int) -> Iterator[Outcome]:

@@ -1,10 +1,9 @@
 """Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
-from rf_exp.datagen.brain import make_brain
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate
 from rf_exp.errors import StageError
@@ -27,7 +26,15 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
     """
     title = f"generate {task.name}/{row.name}"
     settings, pictures = experiment.settings(task, row), experiment.pictures
-    made_of = plain({**asdict(settings), "task": task.name, "scene": asdict(task), "version": task.version})
+    made_of = plain(
+        {
+            **asdict(settings),
+            "task": task.name,
+            "scene": asdict(task),
+            "version": task.version,
+            "brain": settings.brain.identity,
+        }
+    )
     path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
     with owned(rows_path, made_of), owned(path), _store(experiment, task, row, made_of) as store:
         known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
@@ -51,7 +58,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
                     if outcome.episode is not None:
                         store.append(outcome.episode)
                     if outcome.seed not in known:
-                        rows.append(rows_path, _row(task, row, settings.brain, outcome))
+                        rows.append(rows_path, _row(task, row, settings.brain.name, outcome))
                     tried.append(outcome.seed)
                     made += outcome.success
                     progress.advance(
@@ -80,13 +87,14 @@ def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, obje
 def _record(experiment: Experiment, task: Task, row: Row, seeds: list[int]) -> None:
     """Makes the first successful episodes once more, being recorded: same seed, same episode."""
     settings = experiment.settings(task, row)
+    settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
     for seed in seeds:
         path = recording_path(experiment, task, row, "generate", seed)
         if path.exists():
             continue
         world, title = simulator(task, experiment.pictures), f"{task.title}, {row.name}, scene {seed}"
         with complete(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
-            EpisodeMaker(settings, world, make_brain(settings.brain), recorder).make(seed)
+            EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")
     close_simulator()
 

@@ -5,7 +5,17 @@ the file. All geometry is handed in as arrays; world frame, metres, radians. Wha
 called and how to look at a file: docs/recordings.md.
 """
 
+from rf_exp.viz import figures, text
 from rf_exp.viz.layout import agent_colour, camera_entity, link_entity, object_entity
-from rf_exp.viz.recorder import CameraModel, Mesh, Recorder
+from rf_exp.viz.recorder import Mesh, Recorder
 
-__all__ = ["CameraModel", "Mesh", "Recorder", "agent_colour", "camera_entity", "link_entity", "object_entity"]
+__all__ = [
+    "Mesh",
+    "Recorder",
+    "agent_colour",
+    "camera_entity",
+    "figures",
+    "link_entity",
+    "object_entity",
+    "text",
+]

@@ -19,14 +19,39 @@ HOLDS: Rgb = (84, 130, 110)  # muted green: what is fine should not shout
 OBJECT: Rgb = (150, 150, 150)
 JOINT_COLOURS: tuple[Rgb, ...] = (*AGENT_COLOURS, (235, 235, 235))  # seven joints
 
+BACKGROUND: Rgb = (28, 30, 34)
+INK: Rgb = (215, 215, 215)
+ORDERED: Rgb = (62, 76, 112)  # cells of a coordination diagram that an order forbids
+WAITS: Rgb = (70, 72, 78)
+# Blue on the way with an empty hand, yellow at the fingers, green with a load, purple for contact.
+PRIMITIVES: dict[str, Rgb] = {
+    "move": (62, 104, 158),
+    "approach": (84, 146, 196),
+    "retreat": (46, 76, 120),
+    "close": (176, 136, 32),
+    "open": (132, 104, 48),
+    "lift": (44, 128, 86),
+    "carry": (70, 156, 104),
+    "lower": (34, 98, 72),
+    "press": (150, 92, 158),
+    "strike": (116, 68, 140),
+}
+
 EYE_M = (1.7, -0.8, 1.3)  # looks the way the tasks' global cameras do, from higher and further
 LOOK_AT_M = (0.0, 0.0, 0.15)
 PICTURE_COLUMNS = 3
+
+PROPOSALS, CHECKS, DIAGRAMS, MOTIONS = "plan/proposals", "plan/checks", "plan/diagrams", "motions"
 
 
 def agent_colour(agent: int) -> Rgb:
     """The colour of an agent (from 1), the same in every view and every recording."""
     return AGENT_COLOURS[(agent - 1) % len(AGENT_COLOURS)]
+
+
+def primitive_colour(primitive: str) -> Rgb:
+    """The colour of a motion primitive; grey for one that has none of its own."""
+    return PRIMITIVES.get(primitive, OBJECT)
 
 
 def shade(colour: Rgb, factor: float) -> Rgb:
@@ -51,48 +76,85 @@ def camera_entity(name: str) -> str:
     return f"world/cameras/{name}"
 
 
-def blueprint(agents: int, cameras: tuple[str, ...]) -> rrb.Blueprint:
-    """How the viewer opens: the scene large on the left, curves below it, evidence on the right."""
-    scene = rrb.Spatial3DView(
-        name="scene",
-        origin="world",
-        background=[28, 30, 34],
-        line_grid=rrb.LineGrid3D(spacing=0.25, stroke_width=0.5, color=[90, 90, 90, 120]),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=EYE_M, look_target=LOOK_AT_M, eye_up=(0.0, 0.0, 1.0)
-        ),
-    )
-    joints = [
-        rrb.TimeSeriesView(name=f"agent {agent} joints (rad)", origin=f"joints/agent{agent}")
-        for agent in range(1, agents + 1)
-    ]
-    grippers = rrb.TimeSeriesView(name="grippers (mm open)", origin="gripper")
-    curves = rrb.Horizontal(rrb.Tabs(*joints, active_tab=0), grippers, column_shares=[2, 1])
+def blueprint(
+    agents: int, cameras: tuple[str, ...], diagrams_px: tuple[int, int] | None = None
+) -> rrb.Blueprint:
+    """How the viewer opens: the scene and what each agent does on the left, evidence on the right.
 
+    `diagrams_px`: width and height of the picture of coordination diagrams, None without one.
+    """
     pictures = [rrb.Spatial2DView(name=name, origin=camera_entity(name)) for name in cameras]
-    lanes = rrb.StateTimelineView(name="subgoals and checks", contents=["subgoals/**", "checks/**"])
-    log = rrb.TextLogView(
-        name="log",
-        contents=["log/**", "subgoals/**", "checks/**"],
-        columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["loglevel", "body"]),
-    )
-    documents = [
-        rrb.TextDocumentView(name="proposals", origin="plan/proposals"),
-        rrb.TextDocumentView(name="check code", origin="plan/checks"),
-    ]
-    evidence: list[rrb.View | rrb.Container] = [lanes, rrb.Tabs(log, *documents, active_tab=0)]
-    shares = [0.5 + 0.2 * agents, 1.0]  # a lane for each agent
+    right: list[rrb.View | rrb.Container] = [_reasons(diagrams_px), _evidence()]
+    shares = [1.15, 1.0]
     if pictures:
         columns = min(len(pictures), PICTURE_COLUMNS)
-        evidence.insert(0, rrb.Grid(*pictures, grid_columns=columns))
-        shares.insert(0, 0.75 * -(-len(pictures) // columns))
+        right.insert(0, rrb.Grid(*pictures, grid_columns=columns))
+        shares.insert(0, 0.5 * -(-len(pictures) // columns))
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, curves, row_shares=[3.0, 1.2]),
-            rrb.Vertical(*evidence, row_shares=shares),
+            rrb.Vertical(_scene(), _curves(agents), row_shares=[3.0, 0.35 + 0.2 * agents]),
+            rrb.Vertical(*right, row_shares=shares),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(state="collapsed", timeline="time", loop_mode="all"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
     )
+
+
+def _scene() -> rrb.Tabs:
+    """The scene with the occupancy that is checked, and without."""
+    views = [
+        rrb.Spatial3DView(
+            name=name,
+            origin="world",
+            background=BACKGROUND,
+            line_grid=rrb.LineGrid3D(spacing=0.25, stroke_width=0.5, color=[90, 90, 90, 120]),
+            eye_controls=rrb.EyeControls3D(
+                kind=rrb.Eye3DKind.Orbital, position=EYE_M, look_target=LOOK_AT_M, eye_up=(0.0, 0.0, 1.0)
+            ),
+            overrides={"world/occupancy": rrb.EntityBehavior(visible=visible)},
+        )
+        for name, visible in (("scene with occupancy", True), ("scene", False))
+    ]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _curves(agents: int) -> rrb.Tabs:
+    """A lane for each agent: what it does when; in the tabs beside it its joints."""
+    motions = rrb.StateTimelineView(name="who does what when", origin=MOTIONS)
+    grippers = rrb.TimeSeriesView(name="grippers (mm open)", origin="gripper")
+    joints = [
+        rrb.TimeSeriesView(name=f"agent {agent} joints (rad)", origin=f"joints/agent{agent}")
+        for agent in range(1, agents + 1)
+    ]
+    return rrb.Tabs(motions, *joints, grippers, active_tab=0)
+
+
+def _reasons(diagrams_px: tuple[int, int] | None) -> rrb.Tabs:
+    """Why everybody moves when they do: the diagrams; what RoboBrain wanted."""
+    views: list[rrb.View] = [
+        rrb.TextDocumentView(name="proposals", origin=PROPOSALS),
+        rrb.StateTimelineView(name="verdicts in time", origin="checks"),
+    ]
+    if diagrams_px is not None:
+        width, height = diagrams_px
+        diagrams = rrb.Spatial2DView(
+            name="coordination diagrams",
+            origin=DIAGRAMS,
+            background=BACKGROUND,
+            visual_bounds=rrb.VisualBounds2D(x_range=[0, width], y_range=[0, height]),
+        )
+        views.insert(0, diagrams)
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _evidence() -> rrb.Tabs:
+    """What was checked, with the verdicts; everything that was said, in order."""
+    log = rrb.TextLogView(
+        name="log",
+        contents=["log/**", f"{MOTIONS}/**", "checks/**"],
+        columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["loglevel", "body"]),
+    )
+    document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
+    return rrb.Tabs(document, log, active_tab=0)

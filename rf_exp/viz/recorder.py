@@ -1,6 +1,7 @@
 """Writes one recording: what happened at each control step, and why."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -14,16 +15,34 @@ from rerun.components import FillMode
 
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Violation
+from rf_exp.types import (
+    ARM_JOINTS,
+    CONTROL_DT_S,
+    GRIPPER_CLOSED,
+    GRIPPER_OPEN,
+    CameraModel,
+    Proposal,
+    Schedule,
+    Trajectory,
+    Violation,
+)
+from rf_exp.viz import text
+from rf_exp.viz.figures import Coordination, Mask, Pair, coordination, coordination_size_px
 from rf_exp.viz.layout import (
+    CHECKS,
+    DIAGRAMS,
     HOLDS,
     JOINT_COLOURS,
+    MOTIONS,
     OBJECT,
+    PROPOSALS,
     VIOLATED,
+    WAITS,
     Rgb,
     agent_colour,
     blueprint,
     camera_entity,
+    primitive_colour,
     shade,
 )
 from rf_exp.viz.shading import creased, srgb
@@ -38,22 +57,9 @@ OPEN_MM = 80.0  # between the Panda's fingers when fully open
 FRUSTUM_M = 0.07  # length of the drawn cameras
 VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
 VOXEL_EDGE_M = 0.0004
+NOW: Rgb = (255, 255, 255)
+NOW_POINTS = 4.0  # radius on the screen, however far the picture is zoomed
 FAINT = 110  # alpha of commanded curves, next to measured ones
-
-
-@dataclass(frozen=True)
-class CameraModel:
-    """A pinhole camera with square pixels and its principal point in the middle.
-
-    `world_from_camera` (4, 4): x right, y down, z forward (OpenCV's convention, rerun's RDF); for a
-    camera at `eye` looking at `target` it is `from_axes(eye, z=target - eye, y=(0, 0, -1))`. None:
-    the camera moves, and `Recorder.step` is given its pose under `camera_entity(name)`.
-    """
-
-    width_px: int
-    height_px: int
-    fov_y_rad: float
-    world_from_camera: Matrix | None = None
 
 
 @dataclass(frozen=True)
@@ -72,9 +78,10 @@ class Mesh:
 class Recorder:
     """Writes one recording. A context manager: the file is complete also after an exception.
 
-    `cameras`: camera name -> CameraModel; empty without rendering. `meshes`: entity path
-    (`link_entity`, `object_entity`) -> Mesh; an entity that never gets a pose stands in the world
-    frame. An existing file at `path` is replaced, missing folders are made.
+    `cameras`: camera name -> CameraModel; empty without rendering. `moving`: the cameras whose pose
+    each step is told under `camera_entity(name)`. `meshes`: entity path (`link_entity`,
+    `object_entity`) -> Mesh; an entity that never gets a pose stands in the world frame. An existing
+    file at `path` is replaced, missing folders are made.
 
     Raises ArgumentError for a value of the wrong shape, type or name, naming it; StageError when
     the file cannot be written or was closed.
@@ -89,19 +96,24 @@ class Recorder:
         agents: int,
         cameras: Mapping[str, CameraModel],
         meshes: Mapping[str, Mesh],
+        moving: Collection[str] = (),
     ) -> None:
         if path.suffix != ".rrd":
             raise ArgumentError(f"recording {path}: the viewer opens only names that end in .rrd")
         if agents < 1:
             raise ArgumentError(f"recording of {agents} agents; expected at least 1")
         self._path, self._agents, self._cameras, self._step = path, agents, dict(cameras), 0
-        moving = [camera_entity(name) for name, camera in cameras.items() if camera.world_from_camera is None]
-        self._posed = {*meshes, *moving}  # entities that a step may place
-        self._subgoals: list[list[str]] = [[] for _ in range(agents)]  # texts seen on each agent's lane
-        self._checks: set[str] = set()  # lanes seen
+        for name in moving:
+            if name not in cameras:
+                raise choices("moving camera", name, cameras)
+        self._moving = frozenset(moving)
+        self._posed = {*meshes, *map(camera_entity, moving)}  # entities that a step may place
+        self._motions: list[dict[str, Rgb]] = [{} for _ in range(agents)]  # states of each agent's lane
+        self._checks: dict[str, bool] = {}  # lanes seen -> they have a state now
         self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
         self._marks: list[tuple[str, NDArray[np.float64]]] = []  # (check, where) now in the scene
         self._marked_step = 0
+        self._coordination: Coordination | None = None
         self._closed = False
 
         batches = rr.ChunkBatcherConfig.DEFAULT()
@@ -110,9 +122,11 @@ class Recorder:
         self._stream = rr.RecordingStream(f"rf_exp {task}", batcher_config=batches)
         self._stream.set_log_time_enabled(False)  # the machine's clock is no part of an episode
         self._stream.set_log_tick_enabled(False)
+        pairs = agents * (agents - 1) // 2
+        layout = blueprint(agents, tuple(cameras), coordination_size_px(pairs) if pairs else None)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._stream.save(path, default_blueprint=blueprint(agents, tuple(cameras)))
+            self._stream.save(path, default_blueprint=layout)
         except (OSError, RuntimeError) as error:
             raise StageError(f"cannot write the recording {path}: {error}") from error
         try:
@@ -198,63 +212,81 @@ class Recorder:
         """What a check says now. Its lane on the timeline keeps this state until its next verdict."""
         lane = f"checks/{rr.escape_entity_path_part(check)}"
         if check not in self._checks:
-            self._checks.add(check)
             style = rr.StateConfiguration(values=["holds", "violated"], colors=[HOLDS, VIOLATED])
             self._log(lane, style, static=True)
+        self._checks[check] = True
         line = rr.TextLog(f"{check}: {reason}", level="INFO" if ok else "ERROR")
         self._log(lane, line, rr.StateChange(state="holds" if ok else "violated"))
 
-    def violation(self, violation: Violation, where_m: ArrayLike | None = None) -> None:
-        """A violated check with its evidence, marked for half a second at `where_m` (3,) if known."""
-        where = None if where_m is None else np.asarray(where_m, dtype=float)
-        if where is not None:
-            _expect("where_m", where, (3,))
-        agents = " and ".join(f"agent {agent}" for agent in violation.agents)
-        evidence = f"{violation.value:.4g}, bound {violation.bound:.4g}, at {violation.time_s:.2f} s"
-        self.verdict(violation.check, False, f"{agents}: {violation.reason} ({evidence})")
-        if where is None:
+    def checked(self, results: Sequence[text.CheckResult]) -> None:
+        """The check code of a plan with the evidence of each check; other checks have nothing to say now."""
+        names = {_lane(result.code): result for result in results}
+        for check, going_on in self._checks.items():
+            if going_on and check not in names:
+                self._checks[check] = False
+                self._log(f"checks/{rr.escape_entity_path_part(check)}", rr.StateChange(state=""))
+        for name, result in names.items():
+            self.verdict(name, result.ok, result.reason)
+        parts = text.summary(results), text.judged_code(results), text.verdicts(results)
+        self._document(CHECKS, "Check code", "\n\n".join(parts))
+
+    def violation(self, violation: Violation, places_m: ArrayLike | None = None) -> None:
+        """A violated check with its evidence, marked for half a second at `places_m` (K, 3) if known."""
+        places = np.zeros((0, 3)) if places_m is None else np.asarray(places_m, dtype=float)
+        _expect("places_m", places, (len(places), 3))
+        self.verdict(violation.check, False, text.violation(violation))
+        if not len(places):
             return
         if self._marked_step < self._step:
             self._marks.clear()
         self._marked_step = self._step
-        self._marks.append((violation.check, where))
-        checks, places = zip(*self._marks, strict=True)
-        marks = rr.Points3D(places, radii=MARK_RADIUS_M, colors=[VIOLATED], labels=checks, show_labels=True)
+        self._marks += [(violation.check, place) for place in places]
+        checks, where = zip(*self._marks, strict=True)
+        marks = rr.Points3D(where, radii=MARK_RADIUS_M, colors=[VIOLATED], labels=checks, show_labels=True)
         self._log("world/violations", marks)
 
-    def subgoal(self, agent: int, text: str) -> None:
-        """What an agent (from 1) does from now on; an empty text ends its lane until the next one."""
-        colour = self._colour(f"agent{agent}")
-        lane, seen = f"subgoals/agent{agent}", self._subgoals[agent - 1]
-        if text and text not in seen:
-            seen.append(text)
-            # The style of a lane lists its texts, so it is written anew with each new one. Two shades
-            # of the agent's colour, in turns, keep neighbours apart.
-            colours = [(colour, shade(colour, 0.7))[index % 2] for index in range(len(seen))]
-            self._log(lane, rr.StateConfiguration(values=seen, colors=colours), static=True)
-        self._log(lane, rr.StateChange(state=text))
-        if text:
-            self._log(lane, rr.TextLog(f"agent {agent}: {text}", level="INFO"))
+    def motion(self, agent: int, subgoal: str, primitive: str) -> None:
+        """What an agent (from 1) does from now on. No primitive: it waits; no subgoal: it has no plan."""
+        self._colour(f"agent{agent}")
+        state = f"{primitive}: {subgoal}" if primitive else "waits" if subgoal else ""
+        lane, seen = f"{MOTIONS}/agent{agent}", self._motions[agent - 1]
+        if state and state not in seen:
+            seen[state] = primitive_colour(primitive) if primitive else WAITS
+            # The style of a lane lists its states, so it is written anew with each new one.
+            style = rr.StateConfiguration(values=list(seen), colors=list(seen.values()))
+            self._log(lane, style, static=True)
+        self._log(lane, rr.StateChange(state=state))
 
     def proposal(self, proposal: Proposal) -> None:
-        """RoboBrain's answer as a document: subgoals of each agent, then the constraints."""
-        lines = []
-        for agent in range(1, self._agents + 1):
-            goals = [f"{number}. {goal.text}" for number, goal in enumerate(proposal.of(agent), 1)]
-            lines += [f"**Agent {agent}**", "", *goals, ""]
-        lines += ["**Constraints**", ""]
-        for constraint in proposal.constraints:
-            agents = ", ".join(map(str, constraint.agents))
-            lines += [f"- *{constraint.kind}*, agents {agents}: {constraint.text}"]
-        self._document("plan/proposals", "Proposal", "\n".join(lines))
+        """RoboBrain's answer as a document, and its subgoals in the log."""
+        self._document(PROPOSALS, "Proposal", text.proposal(proposal))
+        for goal in proposal.subgoals:
+            self.note(f"agent {goal.agent} is to {goal.text}")
 
-    def code(self, text: str) -> None:
-        """The check code that RoboChecker made of the textual constraints, as a document."""
-        self._document("plan/checks", "Check code", f"```python\n{text}\n```")
+    def coordination(
+        self,
+        trajectories: Sequence[Trajectory],
+        schedule: Schedule,
+        close: Mapping[Pair, Mask],
+        ordered: Mapping[Pair, Mask],
+    ) -> None:
+        """The coordination diagrams of a plan, see `figures.coordination`."""
+        if not close:
+            return
+        self._coordination = coordination(trajectories, schedule, close, ordered)
+        _, png = cv2.imencode(".png", self._coordination.picture[..., ::-1])
+        self._log(DIAGRAMS, rr.EncodedImage(contents=png.tobytes(), media_type="image/png"))
 
-    def note(self, text: str, level: str = "INFO") -> None:
+    def positions(self, positions: NDArray[np.integer]) -> None:
+        """Where all agents (N,) are on their paths now: a point in every coordination diagram."""
+        if self._coordination is not None:
+            where = self._coordination.at(positions)
+            now = rr.Points2D(where, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
+            self._log(f"{DIAGRAMS}/now", now)
+
+    def note(self, line: str, level: str = "INFO") -> None:
         """A line in the log: INFO, WARN or ERROR."""
-        self._log("log", rr.TextLog(text, level=level))
+        self._log("log", rr.TextLog(line, level=level))
 
     def _check_step(
         self,
@@ -310,7 +342,7 @@ class Recorder:
         self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for name, camera in cameras.items():
             self._log(camera_entity(name), _pinhole(camera), static=True)
-            if camera.world_from_camera is not None:
+            if name not in self._moving:
                 _expect(f"world_from_camera of camera {name!r}", camera.world_from_camera, (4, 4))
                 self._log(camera_entity(name), _placed(camera.world_from_camera), static=True)
         for entity, mesh in meshes.items():
@@ -361,13 +393,18 @@ def _expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | 
         raise ArgumentError(f"{name} holds {array[~np.isfinite(array)][0]}; expected finite numbers")
 
 
+def _lane(code: str) -> str:
+    """Check code as an entity path shows it without escapes."""
+    return re.sub(r"\W+", "-", code).strip("-")
+
+
 def _placed(pose: Matrix) -> rr.Transform3D:
     return rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
 
 
 def _pinhole(camera: CameraModel) -> rr.Pinhole:
     return rr.Pinhole(
-        focal_length=float(0.5 * camera.height_px / np.tan(0.5 * camera.fov_y_rad)),
+        image_from_camera=camera.intrinsics,
         width=camera.width_px,
         height=camera.height_px,
         camera_xyz=rr.ViewCoordinates.RDF,

@@ -5,18 +5,24 @@ import io
 from pathlib import Path
 
 import pytest
+import yaml
 from rich.console import Console
 
-from rf_exp.ablation import formats, tables
+from rf_exp.ablation import formats
 from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.statistics import wilson
-from rf_exp.ablation.tables import TABLES, build
+from rf_exp.ablation.suite import CONFIGURED, Suite, TaskFacts, configured
+from rf_exp.ablation.tables import TABLES, Table, build
 from rf_exp.errors import ArgumentError, StageError
 from tests.ablation.conftest import evaluation, generation
 
 NAMES = ["tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"]
 EMPTY = Results()
+SUITE = {
+    "lift_barrier": TaskFacts("Lift Barrier", 2, "Two arms lift a barrier.", "It is up.", "1"),
+    "take_photo": TaskFacts("Take Photo", 4, "Four arms take a photo.", "It is taken.", "1"),
+}
 
 
 def generated(*rows: list) -> Results:  # type: ignore[type-arg]
@@ -25,6 +31,10 @@ def generated(*rows: list) -> Results:  # type: ignore[type-arg]
 
 def evaluated(*rows: list) -> Results:  # type: ignore[type-arg]
     return Results(evaluation=tuple(row for group in rows for row in group))
+
+
+def made(name: str, results: Results, suite: Suite = SUITE) -> Table:
+    return TABLES[name](results, suite)
 
 
 # The paper
@@ -37,7 +47,7 @@ def test_the_names_are_the_contract() -> None:
 def test_the_paper_s_averages_follow_from_its_figures() -> None:
     """Guards the figures against a slip of the pen: the printed averages are their rounded means."""
     for agents, averages in paper().averages.items():
-        level = [name for name, task in paper().tasks.items() if task.agents == agents]
+        level = [name for name, count in paper().levels.items() if count == agents]
         for demos, average in averages.items():
             mean = sum(paper().baseline[name][demos] for name in level) / len(level)
             assert mean == pytest.approx(average, abs=0.006), (agents, demos)
@@ -46,8 +56,8 @@ def test_the_paper_s_averages_follow_from_its_figures() -> None:
 def test_the_paper_s_tables_agree_where_they_overlap() -> None:
     for task, rate in paper().architectures["separate_local"].items():
         assert rate == paper().baseline[task][150]
-    assert set(paper().baseline) == set(paper().tasks)
-    assert len(paper().tasks) == 11
+    assert list(paper().baseline) == list(paper().levels)
+    assert len(paper().levels) == 11
 
 
 def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
@@ -75,7 +85,7 @@ def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
 
 
 def test_every_seed_counts_in_the_success_of_generation() -> None:
-    table = tables.ablation_success(generated(generation("lift_barrier", "logical", 6, 4, loose=2)))
+    table = made("ablation_success", generated(generation("lift_barrier", "logical", 6, 4, loose=2)))
     cell = table.cell("logical", "lift_barrier")
     assert (cell.value, cell.n, cell.paper) == (0.6, 10, 0.802)
     assert cell.success_paper == 0.8
@@ -84,15 +94,17 @@ def test_every_seed_counts_in_the_success_of_generation() -> None:
 
 def test_only_successes_count_in_the_length() -> None:
     rows = generation("take_photo", "full", 3, 2, steps=200)
-    cell = tables.ablation_length(generated(rows)).cell("full", "take_photo")
+    cell = made("ablation_length", generated(rows)).cell("full", "take_photo")
     assert (cell.value, cell.n, cell.paper) == (201.0, 3, 204)
     half = 4.302653 / 3**0.5  # Student's t for two degrees of freedom, standard deviation 1
     assert cell.interval == pytest.approx((201 - half, 201 + half), abs=1e-5)
-    none = tables.ablation_length(generated(generation("take_photo", "full", 0, 4))).cell(
+    none = made("ablation_length", generated(generation("take_photo", "full", 0, 4))).cell(
         "full", "take_photo"
     )
     assert (none.value, none.n, none.note) == ("no success", 0, "no success in 4 attempts")
-    one = tables.ablation_length(generated(generation("take_photo", "full", 1, 0))).cell("full", "take_photo")
+    one = made("ablation_length", generated(generation("take_photo", "full", 1, 0))).cell(
+        "full", "take_photo"
+    )
     assert (one.value, one.interval) == (100.0, None)
 
 
@@ -100,7 +112,7 @@ def test_versions_never_share_a_cell() -> None:
     old = generation("lift_barrier", "full", 0, 10, version="9")
     new = generation("lift_barrier", "full", 4, 1, version="10")
     weaker = generation("lift_barrier", "logical", 1, 9, version="9")
-    table = tables.ablation_success(generated(old, new, weaker))
+    table = made("ablation_success", generated(old, new, weaker))
     cell = table.cell("full", "lift_barrier")
     assert (cell.value, cell.n, cell.version) == (0.8, 5, "10")
     assert cell.note == "criteria version 10; left out: 10 of version 9"
@@ -113,14 +125,14 @@ def test_another_brain_has_rows_of_its_own() -> None:
         generation("lift_barrier", "full", 5, 0),
         generation("lift_barrier", "full", 1, 4, brain="openai"),
     ]
-    table = tables.ablation_success(generated(*rows))
+    table = made("ablation_success", generated(*rows))
     assert table.cell("full", "lift_barrier").value == 1.0
     assert table.cell("full-openai", "lift_barrier").value == 0.2
     assert table.cell("full-openai", "lift_barrier").paper is None
 
 
 def test_tasks_and_constraints_beyond_the_paper_s_are_shown() -> None:
-    table = tables.ablation_success(generated(generation("pour_tea", "no_logic", 1, 1)))
+    table = made("ablation_success", generated(generation("pour_tea", "no_logic", 1, 1)))
     cell = table.cell("no_logic", "pour_tea")
     assert (cell.value, cell.paper) == (0.5, None)
     assert [column.title for column in table.columns] == [
@@ -133,7 +145,7 @@ def test_tasks_and_constraints_beyond_the_paper_s_are_shown() -> None:
 
 def test_the_gap_between_rows_comes_with_its_interval() -> None:
     rows = [generation("lift_barrier", "logical", 48, 32), generation("lift_barrier", "full", 56, 14)]
-    (note,) = tables.ablation_success(generated(*rows)).notes
+    (note,) = made("ablation_success", generated(*rows)).notes
     assert note == "Lift Barrier, against logical: full +20.0 points [+5.2, +33.4]."  # Newcombe's example
 
 
@@ -144,7 +156,7 @@ def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
         evaluation("lift_barrier", "my_arch", 150, 9, 1),
         evaluation("lift_barrier", "shared_local", 150, 0, 10, constraints="logical"),
     ]
-    table = tables.architectures(evaluated(*rows))
+    table = made("architectures", evaluated(*rows))
     assert table.cell("shared_local-50", "lift_barrier").value == 0.1
     assert table.cell("shared_local-150", "lift_barrier").value == 0.5
     assert table.cell("shared_local-150", "lift_barrier").paper == 0.04
@@ -154,37 +166,72 @@ def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
 
 def test_training_seeds_are_pooled_and_named() -> None:
     rows = [evaluation("place_food", "separate_local", 150, n, 10 - n, train_seed=n) for n in (2, 4, 6)]
-    cell = tables.benchmark(evaluated(*rows)).cell("place_food", "demos_150")
+    cell = made("benchmark", evaluated(*rows)).cell("place_food", "demos_150")
     assert (cell.value, cell.n, cell.note) == (0.4, 30, "3 training seeds together")
 
 
 def test_an_average_waits_for_every_task_of_its_level() -> None:
     camera = evaluation("camera_alignment", "separate_local", 150, 4, 6)
     stack = evaluation("three_robots_stack_cube", "separate_local", 150, 2, 8)
-    partly = tables.benchmark(evaluated(camera)).cell("average_3", "demos_150")
+    partly = made("benchmark", evaluated(camera)).cell("average_3", "demos_150")
     assert (partly.value, partly.note, partly.paper) == (None, "1 of 2 tasks measured", 0.205)
-    whole = tables.benchmark(evaluated(camera, stack)).cell("average_3", "demos_150")
+    whole = made("benchmark", evaluated(camera, stack)).cell("average_3", "demos_150")
     assert whole.value == pytest.approx(0.3)
 
 
 def test_further_numbers_of_demonstrations_get_a_column() -> None:
-    table = tables.benchmark(evaluated(evaluation("lift_barrier", "separate_local", 20, 1, 1)))
+    table = made("benchmark", evaluated(evaluation("lift_barrier", "separate_local", 20, 1, 1)))
     assert [column.key for column in table.columns] == ["agents", *(f"demos_{n}" for n in (20, 50, 100, 150))]
     assert table.cell("lift_barrier", "demos_20").value == 0.5
 
 
-def test_comparison_claims_only_what_has_rows() -> None:
-    def here(results: Results) -> list[object]:
-        table = tables.comparison(results)
+# The suite
+
+
+def test_every_configured_task_is_shown_in_the_words_of_its_file() -> None:
+    table = build(EMPTY)["tasks"]
+    paths = sorted(CONFIGURED.glob("*.yaml"))
+    assert paths and {path.stem for path in paths} == set(configured())
+    for path in paths:
+        node = yaml.safe_load(path.read_text("utf-8"))[path.stem]
+        words = (len(node["robots"]), node["title"], node["description"], node["target_condition"])
+        columns = ("agents", "description", "condition")
+        agents, description, condition = (table.cell(path.stem, column).value for column in columns)
+        (title,) = (line.title for line in table.lines if line.key == path.stem)
+        assert (int(str(agents)), title, description, condition) == words
+        assert table.cell(path.stem, "criteria").value
+
+
+def test_a_task_of_one_s_own_comes_after_the_paper_s() -> None:
+    own = {**SUITE, "pour_tea": TaskFacts("Tea, Poured", 1, "An arm pours.", "The cup is full.", "3")}
+    table = made("tasks", EMPTY, own)
+    assert [line.key for line in table.lines] == [*paper().levels, "pour_tea"]
+    cells = [table.cell("pour_tea", key).value for key in ("agents", "criteria", "description", "condition")]
+    assert cells == ["1", "3", "An arm pours.", "The cup is full."]
+    baseline = made("benchmark", EMPTY, own)
+    assert (baseline.lines[-1].key, baseline.lines[-1].title) == ("pour_tea", "Tea, Poured")
+    assert baseline.cell("average_1", "demos_150").paper == 0.49
+
+
+def test_tasks_of_the_paper_that_are_not_configured_are_named() -> None:
+    (note,) = made("tasks", EMPTY, {name: SUITE["lift_barrier"] for name in list(paper().levels)[:-1]}).notes
+    assert note == "Tasks of the paper without a configuration: Long Pipeline Delivery."
+
+
+def test_comparison_derives_its_own_row_from_the_tasks() -> None:
+    def here(suite: Suite) -> list[object]:
+        table = made("comparison", EMPTY, suite)
         return [table.cell("This suite", key).value for key in ("single", "multi", "level")]
 
-    assert here(EMPTY) == ["no", "no", "missing"]
-    assert here(generated(generation("take_photo", "full", 1, 0))) == ["no", "yes", "Plan"]
-    assert here(evaluated(evaluation("pick_meat", "separate_local", 50, 1, 0))) == ["yes", "no", "Control"]
+    alone = TaskFacts("Pick", 1, "", "", "1")
+    assert here(SUITE) == ["no", "yes", "Plan & Control"]
+    assert here({"pick": alone}) == ["yes", "no", "Plan & Control"]
+    assert here({**SUITE, "pick": alone}) == ["yes", "yes", "Plan & Control"]
+    assert made("comparison", EMPTY).caption.endswith("2 tasks, by number of agents: 1 with 2, 1 with 4.")
 
 
 def test_a_cell_that_does_not_exist_is_named() -> None:
-    table = tables.ablation_length(EMPTY)
+    table = made("ablation_length", EMPTY)
     with pytest.raises(
         ArgumentError, match=r"unknown row of table ablation_length 'none'; available: full, log"
     ):
@@ -237,4 +284,4 @@ def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(StageError, match=r"cannot write table ablation_length to .*file/tables: "):
-        formats.write(tables.ablation_length(EMPTY), tmp_path / "file/tables")
+        formats.write(made("ablation_length", EMPTY), tmp_path / "file/tables")

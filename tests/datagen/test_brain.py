@@ -1,32 +1,52 @@
-"""The paper's JSON: round trip, and every way in which an answer can be wrong."""
+"""The paper's JSON, and which RoboBrain speaks it: every way in which either can be wrong."""
 
 import json
+import pickle
+import re
+from typing import Any
 
 import pytest
+from hydra import compose, initialize_config_dir
 from hypothesis import given
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 
-from rf_exp.datagen.brain import BadAnswer, Question, from_json, make_brain, to_json
+from rf_exp.datagen.brain import (
+    BadAnswer,
+    FaultySpec,
+    OpenAISpec,
+    Question,
+    ReplaySpec,
+    ScriptedBrain,
+    ScriptedSpec,
+    from_json,
+    read_brain,
+    refuse_keys,
+    to_json,
+)
 from rf_exp.datagen.brain.protocol import parse_subgoal
 from rf_exp.errors import ArgumentError
-from rf_exp.types import Proposal
-from tests.conftest import read_task
+from rf_exp.types import Proposal, Row
+from tests.conftest import CONF, read_task
 from tests.scenes import start_scene
 
 
 def test_scripted_plan_survives_the_round_trip(task):
     scene = start_scene(task, 0)
-    text = make_brain("scripted").answer(Question(task, scene, {}))
-    proposal = from_json(text, task)
-    assert proposal == task.module.plan(scene, task)
+    text = ScriptedBrain().answer(Question(task, scene, {}))
+    proposal, plan = from_json(text, task), task.module.plan(scene, task)
+    # The paper's JSON lists subgoals by agent and constraints by kind; within each the order is kept.
+    assert [proposal.of(agent) for agent in task.agents] == [plan.of(agent) for agent in task.agents]
+    for kind in ("logical", "temporal", "spatial"):
+        assert [c for c in proposal.constraints if c.kind == kind] == [
+            c for c in plan.constraints if c.kind == kind
+        ]
     assert to_json(proposal) == text
     assert {subgoal.agent for subgoal in proposal.subgoals} <= set(task.agents)
 
 
 def test_answer_has_the_papers_structure(lift_barrier):
-    answer = json.loads(
-        make_brain("scripted").answer(Question(lift_barrier, start_scene(lift_barrier, 0), {}))
-    )
+    answer = json.loads(ScriptedBrain().answer(Question(lift_barrier, start_scene(lift_barrier, 0), {})))
     assert answer["Subgoals"]["Agent_1"] == "grasp barrier at left"
     assert set(answer["Constraints"]) == {"Logical", "Temporal", "Spatial"}
     assert answer["Constraints"]["Logical"][0]["Agent"] == "Agent_1"
@@ -72,6 +92,110 @@ def test_empty_proposal_means_nothing_left_to_do(lift_barrier):
     assert from_json(to_json(Proposal((), ())), lift_barrier).subgoals == ()
 
 
-def test_unknown_brain_names_what_exists():
-    with pytest.raises(ArgumentError, match="unknown brain 'oracle'; available: scripted"):
-        make_brain("oracle")
+def test_verbs_and_their_parts(lift_barrier):
+    strike = parse_subgoal(1, "strike barrier at left to barrier at right", lift_barrier)
+    assert (strike.verb, strike.point, strike.target, strike.target_point) == (
+        "strike",
+        "left",
+        "barrier",
+        "right",
+    )
+    carry = parse_subgoal(2, "carry barrier to aside by 0.1 m", lift_barrier)
+    assert (carry.target, carry.height_m) == ("aside", 0.1)
+    for subgoal in (strike, carry):
+        assert parse_subgoal(subgoal.agent, subgoal.text, lift_barrier) == subgoal
+    with pytest.raises(BadAnswer, match="lacks point"):
+        parse_subgoal(1, "strike barrier to barrier", lift_barrier)
+
+
+# -- which brain ---------------------------------------------------------------------------------------
+
+
+def composed(*overrides: str) -> dict[str, Any]:
+    """The brain's part of the configuration, as a run gets it."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        brain: Any = OmegaConf.to_container(compose("config", list(overrides)).brain, resolve=True)
+    return brain
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    {"scripted": ScriptedSpec, "openai": OpenAISpec, "replay": ReplaySpec, "faulty": FaultySpec}.items(),
+)
+def test_every_file_makes_a_brain_that_can_travel(name, kind, lift_barrier, monkeypatch, tmp_path):
+    monkeypatch.setenv("OPENAI_API_KEY", "sk-some-key")
+    (tmp_path / "exchanges" / "lift_barrier" / "full").mkdir(parents=True)
+    spec = read_brain(composed(f"brain={name}", f"out={tmp_path}"))
+    assert isinstance(spec, kind) and spec.name == name
+    brain = pickle.loads(pickle.dumps(spec)).make(lift_barrier, Row("full"), 3)
+    assert brain.name == name
+    assert json.loads(json.dumps(dict(spec.identity)))["name"] == name
+    assert b"sk-some-key" not in pickle.dumps(spec)
+
+
+def test_options_are_what_decides_the_answers():
+    chosen = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.timeout_s=9"))
+    patient = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.retries=9"))
+    other = read_brain(composed("brain=openai", "brain.model=b", "brain.temperature=1"))
+    assert chosen.identity == patient.identity != other.identity
+    assert read_brain(composed("brain=faulty", "brain.fault=wrong_agent")).identity["fault"] == "wrong_agent"
+
+
+@pytest.mark.parametrize(
+    ("node", "message"),
+    [
+        ({"name": "oracle"}, "unknown brain 'oracle'; available: faulty, openai, replay, scripted"),
+        ({"name": "faulty", "fault": "bad_luck"}, "unknown fault 'bad_luck'"),
+        ({"name": "faulty"}, "brain 'faulty': missing value for field \"fault\""),
+        ({"name": "scripted", "model": "x"}, "brain 'scripted': .*model"),
+        ({"name": "openai", "model": 3}, "brain 'openai': .*model"),
+    ],
+)
+def test_a_brain_that_cannot_be_read_names_what_is_wrong(node, message):
+    with pytest.raises(ArgumentError, match=message):
+        read_brain(node)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("budget", 0, "brain.budget is 0; it must be at least 1"),
+        ("timeout_s", 0, "brain.timeout_s is 0.0; it must be above 0"),
+        ("deadline_s", float("inf"), "brain.deadline_s is inf"),
+        ("base_url", "localhost:8000", "'localhost:8000'; an example: http://localhost:8000/v1"),
+        ("base_url", "http://[", "cannot be read; an example"),
+    ],
+)
+def test_options_that_cannot_be_used_are_refused(key, value, message):
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        read_brain(composed("brain=openai") | {key: value})
+
+
+SECRET = "sk-live-abcdefgh12345678"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("api_key", SECRET),
+        ("api_key_env", SECRET),
+        ("base_url", f"https://me:{SECRET}@example.org/v1"),
+        ("base_url", f"https://example.org/v1?key={SECRET}"),
+    ],
+)
+def test_a_key_in_the_configuration_is_refused_without_repeating_it(key, value):
+    for attempt in (
+        lambda: read_brain(composed("brain=openai") | {key: value}),
+        lambda: refuse_keys(["stages=[generate]", f"+brain.{key}={value}"]),
+        lambda: refuse_keys([f"++brain.{key}='{value}'"]),
+    ):
+        with pytest.raises(ArgumentError, match="environment variable") as refused:
+            attempt()
+        assert SECRET not in str(refused.value)
+
+
+def test_ordinary_arguments_are_not_taken_for_keys():
+    refuse_keys(
+        ["-m", "task=all", "brain=openai", "brain.api_key_env=MY_KEY", "brain.base_url=http://localhost:8000/v1",
+         "brain.base_url=null", "seed=3", "training.betas=[0.9,0.99]", "--cfg", "job"]
+    )  # fmt: skip

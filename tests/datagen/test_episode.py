@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.datagen.brain import ScriptedBrain, from_json, to_json
+from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
@@ -58,7 +58,7 @@ def both_left(proposal):
 
 
 def settings(task, row=FULL, **keywords):
-    return Settings(task, row, "scripted", **keywords)
+    return Settings(task, row, ScriptedSpec(), **keywords)
 
 
 def test_an_episode_succeeds_and_carries_its_certificate(lift_world):

@@ -1,16 +1,29 @@
 """RoboBrain: proposes subgoals and textual constraints."""
 
+from rf_exp.datagen.brain.faults import FAULTS
+from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies
+from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
-from rf_exp.datagen.brain.scripted import ScriptedBrain
-from rf_exp.errors import choices
+from rf_exp.datagen.brain.scripted import ScriptedBrain, ScriptedSpec
+from rf_exp.datagen.brain.secrets import refuse_keys
+from rf_exp.datagen.brain.spec import BrainSpec, read_brain
 
-BRAINS = {ScriptedBrain.name: ScriptedBrain}
-
-__all__ = ["BadAnswer", "Brain", "Question", "ScriptedBrain", "from_json", "make_brain", "to_json"]
-
-
-def make_brain(name: str) -> Brain:
-    """The brain of that name. Raises ArgumentError for a name that does not exist."""
-    if name not in BRAINS:
-        raise choices("brain", name, BRAINS)
-    return BRAINS[name]()
+__all__ = [
+    "FAULTS",
+    "BadAnswer",
+    "Brain",
+    "BrainSpec",
+    "FaultyBrain",
+    "FaultySpec",
+    "LanguageBrain",
+    "OpenAISpec",
+    "Question",
+    "ReplaySpec",
+    "ScriptedBrain",
+    "ScriptedSpec",
+    "applies",
+    "from_json",
+    "read_brain",
+    "refuse_keys",
+    "to_json",
+]

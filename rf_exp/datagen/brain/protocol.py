@@ -8,17 +8,29 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from enum import StrEnum
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from rf_exp.errors import StageError
 from rf_exp.tasks import Task
 from rf_exp.types import Constraint, Kind, Proposal, Scene, Subgoal, Violation
 
-VERBS = ("grasp", "lift", "carry", "place", "press", "release", "home", "hold")
+VERBS = ("grasp", "lift", "carry", "place", "strike", "press", "release", "home", "hold")
+SUBGOAL_FORMS = (
+    "grasp OBJECT at POINT",
+    "lift OBJECT by H m",
+    "carry OBJECT to TARGET [at POINT] [by H m]",
+    "place OBJECT to TARGET [at POINT]",
+    "strike OBJECT at POINT to TARGET [at POINT]",
+    "press OBJECT at POINT",
+    "release OBJECT",
+    "home",
+    "hold",
+)
 
 
 @dataclass(frozen=True)
@@ -38,12 +50,12 @@ class Brain(Protocol):
     name: str
 
     def answer(self, question: Question) -> str:
-        """The paper's JSON as text."""
+        """The paper's JSON as text. Raises BadAnswer where there is none to be had."""
         ...
 
 
 class BadAnswer(StageError):
-    """An answer that is not the paper's JSON, or speaks of something that does not exist."""
+    """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
 
 
 class _Constraint(BaseModel):
@@ -72,11 +84,33 @@ class _Answer(BaseModel):
     constraints: _Constraints = Field(default_factory=_Constraints, alias="Constraints")
 
 
+def answer_schema(task: Task) -> dict[str, object]:
+    """The JSON schema of an answer for servers that can hold a model to one.
+
+    Narrower than what `from_json` takes: it lists the agents of the task, and every key is required,
+    as strict structured output wants it.
+    """
+    names = [_name(agent) for agent in task.agents]
+    strict = ConfigDict(extra="forbid")
+    agent: Any = StrEnum("Agent", {name: name for name in names})
+    subgoals: dict[str, Any] = {name: (str, ...) for name in names}
+    fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (str, ...)}
+    entry: Any = create_model("Entry", __config__=strict, **fields)
+    kinds: dict[str, Any] = {kind: (list[entry], ...) for kind in ("Logical", "Temporal", "Spatial")}
+    answer = create_model(
+        "Answer",
+        __config__=strict,
+        Subgoals=(create_model("Subgoals", __config__=strict, **subgoals), ...),
+        Constraints=(create_model("Constraints", __config__=strict, **kinds), ...),
+    )
+    return answer.model_json_schema()
+
+
 def to_json(proposal: Proposal) -> str:
     """The paper's JSON for a proposal; an agent's subgoals are joined by semicolons."""
     subgoals: dict[str, str] = {}
     for subgoal in proposal.subgoals:
-        key = f"Agent_{subgoal.agent}"
+        key = _name(subgoal.agent)
         subgoals[key] = f"{subgoals[key]}; {subgoal.text}" if key in subgoals else subgoal.text
     kinds: tuple[Kind, ...] = ("logical", "temporal", "spatial")
     return json.dumps(
@@ -92,7 +126,7 @@ def to_json(proposal: Proposal) -> str:
 
 
 def _entry(constraint: Constraint) -> dict[str, object]:
-    names = [f"Agent_{agent}" for agent in constraint.agents]
+    names = [_name(agent) for agent in constraint.agents]
     who: dict[str, object] = {"Agent": names[0]} if len(names) == 1 else {"Agents": names}
     return {**who, "Constraint": constraint.text}
 
@@ -128,11 +162,15 @@ def from_json(text: str, task: Task) -> Proposal:
     return Proposal(subgoals, constraints)
 
 
+def _name(agent: int) -> str:
+    return f"Agent_{agent}"
+
+
 def agent_number(name: str, task: Task) -> int:
     """`Agent_2` -> 2. Raises BadAnswer for an agent that is not in the task."""
     match = re.fullmatch(r"agent[_ ]?(\d{1,2})", name.strip(), re.IGNORECASE)
     if match is None or int(match[1]) not in task.agents:
-        known = ", ".join(f"Agent_{agent}" for agent in task.agents)
+        known = ", ".join(map(_name, task.agents))
         raise BadAnswer(f"unknown agent {name!r}; available: {known}")
     return int(match[1])
 
@@ -153,6 +191,7 @@ _NEEDS = {
     "lift": ("object", "height_m"),
     "carry": ("object", "target"),
     "place": ("object", "target"),
+    "strike": ("object", "point", "target"),
     "release": ("object",),
     "home": (),
     "hold": (),
@@ -164,9 +203,7 @@ def parse_subgoal(agent: int, text: str, task: Task) -> Subgoal:
     match = _SUBGOAL.fullmatch(" ".join(text.split())[:200])
     if match is None or match["verb"].lower() not in VERBS:
         raise BadAnswer(
-            f"cannot read subgoal {text.strip()[:80]!r} of Agent_{agent}; forms: grasp OBJECT at POINT, "
-            "lift OBJECT by H m, carry OBJECT to TARGET [at POINT], place OBJECT to TARGET [at POINT], "
-            "press OBJECT at POINT, release OBJECT, home, hold"
+            f"cannot read subgoal {text.strip()[:80]!r} of Agent_{agent}; forms: {', '.join(SUBGOAL_FORMS)}"
         )
     height = float(match["height"]) if match["height"] else None
     subgoal = Subgoal(

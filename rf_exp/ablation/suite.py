@@ -1,0 +1,52 @@
+"""What the tables say about the tasks themselves, read from the configuration: plain values, no simulator."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import load_task
+
+CONFIGURED = Path(__file__).resolve().parents[2] / "conf" / "task"
+
+
+@dataclass(frozen=True)
+class TaskFacts:
+    """One task, in the words of its YAML file."""
+
+    title: str
+    agents: int
+    description: str
+    condition: str
+    version: str  # of the success criteria
+
+
+Suite = Mapping[str, TaskFacts]  # by the name of the task
+
+
+def facts(tasks: Iterable[Task]) -> Suite:
+    """The facts about tasks that were composed elsewhere."""
+    return {
+        task.name: TaskFacts(
+            task.title, len(task.agents), task.description, task.target_condition, task.version
+        )
+        for task in tasks
+    }
+
+
+@cache
+def configured(folder: Path = CONFIGURED) -> Suite:
+    """The facts about every task in a folder of YAML files, whether it was ever run or not.
+
+    Raises ArgumentError, as any run would, for a file that is no valid task.
+    """
+    return facts(_read(path) for path in sorted(folder.glob("*.yaml")))
+
+
+def _read(path: Path) -> Task:
+    node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    return load_task(path.stem, node[path.stem])

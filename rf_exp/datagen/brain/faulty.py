@@ -1,0 +1,66 @@
+"""The RoboBrain that errs once, in a way that has a name: for measuring detection and repair.
+
+Its first answer that the fault applies to is the scripted plan with the fault in it. Once RoboChecker
+has complained, it answers as scripted. So an episode shows whether a mistake of this kind is found, and
+whether the loop recovers.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rf_exp.datagen.brain.faults import fault_named
+from rf_exp.datagen.brain.protocol import Question, to_json
+from rf_exp.datagen.brain.scripted import ScriptedBrain
+from rf_exp.tasks import Task
+from rf_exp.types import Row, Scene
+
+
+def applies(fault: str, task: Task, scene: Scene) -> bool:
+    """Whether the scripted plan for the scene has room for the fault."""
+    question = Question(task, scene, {})
+    proposal = task.module.plan(scene, task)
+    return fault_named(fault).change(proposal, question, np.random.default_rng(0)) is not None
+
+
+class FaultyBrain:
+    """Scripted, but for one mistake. `placed` says whether it has been made."""
+
+    name = "faulty"
+
+    def __init__(self, fault: str, seed: int) -> None:
+        self._fault = fault_named(fault)
+        self._rng = np.random.default_rng([seed, 2])  # stream 2 of the episode: faults
+        self.placed = False
+
+    def answer(self, question: Question) -> str:
+        if not self.placed and not question.feedback:
+            proposal = question.task.module.plan(question.scene, question.task)
+            changed = self._fault.change(proposal, question, self._rng)
+            if changed is not None:
+                self.placed = True
+                return to_json(changed)
+        return ScriptedBrain().answer(question)
+
+
+@dataclass(frozen=True)
+class FaultySpec:
+    """`brain=faulty`."""
+
+    name: ClassVar[str] = "faulty"
+
+    fault: str
+
+    def __post_init__(self) -> None:
+        fault_named(self.fault)
+
+    @property
+    def identity(self) -> dict[str, object]:
+        return {"name": self.name, "fault": self.fault}
+
+    def make(self, task: Task, row: Row, seed: int) -> FaultyBrain:
+        return FaultyBrain(self.fault, seed)
+
+    def again(self) -> "FaultySpec":
+        return self

@@ -1,0 +1,90 @@
+"""The RoboBrain that is a language model, live or from a recording."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from rf_exp.datagen.brain.chat import Connection, OpenAIChat
+from rf_exp.datagen.brain.exchanges import Chat, exchanges_path
+from rf_exp.datagen.brain.matching import restate
+from rf_exp.datagen.brain.protocol import BadAnswer, Question, answer_schema, from_json, to_json
+from rf_exp.datagen.brain.questions import messages
+from rf_exp.datagen.brain.replay import ReplayChat
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import Task
+from rf_exp.types import Row
+
+_FENCE = re.compile(r"\s*```\w*\n(.*)\n```\s*", re.DOTALL)
+
+
+class LanguageBrain:
+    """Puts the scene into words, asks, and has unclear constraints restated."""
+
+    def __init__(self, name: str, chat: Chat, *, pictures: bool, restates: bool) -> None:
+        self.name = name
+        self._chat, self._pictures, self._restates = chat, pictures, restates
+
+    def answer(self, question: Question) -> str:
+        task = question.task
+        text = self._chat.ask("propose", messages(question, pictures=self._pictures), answer_schema(task))
+        text = _FENCE.sub(r"\1", text)
+        if not self._restates:
+            return text
+        try:
+            proposal = from_json(text, task)
+        except BadAnswer:
+            return text  # the loop says what is wrong with it
+        return to_json(restate(proposal, task, self._chat))
+
+
+@dataclass(frozen=True)
+class OpenAISpec(Connection):
+    """`brain=openai`: any server that speaks chat completions."""
+
+    name: ClassVar[str] = "openai"
+
+    pictures: bool  # send them
+    restate: bool  # have constraints restated that the grammar does not understand
+    exchanges: Path | None  # folder for what was said; None: it is not kept
+
+    @property
+    def identity(self) -> dict[str, object]:
+        """What decides the answers; patience and budget are none of it."""
+        keys = ("model", "base_url", "structured", "temperature", "max_tokens", "pictures", "restate")
+        return {"name": self.name, **{key: getattr(self, key) for key in keys}}
+
+    def make(self, task: Task, row: Row, seed: int) -> LanguageBrain:
+        path = exchanges_path(self.exchanges, task, row, seed) if self.exchanges else None
+        chat = OpenAIChat(self, path)
+        return LanguageBrain(self.name, chat, pictures=self.pictures, restates=self.restate)
+
+    def again(self) -> "OpenAISpec | ReplaySpec":
+        """The same answers once more, without asking where they were kept."""
+        return ReplaySpec(self.exchanges, self.restate) if self.exchanges else self
+
+
+@dataclass(frozen=True)
+class ReplaySpec:
+    """`brain=replay`: recorded exchanges."""
+
+    name: ClassVar[str] = "replay"
+
+    exchanges: Path  # folder, as `brain=openai` left it
+    restate: bool  # as in the run that was recorded
+
+    @property
+    def identity(self) -> dict[str, object]:
+        return {"name": self.name, "exchanges": str(self.exchanges), "restate": self.restate}
+
+    def make(self, task: Task, row: Row, seed: int) -> LanguageBrain:
+        """Raises ArgumentError when nothing was recorded for the task under these constraints."""
+        path = exchanges_path(self.exchanges, task, row, seed)
+        if not path.parent.is_dir():
+            raise ArgumentError(
+                f"brain.exchanges: there is no folder {path.parent}; a run with brain=openai makes it"
+            )
+        return LanguageBrain(self.name, ReplayChat(path), pictures=False, restates=self.restate)
+
+    def again(self) -> "ReplaySpec":
+        return self

@@ -1,0 +1,81 @@
+"""A Question as messages to a language model (paper, supplementary A: system prompt and inputs)."""
+
+from collections.abc import Iterator, Mapping
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.grammar import FORMS
+from rf_exp.datagen.brain.exchanges import Message
+from rf_exp.datagen.brain.prompts import filled, listed
+from rf_exp.datagen.brain.protocol import SUBGOAL_FORMS, Question
+from rf_exp.transforms import Matrix
+
+JPEG_QUALITY = 90
+
+
+def constraint_forms() -> str:
+    """The sentences that the checker's grammar understands, one example each."""
+    return listed(form.example for form in FORMS)
+
+
+def messages(question: Question, *, pictures: bool) -> tuple[Message, Message]:
+    """The system prompt, and what is known of the present scene with its pictures."""
+    task, scene = question.task, question.scene
+    system = filled("propose", subgoals=listed(SUBGOAL_FORMS), constraints=constraint_forms())
+    text = filled(
+        "question",
+        title=task.title,
+        description=task.description,
+        target=task.target_condition,
+        agents=listed(_agents(question)),
+        objects=listed(_objects(question)),
+        places=listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
+        previous=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
+        feedback=listed(f"{violation.check}: {violation.reason}" for violation in question.feedback),
+    )
+    return Message("system", system), Message("user", text, jpegs(question.pictures) if pictures else {})
+
+
+def jpegs(pictures: Mapping[str, NDArray[np.uint8]]) -> dict[str, bytes]:
+    """Camera -> JPEG of a picture (H, W, 3) RGB."""
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    encoded = {}
+    for camera, picture in pictures.items():
+        _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), quality)
+        encoded[camera] = buffer.tobytes()
+    return encoded
+
+
+def _agents(question: Question) -> Iterator[str]:
+    for agent, robot, held in zip(
+        question.task.agents, question.task.robots, question.scene.held, strict=True
+    ):
+        yield (
+            f"Agent_{agent}: base at ({robot.x_m:.2f}, {robot.y_m:.2f}), facing {robot.yaw_deg:.0f} deg; "
+            f"holds {held or 'nothing'}"
+        )
+
+
+def _objects(question: Question) -> Iterator[str]:
+    task = question.task
+    for name, pose in question.scene.poses.items():
+        asset = task.asset(name)
+        size_m = np.ptp(asset.bounds_m, axis=0)
+        yaw_deg = np.round(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) + 0.0
+        kind = "a mark on the table" if asset.ghost else "fixed" if asset.static else "movable"
+        yield (
+            f"{name}: {_at(pose)}, turned {yaw_deg:.0f} deg, "
+            f"{size_m[0]:.2f} x {size_m[1]:.2f} x {size_m[2]:.2f} m, {kind}"
+        )
+        for label, point in asset.points.items():
+            world_from_tcp = pose @ point.object_from_tcp
+            along = ", ".join(f"{value:.1f}" for value in np.round(world_from_tcp[:3, 2], 1) + 0.0)
+            yield f"{name}, point {label}: to {point.kind}, {_at(world_from_tcp)}, along ({along})"
+
+
+def _at(pose: Matrix) -> str:
+    # Adding zero turns -0.0 into 0.0, so that noise around zero does not change the text.
+    x, y, z = np.round(pose[:3, 3], 3) + 0.0
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f})"

@@ -1,0 +1,68 @@
+"""Keys never reach a file, a log or a recording: they live in the environment alone."""
+
+import re
+from collections.abc import Sequence
+from urllib.parse import urlsplit
+
+from rf_exp.errors import ArgumentError
+
+SHORTEST = 8  # characters; what is shorter is no secret ("none", "EMPTY") but would garble a text
+_EXAMPLE = "an example: http://localhost:8000/v1"
+_ENVIRONMENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,63}")
+
+
+def without(text: str, key: str) -> str:
+    """The text with the key blotted out; servers like to repeat it in their errors."""
+    return text.replace(key, "[key]") if len(key) >= SHORTEST else text
+
+
+def check_environment_name(name: str) -> str:
+    """Raises ArgumentError, without repeating it, for what may be a key instead of a name."""
+    if _ENVIRONMENT_NAME.fullmatch(name) is None:
+        raise ArgumentError(
+            "brain.api_key_env is not the name of an environment variable (capitals, digits, underscores). "
+            "Put the key into a variable, OPENAI_API_KEY say, and give its name; never the key itself"
+        )
+    return name
+
+
+def check_address(url: str) -> str:
+    """An http(s) address without anything secret in it. Raises ArgumentError."""
+    try:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("http", "https") and bool(parts.hostname) and (parts.port or 1) > 0
+    except ValueError:
+        raise ArgumentError(f"the address of the model's server cannot be read; {_EXAMPLE}") from None
+    if parts.username or parts.password or parts.query or parts.fragment:
+        raise ArgumentError(
+            "the address of the model's server holds a user, a password or a query; addresses are recorded, "
+            "so put the key into the environment variable that brain.api_key_env names"
+        )
+    if not usable:
+        raise ArgumentError(f"the address of the model's server is {url!r}; {_EXAMPLE}")
+    return url
+
+
+def refuse_keys(arguments: Sequence[str]) -> None:
+    """Raises ArgumentError for command line arguments that hold a key.
+
+    To be called before Hydra, which writes every argument below `outputs/runs/`.
+    """
+    for argument in arguments:
+        name, _, value = argument.lstrip("+~").partition("=")
+        last = name.rsplit(".", 1)[-1].rsplit("/", 1)[-1].lower()
+        value = value.strip("'\"")
+        if last in ("api_key", "key", "token", "password"):
+            raise no_key_here(last)
+        if last == "api_key_env":
+            check_environment_name(value)
+        if last == "base_url" and value not in ("", "null"):
+            check_address(value)
+
+
+def no_key_here(name: str) -> ArgumentError:
+    """The error for a key in the configuration, which is written to files."""
+    return ArgumentError(
+        f"brain.{name} is not taken: configurations are written below outputs/. Put the key into an "
+        "environment variable and give its name: brain.api_key_env=OPENAI_API_KEY"
+    )

@@ -1,0 +1,72 @@
+"""One episode on a page, with its recording (paper, figure of RoboChecker at work).
+
+python -m rf_exp.demonstration                       Take Photo
+python -m rf_exp.demonstration task=lift_barrier     any other task
+"""
+
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from rf_exp.datagen.brain import Brain
+from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
+from rf_exp.demonstration.notes import Notes, Overheard, Together
+from rf_exp.demonstration.page import write_page
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.experiment import CONF, read_experiment
+from rf_exp.progress import console
+from rf_exp.recording import EpisodeRecorder
+from rf_exp.run import guarded
+from rf_exp.sim.pool import Pictures, close_simulator, simulator
+from rf_exp.stages.artifacts import complete
+
+SEEDS = 20  # tried for one success
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="demonstration")
+def main(config: DictConfig) -> None:
+    """A page for every chosen task, of the first seed that succeeds."""
+    experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    if len(experiment.rows) != 1:
+        names = ", ".join(row.name for row in experiment.rows)
+        raise ArgumentError(
+            f"a demonstration is of one row of constraints, got {names}; use constraints=full"
+        )
+    for task in experiment.tasks:
+        settings = experiment.settings(task, experiment.rows[0])
+        folder, last = experiment.out / "demonstrations", experiment.seed + SEEDS - 1
+        for seed in range(experiment.seed, last + 1):
+            brain = settings.make_brain(seed)
+            outcome = demonstrate(settings, experiment.pictures, brain, seed, folder)
+            if outcome.success:
+                break
+            console.print(f"{task.name}, seed {seed}: {outcome.reason}")
+        else:
+            raise StageError(f"{task.name}: no success in seeds {experiment.seed} to {last}")
+    close_simulator()
+
+
+def demonstrate(settings: Settings, pictures: Pictures, brain: Brain, seed: int, folder: Path) -> Outcome:
+    """Makes the episode of a seed; for a success `<task>-<seed>.md` and `.rrd` in `folder`."""
+    task, row = settings.task, settings.row
+    world, notes = simulator(task, pictures), Notes(task, row)
+    page = folder / f"{task.name}-{seed}.md"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    with complete(page.with_suffix(".rrd")) as draft:
+        title = f"{task.title}, {row.name}, scene {seed}"
+        with EpisodeRecorder(draft, task, world, title) as recorder:
+            maker = EpisodeMaker(settings, world, Overheard(brain, notes), Together(recorder, notes))
+            outcome = maker.make(seed)
+    if outcome.success:
+        end = world.pictures()["global"] if world.cameras else None
+        write_page(page, settings, outcome, notes.rounds, end)
+        console.print(f"wrote {page} and {page.with_suffix('.rrd').name} beside it")
+    else:
+        page.with_suffix(".rrd").unlink()
+    return outcome
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))

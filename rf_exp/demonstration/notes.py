@@ -1,0 +1,165 @@
+"""What is noted down while an episode is made: rounds, their phases, and what was checked."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import CheckCode, RoboChecker
+from rf_exp.constraints.timing import subgoal_runs
+from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
+from rf_exp.datagen.episode import Observer, Plan
+from rf_exp.recording import check_result, check_results, orders
+from rf_exp.tasks import Task
+from rf_exp.types import CONTROL_DT_S, Proposal, Row, Scene, Subgoal, Violation
+from rf_exp.viz.figures import coordination, lanes
+from rf_exp.viz.text import CheckResult
+
+TOGETHER_STEPS = 10  # subgoals that begin within half a second begin together
+
+Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
+
+
+@dataclass
+class Phase:
+    """From the moment some subgoals begin until the next ones do."""
+
+    begins_s: float  # since the start of the plan
+    goals: tuple[Subgoal, ...]
+    reached: bool = False
+    picture: Picture | None = None  # when it begins
+
+
+@dataclass
+class Round:
+    """One proposal and what came of it."""
+
+    begins_s: float  # since the start of the episode
+    answer: str = ""  # RoboBrain's, as it came
+    proposal: Proposal | None = None
+    code: CheckCode | None = None  # None: not understood
+    results: tuple[CheckResult, ...] = ()  # of the checks before anything moved
+    measured: dict[str, CheckResult] = field(default_factory=dict)  # check code -> on the real state
+    phases: tuple[Phase, ...] = ()
+    figures: dict[str, Picture] = field(default_factory=dict)
+    violation: Violation | None = None
+
+
+class Notes:
+    """An observer of the generation loop, and of the brain it asks."""
+
+    def __init__(self, task: Task, row: Row) -> None:
+        self._task, self._row = task, row
+        self._checker: RoboChecker | None = None
+        self.rounds: list[Round] = []
+
+    # -- what the brain says -----------------------------------------------------------------------
+
+    def asked(self, scene: Scene) -> None:
+        if self._checker is not None:  # what the last step of its plan has led to
+            self._measure(self._checker, scene, self.rounds[-1])
+        self.rounds.append(Round(scene.step * CONTROL_DT_S))
+        self._checker = None
+
+    def answered(self, answer: str) -> None:
+        self.rounds[-1].answer = answer
+        try:
+            proposal = from_json(answer, self._task)
+        except BadAnswer:  # the loop says so itself, as a violation
+            return
+        if not proposal.subgoals:
+            self.rounds.pop()  # there is nothing left to do
+            return
+        code = RoboChecker(self._task, proposal, self._row).code
+        self.rounds[-1].proposal = proposal
+        self.rounds[-1].code = code if isinstance(code, CheckCode) else None
+
+    # -- what the generation loop tells an observer ------------------------------------------------
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        now, self._checker = self.rounds[-1], checker
+        now.results = check_results(checker)
+        now.phases = phases(plan)
+        now.figures["lanes"] = lanes(plan.trajectories, plan.schedule)
+        if checker.plan is not None and checker.plan.diagrams:
+            diagrams = coordination(
+                plan.trajectories, plan.schedule, checker.plan.diagrams, orders(checker, plan.trajectories)
+            )
+            now.figures["diagrams"] = diagrams.picture
+
+    def rejected(self, violation: Violation) -> None:
+        self.rounds[-1].violation = violation
+        self._checker = None
+
+    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, Picture]) -> None:
+        if self._checker is None:
+            return
+        now = self.rounds[-1]
+        since_s = scene.step * CONTROL_DT_S - now.begins_s
+        for phase in now.phases:
+            if not phase.reached and since_s >= phase.begins_s - 1e-9:
+                phase.reached, phase.picture = True, pictures.get("global")
+        self._measure(self._checker, scene, now)
+
+    def _measure(self, checker: RoboChecker, scene: Scene, now: Round) -> None:
+        """The logical checks on the real state; of those that say more than once the worst."""
+        assert checker.plan is not None  # a plan that is executed has been checked
+        for check in checker.checks:
+            evidence = check.measured(scene, checker.plan) if check.kind == "logical" else None
+            if evidence is None:
+                continue
+            known = now.measured.get(repr(check))
+            if known is None or (known.ok and evidence.value > known.value):
+                since = replace(evidence, time_s=evidence.time_s - now.begins_s)
+                now.measured[repr(check)] = check_result(check, since)
+
+
+class Overheard:
+    """A brain whose answers are noted."""
+
+    def __init__(self, brain: Brain, notes: Notes) -> None:
+        self.name = brain.name
+        self._brain, self._notes = brain, notes
+
+    def answer(self, question: Question) -> str:
+        self._notes.asked(question.scene)
+        answer = self._brain.answer(question)
+        self._notes.answered(answer)
+        return answer
+
+
+class Together:
+    """Several observers as one."""
+
+    def __init__(self, *observers: Observer) -> None:
+        self._observers = observers
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        for observer in self._observers:
+            observer.planned(plan, checker)
+
+    def rejected(self, violation: Violation) -> None:
+        for observer in self._observers:
+            observer.rejected(violation)
+
+    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, Picture]) -> None:
+        for observer in self._observers:
+            observer.stepped(scene, action, pictures)
+
+
+def phases(plan: Plan) -> tuple[Phase, ...]:
+    """The subgoals of a plan in groups that begin together, in the order of their beginning."""
+    begins: list[tuple[int, Subgoal]] = []
+    for trajectory in plan.trajectories:
+        position, positions = 0, plan.schedule.positions[:, trajectory.agent - 1]
+        for goal, segments in subgoal_runs(trajectory):
+            begins.append((int(np.searchsorted(positions, position, "right")) - 1, goal))
+            position += sum(map(len, segments))
+    groups: list[tuple[int, list[Subgoal]]] = []
+    for step, goal in sorted(begins, key=lambda each: (each[0], each[1].agent)):
+        if groups and step - groups[-1][0] <= TOGETHER_STEPS:
+            groups[-1][1].append(goal)
+        else:
+            groups.append((step, [goal]))
+    return tuple(Phase(step * CONTROL_DT_S, tuple(goals)) for step, goals in groups)

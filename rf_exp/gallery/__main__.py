@@ -1,0 +1,84 @@
+"""The gallery: what each task looks like when it is done well.
+
+python -m rf_exp.gallery task=all                     a contact sheet and a film of every task
+python -m rf_exp.gallery task=place_food seed=7       of one, from scene seed 7 on
+
+Takes the keys of `python -m rf_exp.run`. Pictures are larger than those that policies see, whatever
+`picture` says.
+"""
+
+import sys
+from pathlib import Path
+
+import hydra
+from omegaconf import DictConfig, OmegaConf
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.experiment import CONF, Experiment, read_experiment, register_all_tasks
+from rf_exp.gallery.draw import contact_sheet, overview, panel
+from rf_exp.gallery.film import film
+from rf_exp.gallery.performance import Performance, perform
+from rf_exp.progress import console
+from rf_exp.run import guarded
+from rf_exp.sim.simulator import Simulator
+from rf_exp.tasks import Task
+
+WIDTH_PX, HEIGHT_PX = 640, 480
+TRIES = 20  # seeds, one after the other
+
+register_all_tasks()
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+def main(config: DictConfig) -> None:
+    """One job: every chosen task, then all of them on one sheet."""
+    experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    if not experiment.pictures.render:
+        raise ArgumentError("render=false makes no pictures, and the gallery is pictures; leave it out")
+    if len(experiment.rows) > 1:
+        chosen = ", ".join(row.name for row in experiment.rows)
+        raise ArgumentError(f"constraints are {chosen}; the gallery shows one of them, e.g. constraints=full")
+    folder = experiment.out / "gallery"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArgumentError(f"cannot write below {experiment.out}: {error.strerror}") from error
+
+    panels, failed = [], []
+    for task in sorted(experiment.tasks, key=lambda task: len(task.agents)):
+        with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX) as world:
+            try:
+                performance = _first_success(experiment, task, world)
+            except StageError as error:
+                console.print(f"{task.name}: {error}")
+                failed.append(task.name)
+                continue
+            panels.append(panel(task, performance.stills))
+            _publish(folder, task, performance, world)
+    if panels:
+        overview(panels).save(folder / "gallery.png")
+        console.print(f"{len(panels)} tasks: {folder / 'gallery.png'}")
+    if failed:
+        raise StageError(f"no episode to show of {', '.join(failed)}; the reasons are above")
+
+
+def _first_success(experiment: Experiment, task: Task, world: Simulator) -> Performance:
+    """The expert's episode of the first scene seed from `seed` on that succeeds."""
+    settings, reason = experiment.settings(task, experiment.rows[0]), ""
+    for seed in range(experiment.seed, experiment.seed + TRIES):
+        performance, reason = perform(settings, world, seed)
+        if performance is not None:
+            console.print(f"{task.name}: seed {seed}, {performance.seconds:.1f} s")
+            return performance
+        console.print(f"{task.name}: seed {seed} failed: {reason}")
+    raise StageError(f"none of the {TRIES} seeds from {experiment.seed} on succeeded, the last: {reason}")
+
+
+def _publish(folder: Path, task: Task, performance: Performance, world: Simulator) -> None:
+    contact_sheet(task, performance.stills, performance.seed).save(folder / f"{task.name}.png")
+    film(folder / f"{task.name}.mp4", task, performance, world)
+    console.print(f"{task.name}: {folder / task.name}.png, {task.name}.mp4")
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))

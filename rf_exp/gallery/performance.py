@@ -1,0 +1,151 @@
+"""One expert episode: made without pictures, then played again for the cameras.
+
+The same actions from the same seed give the same episode, so only what is shown has to be drawn.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.datagen.episode import EpisodeMaker, Plan, Settings
+from rf_exp.errors import StageError
+from rf_exp.sim.simulator import Simulator
+from rf_exp.tasks import Judge
+from rf_exp.types import CONTROL_DT_S, Scene, Violation
+
+Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
+
+
+@dataclass(frozen=True)
+class Line:
+    """What an agent is about at one control step."""
+
+    text: str  # its subgoal; empty when it has none left
+    moving: bool
+
+
+@dataclass(frozen=True)
+class Still:
+    """One moment of an episode from all cameras."""
+
+    title: str  # start | middle | end
+    time_s: float
+    pictures: Pictures
+    lines: tuple[Line, ...]  # one an agent
+
+
+@dataclass(frozen=True)
+class Performance:
+    """A successful episode and the three moments that are shown of it."""
+
+    seed: int
+    actions: NDArray[np.float64]  # (T, N, 8)
+    lines: tuple[tuple[Line, ...], ...]  # (T, N)
+    stills: tuple[Still, ...]
+
+    @property
+    def seconds(self) -> float:
+        return len(self.actions) * CONTROL_DT_S
+
+    def line(self, step: int) -> tuple[Line, ...]:
+        """What the agents are about at a step; at the end, what they did last, standing still."""
+        if step < len(self.lines):
+            return self.lines[step]
+        return tuple(Line(line.text, False) for line in self.lines[-1])
+
+
+class Unseen:
+    """A simulator with its cameras covered: what is not drawn costs nothing."""
+
+    cameras: tuple[str, ...] = ()
+
+    def __init__(self, world: Simulator) -> None:
+        self.reset, self.step, self.pictures = world.reset, world.step, world.pictures
+
+
+class Prompter:
+    """An observer that notes at every step which subgoal each agent is at, and who touches something."""
+
+    def __init__(self) -> None:
+        self.actions: list[NDArray[np.float64]] = []
+        self.lines: list[tuple[Line, ...]] = []
+        self.touching: list[int] = []  # agents that hold or push something
+        self._plan: Plan | None = None
+        self._since = 0
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        self._plan, self._since = plan, len(self.lines)
+
+    def rejected(self, violation: Violation) -> None:
+        pass
+
+    def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Pictures) -> None:
+        assert self._plan is not None  # nothing moves without a plan
+        step = min(len(self.lines) - self._since + 1, len(self._plan.schedule))
+        self.actions.append(action)
+        self.lines.append(
+            tuple(_line(self._plan, agent, step, held) for agent, held in enumerate(scene.held, start=1))
+        )
+        held = {agent for agent, name in enumerate(scene.held, start=1) if name}
+        self.touching.append(len(held | {agent for agent, _ in scene.finger_forces}))
+
+
+def _line(plan: Plan, agent: int, step: int, held: str | None) -> Line:
+    """What an agent is about in the step of a schedule that ends at row `step`; it may only hold a thing."""
+    trajectory = plan.trajectories[agent - 1]
+    before, now = plan.schedule.positions[step - 1 : step + 1, agent - 1].tolist()
+    ended = int(np.searchsorted(trajectory.knots[1:], now))
+    if not trajectory.segments or (now == before and now == len(trajectory)):
+        return Line(f"hold {held}" if held else "", False)
+    return Line(trajectory.segments[ended].subgoal.text, now > before)
+
+
+def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performance | None, str]:
+    """The expert's episode of a seed with its stills, or None and why there is none."""
+    prompter = Prompter()
+    outcome = EpisodeMaker(settings, Unseen(world), settings.make_brain(seed), prompter).make(seed)
+    if not outcome.success:
+        return None, outcome.reason
+    actions, lines = np.stack(prompter.actions), tuple(prompter.lines)
+    moments = {"start": 0, "middle": _middle(prompter.touching), "end": len(actions)}
+    shown = {step: pictures for step, pictures in play(world, seed, actions, set(moments.values()))}
+    unseen = Performance(seed, actions, lines, ())
+    stills = tuple(
+        Still(title, step * CONTROL_DT_S, shown[step], unseen.line(step)) for title, step in moments.items()
+    )
+    return Performance(seed, actions, lines, stills), ""
+
+
+def _middle(touching: list[int]) -> int:
+    """The step of the middle half with the most agents at work, of these the one nearest to half-way.
+
+    Half of the steps alone often falls on a moment at which arms pass from one thing to the next; without
+    the middle half, tasks that end with all hands on one thing would show their end twice.
+    """
+    steps = np.arange(len(touching) // 4, 3 * len(touching) // 4 + 1)
+    at_work = np.array(touching)[steps]
+    busy = steps[at_work == at_work.max()]
+    return int(busy[np.abs(busy - len(touching) / 2).argmin()])
+
+
+def play(
+    world: Simulator, seed: int, actions: NDArray[np.float64], shown: set[int]
+) -> Iterator[tuple[int, dict[str, NDArray[np.uint8]]]]:
+    """Plays an episode again; the pictures before the steps in `shown`, T for after the last.
+
+    Raises StageError when it does not end in success as it did before.
+    """
+    scene = world.reset(seed)
+    judge = Judge(world.task, scene)
+    success = judge(scene).success
+    for step, action in enumerate(actions):
+        if step in shown:
+            yield step, world.pictures()
+        success = judge(world.step(action)).success
+    if not success:
+        raise StageError(f"task {world.task.name!r}, seed {seed}: played again, the episode does not succeed")
+    if len(actions) in shown:
+        yield len(actions), world.pictures()

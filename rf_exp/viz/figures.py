@@ -1,0 +1,194 @@
+"""Plans as pictures: who does what when, and how a schedule leads through coordination diagrams."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory
+from rf_exp.viz.layout import (
+    BACKGROUND,
+    INK,
+    ORDERED,
+    VIOLATED,
+    WAITS,
+    Rgb,
+    agent_colour,
+    primitive_colour,
+)
+
+Pair = tuple[int, int]  # agents i < j
+Mask = NDArray[np.bool_]
+
+DPI = 110
+TILE_IN = 2.9  # side of one coordination diagram
+LEGEND_IN = 0.35
+COLUMNS = 3
+WIDTH_IN, LANE_IN = 10.0, 0.5  # of the picture of lanes
+RIBBON = 0.035  # width of the coloured path beside a diagram, as a part of its side
+FACE = "#{:02x}{:02x}{:02x}".format(*BACKGROUND)
+TEXT = "#{:02x}{:02x}{:02x}".format(*INK)
+STYLE: dict[Any, Any] = {
+    "font.size": 9,
+    "figure.facecolor": FACE,
+    "axes.facecolor": FACE,
+    "axes.edgecolor": TEXT,
+    "text.color": TEXT,
+    "axes.labelcolor": TEXT,
+    "xtick.color": TEXT,
+    "ytick.color": TEXT,
+    "legend.frameon": False,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Coordination:
+    """The coordination diagrams of all pairs of agents in one picture."""
+
+    picture: NDArray[np.uint8]  # (H, W, 3) sRGB
+    pairs: tuple[Pair, ...]
+    origins_px: NDArray[np.float64]  # (K, 2) x right, y down: both agents of the pair at the start
+    steps_px: NDArray[np.float64]  # (K, 2) for one path position of agent i, of agent j
+
+    def at(self, positions: NDArray[np.integer]) -> NDArray[np.float64]:
+        """(K, 2) pixel of every pair when the agents are at path positions (N,)."""
+        places = np.array([[positions[i - 1], positions[j - 1]] for i, j in self.pairs]).reshape(-1, 2)
+        return self.origins_px + self.steps_px * places
+
+
+def coordination(
+    trajectories: Sequence[Trajectory],
+    schedule: Schedule,
+    close: Mapping[Pair, Mask],
+    ordered: Mapping[Pair, Mask],
+) -> Coordination:
+    """A diagram for every pair in `close`: position of i to the right, of j upwards, the schedule through it.
+
+    `close` (P_i, P_j): too close to each other; `ordered`: what temporal constraints forbid.
+    """
+    pairs = tuple(sorted(close))
+    columns, rows = _tiles(len(pairs))
+    with rc_context(STYLE):
+        figure = Figure(_size_in(len(pairs)), dpi=DPI, layout="constrained")
+        grid = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes, (i, j) in zip(grid, pairs, strict=False):
+            forbidden = [(ordered[i, j], ORDERED)] if (i, j) in ordered else []
+            _diagram(axes, trajectories[i - 1], trajectories[j - 1], [*forbidden, (close[i, j], VIOLATED)])
+            line = schedule.positions[:, [i - 1, j - 1]] * CONTROL_DT_S
+            axes.plot(line[:, 0], line[:, 1], color="white", lw=1.6)
+        for axes in grid[len(pairs) :]:
+            axes.set_axis_off()
+        figure.legend(
+            handles=[
+                Patch(color=_hex(VIOLATED), label="too close"),
+                Patch(color=_hex(ORDERED), label="order forbids"),
+                Line2D([], [], color="white", label="schedule"),
+            ],
+            loc="outside lower center",
+            ncols=3,
+        )
+        picture = _drawn(figure)
+        corners = [
+            axes.transData.transform([[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]])
+            for axes in grid[: len(pairs)]
+        ]
+    origins, ends = np.array(corners)[:, 0], np.array(corners)[:, 1]  # y upwards
+    flip = np.array([1.0, -1.0])
+    return Coordination(picture, pairs, origins * flip + (0.0, len(picture)), (ends - origins) * flip)
+
+
+def coordination_size_px(pairs: int) -> tuple[int, int]:
+    """Width and height of the picture of so many diagrams."""
+    width_in, height_in = _size_in(pairs)
+    return int(width_in * DPI), int(height_in * DPI)
+
+
+def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB: a row for each agent, its segments coloured by primitive, its waiting grey."""
+    with rc_context(STYLE):
+        size = WIDTH_IN, LANE_IN * len(trajectories) + 0.9
+        figure = Figure(size, dpi=DPI, layout="constrained")
+        axes = figure.add_subplot()
+        for trajectory in trajectories:
+            _lane(axes, trajectory, schedule.positions[:, trajectory.agent - 1])
+        axes.set_yticks([each.agent for each in trajectories], [f"agent {t.agent}" for t in trajectories])
+        for label, trajectory in zip(axes.get_yticklabels(), trajectories, strict=True):
+            label.set_color(_hex(agent_colour(trajectory.agent)))
+        axes.set_xlim(0.0, max(len(schedule), 1) * CONTROL_DT_S)
+        axes.set_ylim(len(trajectories) + 0.6, 0.4)
+        axes.set_xlabel("s since the start of the plan")
+        for side in ("left", "right", "top"):
+            axes.spines[side].set_visible(False)
+        names = dict.fromkeys(segment.primitive for each in trajectories for segment in each.segments)
+        handles = [Patch(color=_hex(primitive_colour(name)), label=name) for name in names]
+        handles += [Patch(color=_hex(WAITS), label="waits")]
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+        return _drawn(figure)
+
+
+def _tiles(pairs: int) -> tuple[int, int]:
+    columns = min(COLUMNS, pairs)
+    return columns, -(-pairs // columns)
+
+
+def _size_in(pairs: int) -> tuple[float, float]:
+    columns, rows = _tiles(pairs)
+    return TILE_IN * columns, TILE_IN * rows + LEGEND_IN
+
+
+def _lane(axes: Axes, trajectory: Trajectory, positions: NDArray[np.integer]) -> None:
+    """The row of one agent."""
+    row, knots = trajectory.agent, trajectory.knots
+    end_s = int(np.searchsorted(positions, len(trajectory))) * CONTROL_DT_S
+    axes.broken_barh([(0.0, end_s)], (row - 0.2, 0.4), facecolor=_hex(WAITS))
+    begins: dict[str, float] = {}
+    for segment, begin, end in zip(trajectory.segments, knots, knots[1:], strict=False):
+        first = (int(np.searchsorted(positions, begin, "right")) - 1) * CONTROL_DT_S
+        last = int(np.searchsorted(positions, end)) * CONTROL_DT_S
+        colour = _hex(primitive_colour(segment.primitive))
+        axes.broken_barh([(first, last - first)], (row - 0.2, 0.4), facecolor=colour, edgecolor=FACE, lw=0.6)
+        begins.setdefault(segment.subgoal.text, first)
+    for text, first in begins.items():
+        axes.plot([first, first], [row - 0.42, row + 0.2], color=TEXT, lw=0.8)
+        axes.text(first, row - 0.27, f" {text}", va="bottom", fontsize=7, clip_on=True)
+
+
+def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple[Mask, Rgb]]) -> None:
+    """One pair: cells that are forbidden, and the path of either agent as a ribbon along its axis."""
+    half = CONTROL_DT_S / 2  # a cell is as wide as a control step, with its position in the middle
+    right, top = len(i) * CONTROL_DT_S + half, len(j) * CONTROL_DT_S + half
+    for mask, colour in forbidden:
+        shown = np.zeros((*mask.T.shape, 4), np.uint8)
+        shown[mask.T] = (*colour, 255)
+        axes.imshow(shown, origin="lower", extent=(-half, right, -half, top), interpolation="nearest")
+    for trajectory, across in ((i, True), (j, False)):
+        for segment, begin, end in zip(
+            trajectory.segments, trajectory.knots, trajectory.knots[1:], strict=False
+        ):
+            first, last = begin * CONTROL_DT_S, end * CONTROL_DT_S
+            draw = axes.axvspan if across else axes.axhspan
+            draw(
+                first, last, 1.0, 1.0 + RIBBON, clip_on=False, color=_hex(primitive_colour(segment.primitive))
+            )
+    # Both ends of an agent that does not move are one and the same: keep its axis from being empty.
+    axes.set(xlim=(-half, right), ylim=(-half, top), aspect="auto", box_aspect=1.0)
+    axes.set_xlabel(f"agent {i.agent}, s along its path", color=_hex(agent_colour(i.agent)))
+    axes.set_ylabel(f"agent {j.agent}, s along its path", color=_hex(agent_colour(j.agent)))
+
+
+def _drawn(figure: Figure) -> NDArray[np.uint8]:
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _hex(colour: Rgb) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -1,0 +1,95 @@
+"""Proposals, check code and evidence as Markdown, for recordings and for pages."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+
+from rf_exp.types import Proposal, Subgoal, Violation
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """One check of the check code with its evidence."""
+
+    code: str  # as the paper prints it, e.g. VI(Agent_1, barrier, left)
+    text: str  # the constraint as it was stated
+    ok: bool
+    value: float  # what was found
+    bound: float  # what is allowed
+    unit: str  # of both
+    time_s: float  # when, since the start of the plan
+    reason: str
+
+
+def subgoals(goals: Sequence[Subgoal]) -> str:
+    """A bold line for each agent, its subgoals numbered below."""
+    lines = []
+    for agent in sorted({goal.agent for goal in goals}):
+        own = [goal.text for goal in goals if goal.agent == agent]
+        lines += [f"**Agent {agent}**", "", *(f"{number}. {text}" for number, text in enumerate(own, 1)), ""]
+    return "\n".join(lines)
+
+
+def constraints(proposal: Proposal) -> str:
+    """The constraints as RoboBrain stated them, by kind."""
+    lines = [
+        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {each.text}"
+        for each in proposal.constraints
+    ]
+    return "\n".join(lines)
+
+
+def proposal(answer: Proposal) -> str:
+    """RoboBrain's answer: subgoals of each agent, then the constraints."""
+    return f"{subgoals(answer.subgoals)}\n**Constraints**\n\n{constraints(answer)}"
+
+
+def code(checks: Sequence[str]) -> str:
+    """Check code, one call a line, composed by `and`."""
+    return "```python\n" + "\nand ".join(checks) + "\n```"
+
+
+def judged_code(results: Sequence[CheckResult]) -> str:
+    """Check code with the value and the bound of each check beside it."""
+    return code([f"{each.code}  # {_judged(each)}" for each in results])
+
+
+def _judged(result: CheckResult) -> str:
+    value, bound = (quantity(number, result.unit) for number in (result.value, result.bound))
+    return f"{'holds' if result.ok else 'VIOLATED'}: {value}, bound {bound}"
+
+
+def verdicts(results: Sequence[CheckResult]) -> str:
+    """A table: a row for each check, with value, bound, moment and reason."""
+    lines = ["| | check | value | bound | at | evidence |", "|---|---|---|---|---|---|"]
+    for each in results:
+        mark = "holds" if each.ok else "**violated**"
+        value, bound = (quantity(number, each.unit) for number in (each.value, each.bound))
+        lines += [
+            f"| {mark} | `{each.code}` | {value} | {bound} | {each.time_s:.2f} s | {_cell(each.reason)} |"
+        ]
+    return "\n".join(lines)
+
+
+def summary(results: Sequence[CheckResult]) -> str:
+    """The verdict of the whole check code, in words."""
+    failed = [each for each in results if not each.ok]
+    if failed:
+        return f"**False**: {len(failed)} of {len(results)} checks are violated."
+    return f"**True**: all {len(results)} checks hold."
+
+
+def violation(found: Violation) -> str:
+    """Who violated what, with the evidence, in one line. A refusal has no value and no bound."""
+    agents = " and ".join(f"agent {agent}" for agent in found.agents)
+    measured = f"{found.value:.4g}, bound {found.bound:.4g}, " if found.value or found.bound else ""
+    return f"{f'{agents}: ' if agents else ''}{found.reason} ({measured}at {found.time_s:.2f} s)"
+
+
+def quantity(number: float, unit: str) -> str:
+    """A value with its unit; `none` where there was nothing to measure."""
+    return f"{round(number, 4) + 0.0:g} {unit}".strip() if isfinite(number) else "none"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|").replace("\n", " ")

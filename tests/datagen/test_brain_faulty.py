@@ -1,0 +1,138 @@
+"""Named faults: found before anything moves, explained, and repaired, in the real simulator."""
+
+import numpy as np
+import pytest
+
+from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, applies, from_json
+from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.errors import ArgumentError
+from rf_exp.sim.simulator import Simulator
+from rf_exp.types import Row, Violation
+from tests.conftest import CONF, read_task
+from tests.scenes import start_scene
+
+FULL = Row("full")
+
+
+class Watcher(Nobody):
+    """Notes what moved, and what was rejected after how many steps."""
+
+    def __init__(self):
+        self.rejected_at, self.reasons, self.steps = [], [], 0
+        self.planned_at = []
+
+    def planned(self, plan, checker):
+        self.planned_at.append(self.steps)
+
+    def rejected(self, violation):
+        self.rejected_at.append(self.steps)
+        self.reasons.append(violation.reason)
+
+    def stepped(self, scene, action, pictures):
+        self.steps += 1
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    with (
+        Simulator(read_task("lift_barrier"), render=False) as lift,
+        Simulator(read_task("place_food"), render=False) as place,
+    ):
+        yield {"lift_barrier": lift, "place_food": place}
+
+
+def make(world, fault):
+    watcher, brain = Watcher(), FaultyBrain(fault, seed=0)
+    outcome = EpisodeMaker(Settings(world.task, FULL, FaultySpec(fault)), world, brain, watcher).make(0)
+    return outcome, watcher, brain
+
+
+def faults_of(name, breaks):
+    task = read_task(name)
+    scene = start_scene(task, 0)
+    return [fault for fault in FAULTS if FAULTS[fault].breaks is breaks and applies(fault, task, scene)]
+
+
+CASES = [("lift_barrier", fault) for fault in (*faults_of("lift_barrier", True), "uneven_height")]
+CASES += [
+    pytest.param("place_food", fault, marks=pytest.mark.slow)
+    for fault in faults_of("place_food", True)
+    if fault not in faults_of("lift_barrier", True)
+]
+
+
+@pytest.mark.parametrize(("name", "fault"), CASES)
+def test_a_fault_that_breaks_something_is_found_before_it_moves_and_repaired(name, fault, worlds):
+    outcome, watcher, brain = make(worlds[name], fault)
+    assert brain.placed and outcome.success and outcome.attempts == 2
+    (stopped_at,) = watcher.rejected_at
+    assert stopped_at in (0, *watcher.planned_at)  # nothing moved between the proposal and its rejection
+    assert watcher.reasons[0]
+
+
+REASONS = {
+    "wrong_point": "Agent_",
+    "unknown_point": "no interaction point 'nowhere'; available: left, right",
+    "wrong_direction": "90 deg off the horizontal",
+    "unknown_agent": "unknown agent 'Agent_3'",
+    "missing_object": "no object 'second_barrier' in lift_barrier; available: barrier",
+    "unreadable_constraint": "is not understood; forms that are",
+    "lost_synchronisation": "contradict one another",
+    "impossible_deadline": "cannot be done within 0.1 s",
+    "unreachable_target": "does not reach that high",
+    "forbidden_zone": "enters the zone",
+    "missing_subgoal": "its subgoals: none",
+}
+
+
+@pytest.mark.parametrize("fault", REASONS)
+def test_the_reason_speaks_of_the_fault(fault, worlds):
+    _, watcher, _ = make(worlds["lift_barrier"], fault)
+    assert REASONS[fault] in watcher.reasons[0]
+
+
+def test_a_constraint_left_out_is_made_up_for(worlds):
+    outcome, watcher, brain = make(worlds["lift_barrier"], "missing_constraint")
+    assert brain.placed and outcome.success and not watcher.reasons
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_fault_applies_somewhere_and_says_what_it_breaks(fault):
+    assert FAULTS[fault].description.endswith(".")
+    lift = read_task("lift_barrier")
+    held = start_scene(lift, 0)
+    held = type(held)(**{**held.__dict__, "held": ("barrier", "barrier")})
+    place = read_task("place_food")
+    scenes = [(lift, start_scene(lift, 0)), (lift, held), (place, start_scene(place, 0))]
+    assert any(applies(fault, task, scene) for task, scene in scenes)
+
+
+def test_a_fault_where_it_applies_changes_the_plan_the_same_way_for_a_seed(task):
+    """A law of the suite: no fault crashes on any task, and a seed decides what it does."""
+    scene = start_scene(task, 0)
+    sound = task.module.plan(scene, task)
+    for fault in FAULTS.values():
+        question = Question(task, scene, {})
+        first, second = (fault.change(sound, question, np.random.default_rng(3)) for _ in range(2))
+        assert first == second and first != sound
+
+
+def test_after_feedback_it_answers_as_scripted(lift_barrier):
+    scene = start_scene(lift_barrier, 0)
+    brain = FaultySpec("wrong_point").make(lift_barrier, FULL, 0)
+    sound = lift_barrier.module.plan(scene, lift_barrier)
+    first = from_json(brain.answer(Question(lift_barrier, scene, {})), lift_barrier)
+    assert first != sound and first.constraints == sound.constraints
+    feedback = (Violation("ValidateInteraction", (1,), 0.0, 0.4, 0.01, "wrong end"),)
+    second = Question(lift_barrier, scene, {}, feedback=feedback)
+    assert from_json(brain.answer(second), lift_barrier) == sound
+
+
+def test_the_documentation_lists_every_fault():
+    rows = [line for line in (CONF.parent / "docs" / "brains.md").read_text().splitlines() if "|" in line]
+    assert {fault for fault in FAULTS if any(row.startswith(f"| `{fault}`") for row in rows)} == set(FAULTS)
+
+
+def test_an_unknown_fault_names_those_there_are():
+    with pytest.raises(ArgumentError, match="unknown fault 'bad_luck'; available: circular_order, forb"):
+        FaultySpec("bad_luck")

@@ -1,0 +1,81 @@
+"""The whole command with a model: recorded, repeated without it, and the key nowhere below outputs."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+from rf_exp.datagen.brain import to_json
+from rf_exp.run import guarded, main
+from rf_exp.types import Proposal
+from tests.datagen.language_server import LanguageServer, completion, failure
+from tests.scenes import start_scene
+
+ROOT = Path(__file__).parents[2]
+KEY = "sk-test-0123456789abcdefghij"
+GENERATE = ("stages=[generate]", "render=false", "episodes=2", "recordings=1", "workers=1", "wandb=disabled")
+
+
+def run(*arguments, key=KEY):
+    environment = {**os.environ, "OPENAI_API_KEY": key, "NO_PROXY": "127.0.0.1"}
+    return subprocess.run(
+        [sys.executable, "-m", "rf_exp.run", *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def holds(folder, text):
+    return [path for path in folder.rglob("*") if path.is_file() and text.encode() in path.read_bytes()]
+
+
+def episodes_of(task, count):
+    scene = start_scene(task, 0)
+    proposals = [
+        task.module.plan(each, task) for each in (scene, replace(scene, held=("barrier", "barrier")))
+    ]
+    return [completion(to_json(each)) for each in (*proposals, Proposal((), ()))] * count
+
+
+@pytest.mark.slow
+def test_a_run_with_a_model_is_repeated_without_it_and_keeps_no_key(lift_barrier, tmp_path):
+    live, again = tmp_path / "live", tmp_path / "again"
+    with LanguageServer([failure(401, f"wrong key {KEY}"), *episodes_of(lift_barrier, 2)]) as server:
+        asked = run(*GENERATE, "brain=openai", f"brain.base_url={server.url}", f"out={live}")
+    assert asked.returncode == 0, asked.stderr
+    assert set(server.keys) == {f"Bearer {KEY}"}
+    rows = [
+        json.loads(line)
+        for line in (live / "results/generate/lift_barrier/full.jsonl").read_text().splitlines()
+    ]
+    assert [(row["brain"], row["success"], row["attempts"]) for row in rows] == [
+        ("openai", True, 2),
+        ("openai", True, 1),
+    ]
+    assert len(server.requests) == 7  # the recording made the first episode again without asking
+    assert (live / "recordings/lift_barrier/full/generate-0.rrd").exists()
+    assert holds(live, "wrong key [key]") and not holds(live, KEY)
+    assert KEY not in asked.stdout + asked.stderr
+
+    replayed = run(*GENERATE, "brain=replay", f"brain.exchanges={live}/exchanges", f"out={again}", key="")
+    assert replayed.returncode == 0, replayed.stderr
+    arrays = [path.relative_to(live) for path in (live / "data").rglob("c/*") if path.is_file()]
+    assert arrays and all((live / path).read_bytes() == (again / path).read_bytes() for path in arrays)
+
+
+def test_a_key_on_the_command_line_is_refused_before_it_is_written(monkeypatch, capsys, tmp_path):
+    arguments = [*GENERATE, "brain=openai", f"+brain.api_key={KEY}", f"out={tmp_path}"]
+    monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
+    GlobalHydra.instance().clear()
+    assert guarded(main) == 2
+    said = "".join(capsys.readouterr())
+    assert "environment variable" in said and KEY not in said and not holds(tmp_path, KEY)

@@ -1,0 +1,147 @@
+"""Laws over every task in conf/task: starts, chance, cheating. No pictures.
+
+Beside them: the same seed gives the same bytes and nothing moves by itself (test_simulator.py), views show
+what matters (test_pictures.py), plans name only what exists (tests/tasks/test_success.py).
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from sapien import physx
+
+from rf_exp.constraints.clearance import Swept, nearest
+from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Judge, Task
+from rf_exp.transforms import inverse
+from rf_exp.types import ARM_JOINTS, Scene
+from tests.conftest import TASKS, read_task
+from tests.scenes import start_scene
+
+RESTING_M = 5e-4  # by so much things that lie on one another may overlap at the start
+RANDOM_EPISODES, RANDOM_STEPS = 50, 40
+FEWEST_TOUCHES = 4  # random episodes in which something was moved; with less, they prove nothing
+FLIGHT_STEPS = 30
+THROWS_M_S = ((0.0, 0.0, 2.5), (0.6, 0.6, 1.5), (-0.6, 0.4, 1.5), (0.3, -0.8, 2.0))
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
+    with Simulator(read_task(request.param), render=False) as simulator:
+        yield simulator
+
+
+# Starts
+
+
+def test_a_hundred_seeds_give_a_hundred_starts(task: Task) -> None:
+    starts = [task.start(seed) for seed in range(100)]
+
+    def different(values: Iterator[np.ndarray | float]) -> int:
+        return len({np.asarray(value).round(9).tobytes() for value in values})
+
+    assert different(np.stack(list(start.poses.values())) for start in starts) == 100
+    assert different(start.light for start in starts) == 100
+    for agent in task.agents:
+        assert different(start.qpos[agent - 1, :ARM_JOINTS] for start in starts) == 100
+    for name in task.objects:
+        assert different(start.tints[name] for start in starts) == 100
+
+
+def test_nothing_stands_in_anything_else(task: Task) -> None:
+    for seed in range(50):
+        scene = start_scene(task, seed)
+        bodies = Bodies(task, scene)
+        things = {name: solid(bodies, name) for name in task.objects if task.asset(name).hulls}
+        for (one, a), (other, b) in combinations(things.items(), 2):
+            assert distance_m(a, b) > -RESTING_M, (seed, one, other)
+        for name in things:
+            assert task.asset(name).vertices(scene.poses[name])[:, 2].min() > -RESTING_M, (seed, name)
+        for agent in task.agents:
+            arm = bodies.arm(agent, scene.qpos[agent - 1])
+            for name, thing in things.items():
+                assert distance_m(arm, thing) > OBJECT_MARGIN_M, (seed, agent, name)
+        for a, b in combinations(task.agents, 2):
+            assert bodies.between(a, b).distance_m > AGENT_MARGIN_M, (seed, a, b)
+
+
+def solid(bodies: Bodies, name: str) -> Swept:
+    """An object that may touch nothing, unlike one that lies on another."""
+    return replace(bodies.standing([name]), objects=frozenset())
+
+
+def distance_m(a: Swept, b: Swept) -> float:
+    found = nearest(a, b)
+    assert found is not None
+    return found.distance_m
+
+
+# Success is nothing that just happens
+
+
+def test_nothing_has_succeeded_at_reset(simulator: Simulator) -> None:
+    for seed in range(20):
+        scene = simulator.reset(seed)
+        verdict = Judge(simulator.task, scene)(scene)
+        assert not verdict.success and not verdict.success_paper and not all(verdict.evidence.values()), seed
+
+
+@pytest.mark.slow
+def test_random_actions_never_succeed(simulator: Simulator) -> None:
+    moved = 0
+    for seed in range(RANDOM_EPISODES):
+        rng = np.random.default_rng(seed)
+        start = scene = simulator.reset(seed)
+        judge, action = Judge(simulator.task, start), simulator.command
+        reach = towards_things(simulator.task, start, rng) / RANDOM_STEPS
+        for step in range(RANDOM_STEPS):
+            action[:, :ARM_JOINTS] += reach + rng.normal(0.0, 0.03, reach.shape)
+            if step % 10 == 0:
+                action[:, ARM_JOINTS] = rng.choice([-1.0, 1.0], len(action))
+            scene = simulator.step(action)
+            verdict = judge(scene)
+            assert not verdict.success and not verdict.success_paper, (seed, step)
+        moved += any(np.abs(scene.poses[name] - pose).max() > 2e-3 for name, pose in start.poses.items())
+    assert moved >= FEWEST_TOUCHES, "the arms hardly ever touch anything: they prove nothing"
+
+
+def towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """(N, 7) rad: each arm turns to a thing and bends down, by more or less; chance does the rest."""
+    change = rng.normal(0.0, 0.2, (len(task.robots), ARM_JOINTS))
+    for row, robot in enumerate(task.robots):
+        place = inverse(robot.world_from_base) @ scene.poses[rng.choice(loose(task))]
+        change[row, 0] += np.arctan2(place[1, 3], place[0, 3]) - scene.qpos[row, 0]
+        change[row, 1] += rng.uniform(0.4, 1.2)
+    return change
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("throw_m_s", THROWS_M_S)
+def test_flung_things_never_succeed(simulator: Simulator, throw_m_s: tuple[float, float, float]) -> None:
+    thrown = loose(simulator.task)
+    for names in [[name] for name in thrown] + [thrown]:
+        start = scene = simulator.reset(0)
+        judge, hold = Judge(simulator.task, start), simulator.command
+        for name in names:
+            fling(simulator, name, throw_m_s)
+        highest_m = 0.0
+        for step in range(FLIGHT_STEPS):
+            scene = simulator.step(hold)
+            risen_m = max(scene.poses[name][2, 3] - start.poses[name][2, 3] for name in names)
+            highest_m = max(highest_m, float(risen_m))
+            assert not judge(scene).success, (names, step)
+        assert highest_m > 0.04, "it did not fly"
+
+
+def loose(task: Task) -> list[str]:
+    """The objects that can be moved at all."""
+    return [name for name in task.objects if not (task.asset(name).static or task.asset(name).ghost)]
+
+
+def fling(simulator: Simulator, name: str, velocity_m_s: tuple[float, float, float]) -> None:
+    body = simulator._bodies[name].find_component_by_type(physx.PhysxRigidDynamicComponent)
+    assert isinstance(body, physx.PhysxRigidDynamicComponent)
+    body.set_linear_velocity(list(velocity_m_s))

@@ -1,0 +1,101 @@
+"""The page of a demonstration: phases, check code and verdicts of a real episode, mistake included."""
+
+import re
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+from rf_exp.datagen.brain import FaultyBrain
+from rf_exp.datagen.episode import Plan, Settings
+from rf_exp.demonstration.__main__ import demonstrate, main
+from rf_exp.demonstration.notes import phases
+from rf_exp.run import guarded
+from rf_exp.sim.pool import Pictures
+from rf_exp.types import Proposal, Row, Schedule
+from tests.conftest import read_task
+from tests.test_viz import TWO
+
+FULL = Row("full")
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory) -> Path:
+    """Lift Barrier without pictures, by a brain that errs once."""
+    folder = tmp_path_factory.mktemp("demonstrations")
+    settings = Settings(read_task("lift_barrier"), FULL, "faulty")
+    outcome = demonstrate(settings, Pictures(render=False), FaultyBrain("wrong_direction", 0), 0, folder)
+    assert outcome.success
+    return folder / "lift_barrier-0.md"
+
+
+def test_a_mistake_and_its_repair_are_on_the_page(page):
+    first, second, third = page.read_text().split("\n## ")[1:4]
+    assert first.startswith("Round 1, at 0.00 s: rejected")
+    assert "must be horizontal at barrier" in first  # the mistake in RoboBrain's words
+    assert re.search(r"\nand VD\(Agent_\d, barrier, horizontal\)", first)
+    assert "### Violation: `ValidateDirection`" in first
+    assert re.search(r"the gripper of Agent_\d is 90 deg off the horizontal .*bound 10, at", first)
+    assert second.startswith("Round 2, at 0.00 s: executed")
+    assert "told of the violated ValidateDirection" in second
+    assert "horizontal" not in second
+    assert third.startswith("Round 3, at 2.")
+
+
+def test_every_check_of_a_plan_is_decided_in_one_of_its_phases(page):
+    shown = page.read_text().split("\n## ")[2]
+    phases_of_it = shown.split("\n### ")[1:]
+    for check in re.findall(r"\| (?:logical|temporal|spatial) \|.*\| `(.*)` \|", shown):
+        planned = [part.split("As measured")[0] for part in phases_of_it]
+        assert sum(f"| holds | `{check}` |" in part for part in planned) == 1, check
+        line = re.compile(rf"^(and )?{re.escape(check)}$", re.MULTILINE)
+        assert sum(line.search(part) is not None for part in planned) == 1, check
+    measured = shown.split("As measured when it happened:")[1]
+    for agent, side in ((1, "left"), (2, "right")):  # also of the one who arrives in the very last step
+        assert f"| holds | `VI(Agent_{agent}, barrier, {side})` |" in measured
+
+
+def test_pictures_and_recording_lie_beside_the_page(page):
+    linked = re.findall(r"\]\((.*?)\)", page.read_text())
+    assert {"lift_barrier-0/round-2-lanes.png", "lift_barrier-0/round-3-diagrams.png"} <= set(linked)
+    assert {str(path.relative_to(page.parent)) for path in page.with_suffix("").iterdir()} == set(linked)
+    assert page.with_suffix(".rrd").stat().st_size > 100_000
+    assert not list(page.parent.glob(".*"))  # no draft is left
+
+
+def test_subgoals_that_begin_together_are_one_phase():
+    def begin(wait_steps: int) -> list[tuple[float, list[int]]]:
+        """Agent 2 begins after `wait_steps`, agent 1 at once."""
+        second = np.clip(np.arange(51) - wait_steps, 0, 20)
+        schedule = Schedule(np.column_stack([np.minimum(np.arange(51), 30), second]), 30)
+        plan = Plan(Proposal((), ()), None, TWO, schedule)  # pyright: ignore[reportArgumentType]
+        return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan)]
+
+    assert begin(0) == begin(10) == [(0.0, [1, 2])]
+    assert begin(11) == [(0.0, [1]), (pytest.approx(0.55), [2])]
+
+
+def command(monkeypatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["rf_exp.demonstration", *arguments])
+    GlobalHydra.instance().clear()
+    return guarded(main)
+
+
+@pytest.mark.render
+def test_one_command_makes_the_page_with_what_the_global_camera_sees(monkeypatch, tmp_path):
+    small = "picture={width: 64, height: 48}"
+    assert command(monkeypatch, "task=lift_barrier", "seed=3", small, f"out={tmp_path}") == 0
+    page = tmp_path / "demonstrations" / "lift_barrier-3.md"
+    assert "| scene seed | 3 |" in page.read_text()
+    names = ["phase-1.1.jpg", "phase-2.1.jpg", "end.jpg"]
+    pictures = [np.asarray(cv2.imread(str(page.with_suffix("") / name))) for name in names]
+    assert all(picture.shape == (48, 64, 3) for picture in pictures)
+    assert not np.array_equal(pictures[0], pictures[2])
+
+
+def test_several_rows_are_refused(monkeypatch, capsys, tmp_path):
+    assert command(monkeypatch, "constraints=all", "render=false", f"out={tmp_path}") == 2
+    assert "a demonstration is of one row of constraints, got logical, " in capsys.readouterr().err

@@ -1,0 +1,133 @@
+"""The gallery: real episodes, drawn; words that belong to the step they stand under; films that play."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+from PIL import Image
+
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.datagen.episode import Settings
+from rf_exp.errors import StageError
+from rf_exp.gallery import __main__ as gallery
+from rf_exp.gallery.film import EVERY, REST_FRAMES
+from rf_exp.gallery.performance import perform, play
+from rf_exp.run import guarded
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Task
+from rf_exp.types import Row
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """The command in this process, with small pictures: exit code, standard output, standard error."""
+    monkeypatch.setattr(gallery, "WIDTH_PX", 160)
+    monkeypatch.setattr(gallery, "HEIGHT_PX", 120)
+    monkeypatch.setattr(gallery, "TRIES", 2)
+
+    def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+        monkeypatch.setattr(sys, "argv", ["rf_exp.gallery", *arguments])
+        GlobalHydra.instance().clear()
+        capsys.readouterr()
+        code = guarded(gallery.main)
+        return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
+
+    return call
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_every_task_gets_a_sheet_and_a_film_and_all_share_one(command, tmp_path: Path) -> None:
+    result = command("task=[pick_meat,lift_barrier]", "seed=3", f"out={tmp_path}")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "pick_meat: seed 3, " in result.stdout and "lift_barrier: seed 3, " in result.stdout
+    folder = tmp_path / "gallery"
+    made = {path.name for path in folder.iterdir()}
+    assert made == {
+        "gallery.png",
+        *(f"{t}.{s}" for t in ("pick_meat", "lift_barrier") for s in ("png", "mp4")),
+    }
+    one, two = (np.asarray(Image.open(folder / f"{t}.png")) for t in ("pick_meat", "lift_barrier"))
+    assert two.shape[1] > one.shape[1]  # a column for each camera
+    both = Image.open(folder / "gallery.png")
+    assert both.width > 1500 and np.asarray(both).std() > 20
+    frames, size, rate, codec = film_of(folder / "lift_barrier.mp4")
+    assert (rate, codec) == (20, "h264") and size[0] % 2 == size[1] % 2 == 0
+    seconds = float(result.stdout.split("lift_barrier: seed 3, ")[1].split(" s")[0])
+    assert frames == pytest.approx(seconds * 20 / EVERY + REST_FRAMES, abs=1)
+
+
+def film_of(path: Path) -> tuple[int, tuple[int, int], float, str]:
+    """Frames that can be decoded, size in pixels, frames a second, codec."""
+    reader = imageio_ffmpeg.read_frames(str(path), pix_fmt="rgb24")
+    about = next(reader)
+    assert isinstance(about, dict) and about["pix_fmt"].startswith("yuv420p")  # what browsers take
+    pictures = [np.frombuffer(data, np.uint8) for data in reader]
+    assert np.abs(pictures[0].astype(int) - pictures[-1]).max() > 100
+    return len(pictures), about["source_size"], about["fps"], about["codec"]
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_task_that_nobody_solves_does_not_keep_the_others_from_being_shown(command, tmp_path: Path) -> None:
+    result = command(
+        "task=[lift_barrier,pick_meat]", "task.lift_barrier.success.lift_m=0.9", f"out={tmp_path}"
+    )
+    assert result.returncode == 1
+    assert (
+        result.stderr.strip().splitlines()[-1]
+        == "failed: no episode to show of lift_barrier; the reasons are above"
+    )
+    assert "lift_barrier: none of the 2 seeds from 0 on succeeded, the last: not " in result.stdout
+    assert {path.name for path in (tmp_path / "gallery").iterdir()} == {
+        *("gallery.png", "pick_meat.png", "pick_meat.mp4")
+    }
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ("render=false", "render=false makes no pictures, and the gallery is pictures"),
+        ("constraints=all", "the gallery shows one of them, e.g. constraints=full"),
+        ("task=juggle", "lift_barrier"),
+    ],
+)
+def test_wrong_arguments_exit_with_2(command, argument: str, message: str, tmp_path: Path) -> None:
+    result = command(argument, "stages=[generate]", f"out={tmp_path}")
+    assert result.returncode == 2 and message in result.stderr
+    assert not (tmp_path / "gallery").exists()
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_words_belong_to_their_step(place_food: Task) -> None:
+    with Simulator(place_food, width_px=64, height_px=48) as world:
+        performance, _ = perform(Settings(place_food, Row("full"), ScriptedSpec()), world, 0)
+        assert performance is not None
+        start, middle, end = performance.stills
+        assert [still.title for still in performance.stills] == ["start", "middle", "end"]
+        assert (start.time_s, end.time_s) == (0.0, performance.seconds)
+        assert [line.text for line in start.lines] == ["grasp steak at center", "grasp lid at knob"]
+        assert not any(line.moving for line in end.lines)
+        assert 0.25 <= middle.time_s / performance.seconds <= 0.75
+        texts = [line[1].text for line in performance.lines]
+        assert list(dict.fromkeys(texts))[:3] == [
+            "grasp lid at knob",
+            "lift lid by 0.12 m",
+            "place lid to aside",
+        ]
+        # An arm that is said to wait stands still, one that is said to move does not.
+        moved = np.abs(np.diff(performance.actions[:, :, :7], axis=0)).max(axis=2)  # (T - 1, N)
+        moving = np.array([[line.moving for line in lines] for lines in performance.lines])[1:]
+        assert moved[~moving].max() < 1e-9
+        assert (moved[moving] > 1e-6).mean() > 0.7  # the rest closes or opens fingers
+        # Nearly all that differs between the stills is what was moved.
+        assert np.abs(start.pictures["global"].astype(int) - end.pictures["global"]).max() > 50
+        with pytest.raises(
+            StageError, match="'place_food', seed 1: played again, the episode does not succeed"
+        ):
+            list(play(world, 1, performance.actions, set()))

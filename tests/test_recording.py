@@ -1,0 +1,125 @@
+"""A recording of a real episode: what the file says is what the plan, the checks and the hands did."""
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.datagen.brain import FaultyBrain
+from rf_exp.datagen.episode import EpisodeMaker, Outcome, Plan, Settings
+from rf_exp.recording import EpisodeRecorder, orders
+from rf_exp.robots import Panda
+from rf_exp.sim.simulator import Simulator
+from rf_exp.types import Row, Scene, Violation
+from tests.conftest import read_task
+from tests.test_viz import Content
+
+FULL = Row("full")
+
+
+class Witness(EpisodeRecorder):
+    """A recorder that remembers what it was told."""
+
+    plans: list[tuple[int, Plan, RoboChecker]]
+    seen: Scene
+    ended: int
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        self.plans.append((self.seen.step + 1 if self.plans else 0, plan, checker))
+        super().planned(plan, checker)
+
+    def stepped(self, scene, action, pictures) -> None:
+        self.seen = scene
+        super().stepped(scene, action, pictures)
+
+
+@pytest.fixture(scope="module")
+def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
+    """Place Food with one mistake of the brain, and a violation that is made up at the very end."""
+    path = tmp_path_factory.mktemp("recording") / "generate-0.rrd"
+    task = read_task("place_food")
+    with Simulator(task, render=False) as world, Witness(path, task, world, "Place Food") as recorder:
+        recorder.plans = []
+        settings = Settings(task, FULL, "faulty")
+        outcome = EpisodeMaker(settings, world, FaultyBrain("wrong_direction", 0), recorder).make(0)
+        recorder.rejected(Violation("Tracking", (2,), 7.0, 0.2, 0.15, "something is in its way"))
+    return Content(path), recorder, outcome
+
+
+def test_the_lane_of_an_agent_is_its_schedule(episode):
+    content, recorder, outcome = episode
+    assert outcome.success
+    for agent in (1, 2):
+        lane = f"/motions/agent{agent}"
+        states = [state for row in content.column(lane, "StateChange:state") for state in row]
+        changes = dict(zip(content.steps(lane, "StateChange:state"), states, strict=True))
+        shown, state = [], ""
+        for step in range(outcome.steps):
+            state = changes.get(step, state)
+            shown.append(state)
+        [(begin, plan, _)] = recorder.plans
+        moves = np.diff(plan.schedule.positions[:, agent - 1]) > 0
+        told = [state not in ("", "waits") for state in shown[begin:-1]]  # in the last one it is stopped
+        assert len(told) > 100
+        assert told == moves[: len(told)].tolist()
+    waiting = content.column("/motions/agent1", "StateConfiguration:values")[-1]
+    assert "waits" in waiting  # until the lid is up
+    assert "lower: place steak to pot at inside" in waiting
+
+
+def test_everything_that_was_checked_is_there_with_its_value(episode):
+    content, recorder, _ = episode
+    [(_, plan, checker)] = recorder.plans
+    [document] = content.column("/plan/checks", "TextDocument:text")[-1]
+    for check, evidence in checker.evidence:
+        assert f"`{check!r}`" in document
+        assert evidence.reason in document
+    assert "| holds | `VD(Agent_1, steak, perpendicular)` | 0 deg | 10 deg |" in document
+    assert f"all {len(checker.evidence)} checks hold" in document
+    [proposal] = content.column("/plan/proposals", "TextDocument:text")[-1]
+    assert all(constraint.text in proposal for constraint in plan.proposal.constraints)
+
+
+def test_the_first_mistake_is_in_the_log_before_anything_moves(episode):
+    content, _, outcome = episode
+    assert outcome.attempts == 2
+    lane = "/checks/ValidateDirection"
+    assert content.steps(lane, "StateChange:state")[0] == 0
+    assert "90 deg off the horizontal at steak" in content.texts(lane)[0]
+    states = [state for row in content.column(lane, "StateChange:state") for state in row]
+    assert states == ["violated", ""]  # the next proposal mends it
+
+
+def test_a_violation_is_marked_at_the_hand_of_its_agent(episode):
+    content, recorder, _ = episode
+    task = read_task("place_food")
+    hand = Panda(task.robots[1].world_from_base).tcp(recorder.seen.qpos[1, :7])[:3, 3]
+    [mark] = content.column("/world/violations", "Points3D:positions")[-1]
+    np.testing.assert_allclose(mark, hand, atol=1e-6)
+    assert content.column("/world/violations", "Points3D:labels")[-1] == ["Tracking"]
+    assert content.column("/motions/agent2", "StateChange:state")[-1] == [""]
+
+
+def test_the_diagram_shows_the_positions_of_every_step(episode):
+    content, recorder, outcome = episode
+    [(_, plan, checker)] = recorder.plans
+    assert len(content.column("/plan/diagrams", "EncodedImage:blob")) == 1
+    places = np.array(content.column("/plan/diagrams/now", "Points2D:positions"))[:, 0]
+    ran = plan.schedule.positions[1 : 1 + len(places)]
+    np.testing.assert_allclose(  # pixels go with positions, right for agent 1 and up for agent 2
+        (places - places[0]) / (places[30] - places[0]), (ran - ran[0]) / (ran[30] - ran[0]), atol=1e-3
+    )
+    assert len(places) == outcome.steps
+    # The schedule keeps out of what its diagram forbids.
+    [(pair, ordered)] = orders(checker, plan.trajectories).items()
+    assert checker.plan is not None
+    assert pair == (1, 2)
+    assert ordered.any()
+    assert not (ordered | checker.plan.diagrams[pair])[tuple(plan.schedule.positions.T)].any()
+
+
+def test_occupancy_moves_with_the_arm_and_with_what_it_holds(episode):
+    content, _, _ = episode
+    voxels = content.column("/world/occupancy/agent2", "Boxes3D:centers")
+    assert len({len(row) for row in voxels}) > 1
+    assert content.steps("/world/occupancy/lid", "Clear:is_recursive")  # while it is held it is the arm's
+    assert content.steps("/world/occupancy/lid", "Boxes3D:centers")[-1] > 100  # put down again

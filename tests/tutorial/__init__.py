@@ -1,0 +1,1 @@
+"""A task of one's own, outside of the package: see docs/adding_a_task.md."""

@@ -1,0 +1,37 @@
+"""Push Button: one arm presses a button from above."""
+
+import numpy as np
+
+from rf_exp.tasks import say
+from rf_exp.tasks.base import Task
+from rf_exp.tasks.measure import pushed_n
+from rf_exp.types import Proposal, Scene, Subgoal
+
+VERSION = "1"
+
+ARM = 1
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Press the button; nothing more once it is pressed."""
+    if _pushed(scene, task):
+        return Proposal((), ())
+    return Proposal(
+        (Subgoal(ARM, "press", "button", "cap"),),
+        (say.press_at(ARM, "button", "cap"), say.perpendicular(ARM, "button"), say.avoid_objects(ARM)),
+    )
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+    """The arm pushes the button hard enough."""
+    return {"pushed": _pushed(scene, task)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The paper does not know this task; its criterion is ours, without the steps it must hold."""
+    return _pushed(scene, task)
+
+
+def _pushed(scene: Scene, task: Task) -> bool:
+    return pushed_n(scene, ARM, "button", DOWN) > task.success["push_n"]
