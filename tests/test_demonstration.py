@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
+from rf_exp.command import guarded
 from rf_exp.datagen.brain import FaultyBrain
 from rf_exp.datagen.episode import Plan, Settings
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
-from rf_exp.run import guarded
 from rf_exp.sim.pool import Pictures
 from rf_exp.types import Proposal, Row, Schedule
 from tests.conftest import read_task

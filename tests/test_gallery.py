@@ -10,13 +10,13 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
+from rf_exp.command import guarded
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.datagen.episode import Settings
 from rf_exp.errors import StageError
 from rf_exp.gallery import __main__ as gallery
 from rf_exp.gallery.film import EVERY, REST_FRAMES
 from rf_exp.gallery.performance import perform, play
-from rf_exp.run import guarded
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import Row

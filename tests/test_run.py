@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from rf_exp.run import guarded, main
+from rf_exp.command import guarded
+from rf_exp.run import main
 from rf_exp.store import Store
 
 ROOT = Path(__file__).parents[1]

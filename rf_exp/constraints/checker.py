@@ -32,6 +32,8 @@ from rf_exp.types import (
     Violation,
 )
 
+Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
+
 LAG_STEPS = 10  # control steps that a measured joint may trail its command
 TRACKING_RAD = 0.15  # beyond the lag
 LOST_STEPS = 4  # control steps without grip before something counts as lost
@@ -87,10 +89,13 @@ class Checker:
         )
 
     @property
-    def order(self) -> tuple[tuple[tuple[int, str | None, str | None], ...], ...]:
-        """(first, then), each (agent, verb, object), of the sequences that are active in this row."""
+    def order(self) -> tuple[tuple[Part, Part], ...]:
+        """(first, then) of the sequences that are active in this row."""
         return tuple(
-            tuple((step.agent, step.verb, step.object) for step in (check.first, check.then))
+            (
+                (check.first.agent, check.first.verb, check.first.object),
+                (check.then.agent, check.then.verb, check.then.object),
+            )
             for check in self.checks
             if isinstance(check, Sequential)
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
+from rf_exp.command import guarded
 from rf_exp.datagen.brain import Brain
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.demonstration.notes import Notes, Overheard, Together
@@ -18,7 +19,6 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import CONF, read_experiment
 from rf_exp.progress import console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.run import guarded
 from rf_exp.sim.pool import Pictures, close_simulator, simulator
 from rf_exp.stages.artifacts import complete
 

@@ -28,7 +28,7 @@ from rf_exp.viz.layout import (
 Pair = tuple[int, int]  # agents i < j
 Mask = NDArray[np.bool_]
 
-DPI = 110
+DPI = 150
 TILE_IN = 2.9  # side of one coordination diagram
 LEGEND_IN = 0.35
 COLUMNS = 3
@@ -94,6 +94,9 @@ def coordination(
             ],
             loc="outside lower center",
             ncols=3,
+            fontsize=8,
+            handlelength=1.2,
+            columnspacing=1.2,
         )
         picture = _drawn(figure)
         corners = [
@@ -130,7 +133,7 @@ def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.
         names = dict.fromkeys(segment.primitive for each in trajectories for segment in each.segments)
         handles = [Patch(color=_hex(primitive_colour(name)), label=name) for name in names]
         handles += [Patch(color=_hex(WAITS), label="waits")]
-        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+        figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), handlelength=1.2)
         return _drawn(figure)
 
 
@@ -158,7 +161,7 @@ def _lane(axes: Axes, trajectory: Trajectory, positions: NDArray[np.integer]) ->
         begins.setdefault(segment.subgoal.text, first)
     for text, first in begins.items():
         axes.plot([first, first], [row - 0.42, row + 0.2], color=TEXT, lw=0.8)
-        axes.text(first, row - 0.27, f" {text}", va="bottom", fontsize=7, clip_on=True)
+        axes.text(first, row - 0.27, f" {text}", va="bottom", fontsize=7.5, clip_on=True)
 
 
 def _diagram(axes: Axes, i: Trajectory, j: Trajectory, forbidden: Iterable[tuple[Mask, Rgb]]) -> None:

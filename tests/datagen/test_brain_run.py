@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
+from rf_exp.command import guarded
 from rf_exp.datagen.brain import to_json
-from rf_exp.run import guarded, main
+from rf_exp.run import main
 from rf_exp.types import Proposal
 from tests.datagen.language_server import LanguageServer, completion, failure
 from tests.scenes import start_scene
