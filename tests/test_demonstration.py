@@ -10,7 +10,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from rf_exp.command import guarded
-from rf_exp.datagen.brain import FaultyBrain
+from rf_exp.datagen.brain import FaultySpec
 from rf_exp.datagen.episode import Plan, Settings
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
@@ -26,8 +26,8 @@ FULL = Row("full")
 def page(tmp_path_factory) -> Path:
     """Lift Barrier without pictures, by a brain that errs once."""
     folder = tmp_path_factory.mktemp("demonstrations")
-    settings = Settings(read_task("lift_barrier"), FULL, "faulty")
-    outcome = demonstrate(settings, Pictures(render=False), FaultyBrain("wrong_direction", 0), 0, folder)
+    settings = Settings(read_task("lift_barrier"), FULL, FaultySpec("wrong_direction"))
+    outcome = demonstrate(settings, Pictures(render=False), 0, folder)
     assert outcome.success
     return folder / "lift_barrier-0.md"
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen.brain import FaultyBrain
+from rf_exp.datagen.brain import FaultySpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Plan, Settings
 from rf_exp.recording import EpisodeRecorder, orders
 from rf_exp.robots import Panda
@@ -39,8 +39,8 @@ def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
     task = read_task("place_food")
     with Simulator(task, render=False) as world, Witness(path, task, world, "Place Food") as recorder:
         recorder.plans = []
-        settings = Settings(task, FULL, "faulty")
-        outcome = EpisodeMaker(settings, world, FaultyBrain("wrong_direction", 0), recorder).make(0)
+        settings = Settings(task, FULL, FaultySpec("wrong_direction"))
+        outcome = EpisodeMaker(settings, world, settings.make_brain(0), recorder).make(0)
         recorder.rejected(Violation("Tracking", (2,), 7.0, 0.2, 0.15, "something is in its way"))
     return Content(path), recorder, outcome
 

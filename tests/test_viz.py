@@ -216,7 +216,9 @@ def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(
         recorder.step(5, poses=POSES, qpos=QPOS)
         recorder.checked(RESULTS[:1])
     content = Content(path)
-    [first], [both] = content.column("/plan/checks", "TextDocument:text")
+    [refused], [first], [both] = content.column("/plan/checks", "TextDocument:text")
+    assert refused == "## Violation 1, step 0\n\n**Motion**: no free path (at 0.00 s)"
+    assert first.startswith("## Check code 1, step 0")
     assert both.endswith(first)
     assert both.startswith("## Check code 2, step 5\n\n**True**: all 1 checks hold.")
     assert "**False**: 1 of 3 checks are violated." in first

@@ -14,7 +14,7 @@ import numpy as np
 from rf_exp.constraints.evidence import Check, Evidence, Plan, agent_name, doing, violation
 from rf_exp.constraints.grammar import parse
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects
-from rf_exp.constraints.temporal import Sequential, Simultaneous
+from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
 from rf_exp.constraints.timing import Rule, schedule, serial
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
 from rf_exp.errors import ArgumentError
@@ -99,6 +99,14 @@ class Checker:
             for check in self.checks
             if isinstance(check, Sequential)
         )
+
+    @property
+    def makes_room(self) -> frozenset[int]:
+        """Agents that draw back once they are done: where space counts, or is shared in turns."""
+        if self._row.spatial:
+            return frozenset(self._task.agents)
+        shared = (check.agents for check in self.checks if isinstance(check, ShareSpace))
+        return frozenset(agent for agents in shared for agent in agents)
 
     def schedule(self, trajectories: Sequence[Trajectory], scene: Scene) -> Schedule | Violation:
         """When everybody moves: the shortest schedule with a model of time, turns without one."""

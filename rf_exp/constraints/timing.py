@@ -192,6 +192,8 @@ def serial(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
         runs = waiting.get(subgoal.agent, [])
         if runs and runs[0][0] == subgoal:
             turns.append((subgoal.agent, len_of(runs.pop(0)[1])))
+        while runs and runs[0][0] not in proposal.subgoals:  # what the planner has added belongs to it
+            turns.append((subgoal.agent, len_of(runs.pop(0)[1])))
     for agent, runs in waiting.items():  # what the plan does not name comes last
         turns += [(agent, len_of(segments)) for _, segments in runs]
     position = np.zeros(len(trajectories), dtype=np.int64)

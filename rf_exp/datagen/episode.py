@@ -190,6 +190,7 @@ class EpisodeMaker:
                     limits=self._settings.limits,
                     lockstep=checker.lockstep,
                     order=checker.order,
+                    make_room=checker.makes_room,
                     rng=rng,
                 )
             except Unreachable as error:

@@ -53,7 +53,8 @@ class Obstacles:
         qpos = self._scene.qpos.copy()
         for agent, joints in state.qpos.items():
             qpos[agent - 1] = [*joints, FINGERS_OPEN_M, FINGERS_OPEN_M]
-        return Bodies(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses)))
+        held = tuple(state.held[agent][0] if agent in state.held else None for agent in self._task.agents)
+        return Bodies(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held))
 
     def _body(
         self, bodies: Bodies, agent: int, points: NDArray[np.float64], state: State, touches: frozenset[str]
@@ -70,6 +71,4 @@ class Obstacles:
                 yield name, bodies.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._row.spatial else ():
             if other != agent:
-                holds = frozenset({state.held[other][0]}) if other in state.held else frozenset()
-                arm = bodies.arm(other, bodies.scene.qpos[other - 1], touches=holds)
-                yield f"Agent_{other}", arm, AGENT_MARGIN_M
+                yield f"Agent_{other}", bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M

@@ -11,7 +11,6 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.command import guarded
-from rf_exp.datagen.brain import Brain
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.demonstration.notes import Notes, Overheard, Together
 from rf_exp.demonstration.page import write_page
@@ -38,8 +37,7 @@ def main(config: DictConfig) -> None:
         settings = experiment.settings(task, experiment.rows[0])
         folder, last = experiment.out / "demonstrations", experiment.seed + SEEDS - 1
         for seed in range(experiment.seed, last + 1):
-            brain = settings.make_brain(seed)
-            outcome = demonstrate(settings, experiment.pictures, brain, seed, folder)
+            outcome = demonstrate(settings, experiment.pictures, seed, folder)
             if outcome.success:
                 break
             console.print(f"{task.name}, seed {seed}: {outcome.reason}")
@@ -48,7 +46,7 @@ def main(config: DictConfig) -> None:
     close_simulator()
 
 
-def demonstrate(settings: Settings, pictures: Pictures, brain: Brain, seed: int, folder: Path) -> Outcome:
+def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
     """Makes the episode of a seed; for a success `<task>-<seed>.md` and `.rrd` in `folder`."""
     task, row = settings.task, settings.row
     world, notes = simulator(task, pictures), Notes(task, row)
@@ -57,8 +55,8 @@ def demonstrate(settings: Settings, pictures: Pictures, brain: Brain, seed: int,
     with complete(page.with_suffix(".rrd")) as draft:
         title = f"{task.title}, {row.name}, scene {seed}"
         with EpisodeRecorder(draft, task, world, title) as recorder:
-            maker = EpisodeMaker(settings, world, Overheard(brain, notes), Together(recorder, notes))
-            outcome = maker.make(seed)
+            brain = Overheard(settings.make_brain(seed), notes)
+            outcome = EpisodeMaker(settings, world, brain, Together(recorder, notes)).make(seed)
     if outcome.success:
         end = world.pictures()["global"] if world.cameras else None
         write_page(page, settings, outcome, notes.rounds, end)

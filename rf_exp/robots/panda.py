@@ -128,13 +128,19 @@ SHOULDER_M, FLANGE_TO_TCP_M = 0.333, 0.2104
 REACH_M = float(np.hypot(0.316, 0.0825) + np.hypot(0.384, 0.0825)) + 0.088
 
 
+@cache
+def _data() -> pin.Data:
+    """Scratch space of Pinocchio, for one computation at a time."""
+    return _model().createData()
+
+
 class Panda:
     """One arm bolted to the table at `world_from_base` (4, 4)."""
 
     def __init__(self, world_from_base: Matrix) -> None:
         self.world_from_base = world_from_base
         self._base_from_world = inverse(world_from_base)
-        self._data = _model().createData()
+        self._data = _data()
         self._frame = _model().getFrameId(TCP)
 
     def tcp(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -31,11 +31,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
     constraints: list[Constraint] = []
     chain = CHAIN[CHAIN.index(_turn(scene, task)) :]
     for agent in chain:
-        subgoals.append(Subgoal(agent, "grasp", "shoe", "center"))
-        if agent == chain[-1]:
-            subgoals.append(Subgoal(agent, "place", "shoe", target="goal", target_point="middle"))
-        else:
-            subgoals += [Subgoal(agent, "place", "shoe", target=f"stop{agent}"), Subgoal(agent, "home")]
+        target = "goal" if agent == chain[-1] else f"stop{agent}"
+        subgoals += [
+            Subgoal(agent, "grasp", "shoe", "center"),
+            Subgoal(agent, "place", "shoe", target=target),
+        ]
     for giver, taker in pairwise(chain):
         constraints += [
             say.before(giver, "place", "shoe", taker, "grasp", "shoe"),

@@ -24,7 +24,6 @@ def plan(scene: Scene, task: Task) -> Proposal:
     give = (
         Subgoal(GIVER, "grasp", "shoe", "center"),
         Subgoal(GIVER, "place", "shoe", target="midway"),
-        Subgoal(GIVER, "home"),
     )
     take = (
         Subgoal(TAKER, "grasp", "shoe", "center"),

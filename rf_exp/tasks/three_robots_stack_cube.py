@@ -24,7 +24,6 @@ def plan(scene: Scene, task: Task) -> Proposal:
                 Subgoal(
                     agent, "place", name, target=below or "goal", target_point="top" if below else "middle"
                 ),
-                Subgoal(agent, "home"),
             ]
     agents = sorted({subgoal.agent for subgoal in subgoals})
     constraints: list[Constraint] = say.grasping(subgoals)

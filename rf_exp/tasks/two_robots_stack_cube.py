@@ -19,7 +19,6 @@ def plan(scene: Scene, task: Task) -> Proposal:
         subgoals += [
             Subgoal(BASE, "grasp", "blue", "center"),
             Subgoal(BASE, "place", "blue", target="goal", target_point="middle"),
-            Subgoal(BASE, "home"),
         ]
     if subgoals or not _on_blue(scene, task) or holders(scene, "red"):
         subgoals += [

@@ -52,7 +52,7 @@ rr.set_strict_mode(True)  # else rerun drops what it cannot take, with a warning
 JPEG_QUALITY = 80
 FLUSH_S = 5.0  # rows are written in batches; few large ones load faster than many small
 MARK_STEPS = 10  # control steps that the mark of a violation stays in the scene: half a second
-MARK_RADIUS_M = 0.02
+MARK_RADIUS_M = 0.05  # stands out of a gripper
 OPEN_MM = 80.0  # between the Panda's fingers when fully open
 FRUSTUM_M = 0.07  # length of the drawn cameras
 VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
@@ -234,7 +234,9 @@ class Recorder:
         """A violated check with its evidence, marked for half a second at `places_m` (K, 3) if known."""
         places = np.zeros((0, 3)) if places_m is None else np.asarray(places_m, dtype=float)
         _expect("places_m", places, (len(places), 3))
-        self.verdict(violation.check, False, text.violation(violation))
+        line = text.violation(violation)
+        self.verdict(violation.check, False, line)
+        self._document(CHECKS, "Violation", f"**{violation.check}**: {line}")
         if not len(places):
             return
         if self._marked_step < self._step:
@@ -325,7 +327,8 @@ class Recorder:
     def _document(self, entity: str, title: str, markdown: str) -> None:
         """Add to a document that shows everything so far, newest first: attempts share a step."""
         texts = self._documents.setdefault(entity, [])
-        texts.insert(0, f"## {title} {len(texts) + 1}, step {self._step}\n\n{markdown}")
+        number = 1 + sum(each.startswith(f"## {title} ") for each in texts)
+        texts.insert(0, f"## {title} {number}, step {self._step}\n\n{markdown}")
         self._log(entity, rr.TextDocument("\n\n".join(texts), media_type=rr.MediaType.MARKDOWN))
 
     def _colour(self, owner: str) -> Rgb:

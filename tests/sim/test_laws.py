@@ -14,9 +14,10 @@ from sapien import physx
 
 from rf_exp.constraints.clearance import Swept, nearest
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.robots import Panda
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Judge, Task
-from rf_exp.transforms import inverse
+from rf_exp.transforms import from_axes
 from rf_exp.types import ARM_JOINTS, Scene
 from tests.conftest import TASKS, read_task
 from tests.scenes import start_scene
@@ -24,6 +25,7 @@ from tests.scenes import start_scene
 RESTING_M = 5e-4  # by so much things that lie on one another may overlap at the start
 RANDOM_EPISODES, RANDOM_STEPS = 50, 40
 FEWEST_TOUCHES = 4  # random episodes in which something was moved; with less, they prove nothing
+NEAR_M = 0.03  # of the things that random actions go for
 FLIGHT_STEPS = 30
 THROWS_M_S = ((0.0, 0.0, 2.5), (0.6, 0.6, 1.5), (-0.6, 0.4, 1.5), (0.3, -0.8, 2.0))
 
@@ -98,7 +100,7 @@ def test_random_actions_never_succeed(simulator: Simulator) -> None:
         judge, action = Judge(simulator.task, start), simulator.command
         reach = towards_things(simulator.task, start, rng) / RANDOM_STEPS
         for step in range(RANDOM_STEPS):
-            action[:, :ARM_JOINTS] += reach + rng.normal(0.0, 0.03, reach.shape)
+            action[:, :ARM_JOINTS] += reach + rng.normal(0.0, 0.015, reach.shape)
             if step % 10 == 0:
                 action[:, ARM_JOINTS] = rng.choice([-1.0, 1.0], len(action))
             scene = simulator.step(action)
@@ -109,12 +111,15 @@ def test_random_actions_never_succeed(simulator: Simulator) -> None:
 
 
 def towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """(N, 7) rad: each arm turns to a thing and bends down, by more or less; chance does the rest."""
-    change = rng.normal(0.0, 0.2, (len(task.robots), ARM_JOINTS))
+    """(N, 7) rad: each arm goes for a place near a thing, from above; where it cannot reach, anywhere."""
+    change = rng.normal(0.0, 0.3, (len(task.robots), ARM_JOINTS))
     for row, robot in enumerate(task.robots):
-        place = inverse(robot.world_from_base) @ scene.poses[rng.choice(loose(task))]
-        change[row, 0] += np.arctan2(place[1, 3], place[0, 3]) - scene.qpos[row, 0]
-        change[row, 1] += rng.uniform(0.4, 1.2)
+        place_m = scene.poses[rng.choice(loose(task))][:3, 3] + rng.normal(0.0, NEAR_M, 3)
+        turn = rng.uniform(0.0, np.pi)
+        pose = from_axes(place_m, z=(0, 0, -1), y=(np.cos(turn), np.sin(turn), 0))
+        qpos = Panda(robot.world_from_base).solve(pose, scene.qpos[row, :ARM_JOINTS])
+        if qpos is not None:
+            change[row] = qpos - scene.qpos[row, :ARM_JOINTS]
     return change
 
 

@@ -41,12 +41,14 @@ def plan_motion(
     limits: JointLimits,
     lockstep: Lockstep,
     order: Order = (),
+    make_room: Collection[int] = (),
     rng: np.random.Generator,
 ) -> tuple[tuple[Trajectory, ...], State]:
     """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
 
     Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
-    `order` starts from where the earlier leaves the objects. Raises Unreachable.
+    `order` starts from where the earlier leaves the objects. Agents in `make_room` that have let go of
+    something and have nothing more to do draw back, if a way is free. Raises Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = present_state(task, scene, arms)
@@ -60,6 +62,8 @@ def plan_motion(
         if alone is not None:
             subgoal = alone.pop(0)
             segments[subgoal.agent] += primitives.plan(subgoal, state, alone)
+            if not alone and subgoal.agent in make_room:
+                segments[subgoal.agent] += _draw_back(segments[subgoal.agent], primitives, state)
             continue
         for segment in _joint_lift(_next_group(ready, lockstep, waiting), primitives, state):
             segments[segment.agent].append(segment)
@@ -75,6 +79,15 @@ def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
         if subgoal.agent in agents and (subgoal.verb, subgoal.object) == (verb, name) and verb == "lift":
             return agents
     return None
+
+
+def _draw_back(done: list[Segment], primitives: Primitives, state: State) -> list[Segment]:
+    if not done or done[-1].primitive != "retreat":
+        return []
+    try:
+        return primitives.plan(Subgoal(done[-1].agent, "home"), state)
+    except Unreachable:
+        return []
 
 
 def _waits(subgoal: Subgoal, waiting: dict[int, list[Subgoal]], order: Order) -> bool:

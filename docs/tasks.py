@@ -1,0 +1,69 @@
+"""Writes docs/tasks.md from conf/task and the task modules: python docs/tasks.py"""
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from rf_exp.ablation.paper import paper
+from rf_exp.experiment import CONF
+from rf_exp.tasks import Judge, Task
+from rf_exp.tasks.configuration import load_task
+from rf_exp.types import Scene
+
+INTRODUCTION = """\
+# The tasks
+
+Written by `python docs/tasks.py` from `conf/task/` and the task modules; a test compares. `make gallery`
+makes a contact sheet with all views and a film of each task.
+
+![Start, middle and end of an expert episode of each task](images/gallery.png)
+
+Every seed draws a start: where things stand and how they are turned, a little noise on the rest pose of
+every arm, the brightness of the light and of every colour. Every arm is a Franka Panda with a camera view
+of its own; the global view sees all.
+
+An attempt is judged twice. **Strict**: all conditions listed hold at the same time, for several control
+steps. **The paper's**: the target condition as the authors' release tests it, which is looser; every rate
+in the tables is the strict one, with the paper's beside it.
+"""
+
+
+def tasks() -> list[Task]:
+    """The paper's tasks in its order, then all further ones."""
+    found = {path.stem: path for path in sorted((CONF / "task").glob("*.yaml"))}
+    names = [name for name in paper().levels if name in found]
+    names += [name for name in found if name not in names]
+    return [load_task(name, OmegaConf.to_container(OmegaConf.load(found[name]))[name]) for name in names]
+
+
+def conditions(task: Task) -> list[str]:
+    """The names of the strict conditions, as the module gives them for a start."""
+    start = task.start(0)
+    still = dict.fromkeys(start.poses, 0.0)
+    scene = Scene(0, start.qpos, np.zeros_like(start.qpos), start.poses, still, (None,) * len(task.agents))
+    return list(Judge(task, scene)(scene).evidence)
+
+
+def section(task: Task) -> str:
+    arms = "one arm" if len(task.agents) == 1 else f"{len(task.agents)} arms"
+    config = f"[configuration](../conf/task/{task.name}.yaml)"
+    module = f"[module](../rf_exp/tasks/{task.name}.py)"
+    strict = f"- Strict: {'; '.join(conditions(task))}; for {task.success['hold_steps']:g} steps."
+    lines = [
+        f"`{task.name}`, {arms}, criteria version {task.version}: {config}, {module}.",
+        task.description,
+        f"- The paper's target condition: {task.target_condition}",
+        strict,
+    ]
+    filled = [textwrap.fill(line, 108, subsequent_indent="  " * line.startswith("- ")) for line in lines]
+    return f"## {task.title}\n\n{filled[0]}\n\n{filled[1]}\n\n{filled[2]}\n{filled[3]}\n"
+
+
+def document() -> str:
+    return "\n".join([INTRODUCTION, *map(section, tasks())])
+
+
+if __name__ == "__main__":
+    Path(__file__).with_suffix(".md").write_text(document(), "utf-8")
