@@ -12,7 +12,7 @@ DEMO := $(if $(filter no,$(RENDER)),render=false stages=[generate])
 PICTURED_TESTS := $(if $(filter no,$(RENDER)),-m "not render")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check format lint types imports fast-tests fix doctor bench clean
+.PHONY: help setup demo gallery test check format lint types imports fast-tests fix doctor bench clean
 
 help: ## this list
 	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1\t\2/p' Makefile | expand -t 20
@@ -26,6 +26,9 @@ $(STAMP):
 
 demo: setup ## lift_barrier from demonstrations to report, on a laptop
 	$(BIN)/python -m rf_exp.run $(DEMO)
+
+gallery: setup ## what every task looks like: a contact sheet and a film of each
+	$(BIN)/python -m rf_exp.gallery task=all
 
 test: setup ## every test, pictures included
 	$(BIN)/python -m pytest $(PICTURED_TESTS)
