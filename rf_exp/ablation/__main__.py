@@ -8,6 +8,7 @@ from rich.console import Console
 
 from rf_exp.ablation.formats import show
 from rf_exp.ablation.report import publish
+from rf_exp.ablation.suite import configured
 from rf_exp.errors import ArgumentError, RfError
 
 
@@ -19,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if not (out / "results").is_dir():
             raise ArgumentError(f"--out is {out}; expected a folder with result rows in {out}/results")
-        built, report = publish(out)
+        built, report = publish(out, configured())
     except RfError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2 if isinstance(error, ArgumentError) else 1

@@ -19,6 +19,7 @@ from PIL import Image
 from rf_exp.ablation import formats, page, plots, tables
 from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import Results, load
+from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
 from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
@@ -32,13 +33,13 @@ PICTURE_WIDTH = 720  # pixels
 STRIP = 4  # frames of a demonstration
 
 
-def publish(out: Path) -> tuple[dict[str, Table], Path]:
-    """Tables and report from the result rows below `out`, from nothing else. Returns both."""
+def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
+    """Tables and report from the result rows below `out` and what is known of the tasks. Returns both."""
     results = load(out)
-    built = tables.build(results)
+    built = tables.build(results, suite)
     for table in built.values():
         formats.write(table, out / "tables")
-    return built, _write(out, results, built)
+    return built, _write(out, results, built, suite)
 
 
 def write_report(out: Path) -> Path:
@@ -46,11 +47,11 @@ def write_report(out: Path) -> Path:
 
     Raises StageError when it cannot be written.
     """
-    results = load(out)
-    return _write(out, results, tables.build(results))
+    results, suite = load(out), configured()
+    return _write(out, results, tables.build(results, suite), suite)
 
 
-def _write(out: Path, results: Results, built: dict[str, Table]) -> Path:
+def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -> Path:
     sections = [
         ("summary", "Summary", _summary(results)),
         *(
@@ -58,7 +59,7 @@ def _write(out: Path, results: Results, built: dict[str, Table]) -> Path:
             for name, table in built.items()
             if name != "comparison"
         ),
-        ("failures", "Why attempts failed", _failures(results)),
+        ("failures", "Why attempts failed", _failures(results, suite)),
         ("training", "Training curves", _curves(out)),
         ("data", "Demonstrations", _data(out)),
         ("pictures", "Pictures", _pictures(out)),
@@ -109,7 +110,7 @@ def _table_section(table: Table) -> str:
     return page.table_html(table) + page.panels(drawn)
 
 
-def _failures(results: Results) -> str:
+def _failures(results: Results, suite: Suite) -> str:
     reasons: Counter[tuple[str, str, str]] = Counter()
     tried: Counter[tuple[str, str]] = Counter()
     for row in results.generation:
@@ -121,7 +122,7 @@ def _failures(results: Results) -> str:
     if not reasons:
         return ""
     lines = [
-        [title_of(task), constraints, reason, f"{count} of {tried[task, constraints]}"]
+        [title_of(task, suite), constraints, reason, f"{count} of {tried[task, constraints]}"]
         for (task, constraints, reason), count in reasons.most_common(30)
     ]
     rest = len(reasons) - len(lines)

@@ -12,7 +12,7 @@ from typing import Literal
 from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results, newest
 from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
-from rf_exp.ablation.suite import Suite, configured
+from rf_exp.ablation.suite import Suite
 from rf_exp.errors import choices
 
 Unit = Literal["rate", "steps", "text"]
@@ -92,9 +92,9 @@ class Table:
         )
 
 
-def title_of(task: str, suite: Suite | None = None) -> str:
+def title_of(task: str, suite: Suite) -> str:
     """The configured title of a task; where it is not in the suite its name in title case."""
-    known = (configured() if suite is None else suite).get(task)
+    known = suite.get(task)
     return known.title if known else task.replace("_", " ").title()
 
 
@@ -320,9 +320,8 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 }
 
 
-def build(results: Results, suite: Suite | None = None) -> dict[str, Table]:
-    """Every table, by name, for a suite of tasks; without one for all that are configured."""
-    suite = configured() if suite is None else suite
+def build(results: Results, suite: Suite) -> dict[str, Table]:
+    """Every table, by name, for a suite of tasks."""
     return {name: builder(results, suite) for name, builder in TABLES.items()}
 
 

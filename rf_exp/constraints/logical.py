@@ -21,6 +21,7 @@ POSITION_M = 0.01  # of the TCP from the interaction point, planned
 POSITION_MEASURED_M = 0.03  # fingers shift what they close on
 ANGLE_DEG = 10.0
 ANGLE_MEASURED_DEG = 20.0
+OPPOSITE_DEG = 180.0  # the value of a direction that is never taken up
 HEIGHT_M = 0.02
 HEIGHT_MEASURED_M = 0.03
 UP = (0.0, 0.0, 1.0)
@@ -78,6 +79,19 @@ def _offset_m(a: Matrix, b: Matrix) -> float:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
 
 
+def _no_contact(plan: Plan, agent: int, name: str, demand: str, value: float, bound: float) -> Evidence:
+    """What it means that an agent makes no contact: it holds the object already, or misses the demand."""
+    who = agent_name(agent)
+    if plan.scene.held[agent - 1] == name:
+        return Evidence(True, 0.0, bound, f"{who} holds {name} already")
+    listed = "; ".join(dict.fromkeys(each.subgoal.text for each in plan.trajectory(agent).segments))
+    reason = (
+        f"{demand}, but {who} neither holds {name} nor makes contact with it in this plan; "
+        f"its subgoals that move: {listed or 'none'}"
+    )
+    return Evidence(False, value, bound, reason)
+
+
 def _nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
     points = [point for point in plan.task.asset(name).points.values() if point.kind in ("grasp", "press")]
     return min(points, key=lambda point: _offset_m(tcp, pose @ point.object_from_tcp), default=None)
@@ -112,9 +126,8 @@ class ValidateInteraction:
             return self._placed(plan)
         contact = _contact(plan, self.agent, self.object)
         if contact is None:
-            return Evidence(
-                True, 0.0, POSITION_M, f"{agent_name(self.agent)} makes no new contact with {self.object}"
-            )
+            demand = f"{agent_name(self.agent)} must meet {self.object} at its {self.point} point"
+            return _no_contact(plan, self.agent, self.object, demand, self._nearest_m(plan), POSITION_M)
         time_s = plan.time_s(self.agent, contact.end)
         pose = contact.object_pose(plan, self.object)
         return self._evidence(plan, contact.tcp(plan), pose, POSITION_M, time_s, "would meet")
@@ -139,6 +152,14 @@ class ValidateInteraction:
             f"(allowed {bound_m * 100:.1f} cm)"
         )
         return Evidence(value <= bound_m, value, bound_m, reason, time_s)
+
+    def _nearest_m(self, plan: Plan) -> float:
+        """How near the TCP comes to the point where it is now."""
+        tcp = plan.bodies.arms[self.agent - 1].tcp(plan.trajectory(self.agent).path())  # (P, 4, 4)
+        point = (
+            plan.scene.poses[self.object] @ plan.task.asset(self.object).points[self.point].object_from_tcp
+        )
+        return float(np.linalg.norm(tcp[:, :3, 3] - point[:3, 3], axis=1).min())
 
     def _placed(self, plan: Plan) -> Evidence:
         """A place point: where what the agent carries is let go. Counted on the level."""
@@ -187,10 +208,12 @@ class ValidateDirection:
 
     def planned(self, plan: Plan) -> Evidence:
         contact = _contact(plan, self.agent, self.object)
+        if contact is None and self._is_target(plan):
+            reason = f"{agent_name(self.agent)} only puts something to {self.object} in this plan"
+            return Evidence(True, 0.0, ANGLE_DEG, reason)
         if contact is None:
-            return Evidence(
-                True, 0.0, ANGLE_DEG, f"{agent_name(self.agent)} makes no new contact with {self.object}"
-            )
+            demand = f"the gripper of {agent_name(self.agent)} must be {self.orientation} at {self.object}"
+            return _no_contact(plan, self.agent, self.object, demand, OPPOSITE_DEG, ANGLE_DEG)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
         time_s = plan.time_s(self.agent, contact.end)
         return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s)
@@ -204,6 +227,10 @@ class ValidateDirection:
         return self._evidence(
             tcp, scene.poses[self.object], point, ANGLE_MEASURED_DEG, scene.step * CONTROL_DT_S
         )
+
+    def _is_target(self, plan: Plan) -> bool:
+        """Whether the agent goes to the object with something in its hand."""
+        return any(each.subgoal.target == self.object for each in plan.trajectory(self.agent).segments)
 
     def _point(self, plan: Plan, contact: _Contact) -> InteractionPoint | None:
         points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point

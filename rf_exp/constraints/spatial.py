@@ -5,6 +5,7 @@ pieces, which are as safe as voxels filled from volume (`occupancy`, what people
 cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar
@@ -17,23 +18,31 @@ from rf_exp.constraints.evidence import Evidence, Plan, agent_name, doing, names
 from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
 from rf_exp.tasks import Task
-from rf_exp.transforms import transform
+from rf_exp.transforms import inverse, transform
 from rf_exp.types import CONTROL_DT_S, Kind, Scene, Violation
 
 CONTACT_N = 1.0  # force between two arms that counts as contact
+TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
 ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
 
 
 def touching(
-    task: Task, scene: Scene, pairs: tuple[tuple[int, int], ...]
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]] | None = None,
 ) -> tuple[tuple[int, int], Evidence] | None:
-    """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
+    """The first pair of arms that touch: contact force from the simulator, or overlapping volume.
+
+    What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
+    gripper of an agent, and what it holds, may touch in the hands of another one.
+    """
     for a, b, force_n in scene.arm_contacts:
         if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
             reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
             return (a, b), Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S)
     bodies = Bodies(task, scene)
-    arms = [bodies.arm(agent, scene.qpos[agent - 1]) for agent in task.agents]
+    arms = [_with_load(bodies, agent, (may_touch or {}).get(agent, frozenset())) for agent in task.agents]
     for a, b in pairs:
         gap = overlap(arms[a - 1], arms[b - 1])
         if gap is not None:
@@ -43,6 +52,14 @@ def touching(
             )
             return (a, b), Evidence(False, gap.distance_m, 0.0, reason, scene.step * CONTROL_DT_S)
     return None
+
+
+def _with_load(bodies: Bodies, agent: int, may_touch: frozenset[str]) -> Swept:
+    """A measured arm with what it holds."""
+    scene, arm = bodies.scene, bodies.arms[agent - 1]
+    held, qpos = scene.held[agent - 1], scene.qpos[agent - 1]
+    grip = None if held is None else inverse(arm.tcp(qpos)) @ scene.poses[held]
+    return bodies.arm(agent, qpos, carries=held, tcp_from_object=grip, touches=may_touch)
 
 
 @dataclass(frozen=True)
@@ -90,8 +107,18 @@ class AvoidAgents:
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        found = touching(plan.task, scene, self.pairs(plan.task))
+        may_touch = {agent: _about(plan, agent, scene) for agent in plan.task.agents}
+        found = touching(plan.task, scene, self.pairs(plan.task), may_touch)
         return None if found is None else found[1]
+
+
+def _about(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
+    """What an agent may touch by its plan, now or just before: a measured arm trails its commands."""
+    positions, now = plan.positions(agent), scene.step - plan.scene.step
+    recent = np.unique(positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)])
+    body = plan.swept[agent - 1]
+    allowed = [*body.touches.items(), *body.rests.items()]
+    return frozenset(name for name, mask in allowed if mask[recent].any())
 
 
 @dataclass(frozen=True)
@@ -186,14 +213,18 @@ class StayOut:
 
 
 class PolicyMonitor:
-    """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping."""
+    """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping.
+
+    What a policy is about is unknown, so a gripper, or what it holds, may meet what another one holds.
+    """
 
     def __init__(self, task: Task) -> None:
         self._task = task
         self._pairs = tuple(combinations(task.agents, 2))
+        self._may_touch = dict.fromkeys(task.agents, frozenset(task.objects))
 
     def __call__(self, scene: Scene) -> Violation | None:
-        found = touching(self._task, scene, self._pairs)
+        found = touching(self._task, scene, self._pairs, self._may_touch)
         if found is None:
             return None
         agents, evidence = found

@@ -2,6 +2,7 @@
 
 from rf_exp.ablation import formats
 from rf_exp.ablation.report import publish
+from rf_exp.ablation.suite import configured, facts
 from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import owned
@@ -12,7 +13,7 @@ SHOWN = ("architectures", "ablation_success", "ablation_length")
 def write_tables(experiment: Experiment) -> None:
     """Writes tables and report, prints the tables that have figures, names the recordings."""
     with owned(experiment.out / "report.html"):
-        tables, report = publish(experiment.out)
+        tables, report = publish(experiment.out, {**configured(), **facts(experiment.tasks)})
     for name in SHOWN:
         formats.show(tables[name], console)
     recordings = sorted((experiment.out / "recordings").rglob("*.rrd"))

@@ -8,6 +8,14 @@ from rf_exp.errors import ArgumentError
 from rf_exp.tasks.base import Task
 
 
+def _range(value: object) -> object:
+    """A single number is a range without width."""
+    return [float(value), float(value)] if isinstance(value, int | float) else value
+
+
+_CONFIG = dacite.Config(cast=[tuple], strict=True, type_hooks={tuple[float, float]: _range})
+
+
 def load_task(name: str, node: Mapping) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
@@ -15,7 +23,7 @@ def load_task(name: str, node: Mapping) -> Task:
     asset that does not exist, and for an object that stands on one not listed before it.
     """
     try:
-        task = dacite.from_dict(Task, dict(node), config=dacite.Config(cast=[tuple], strict=True))
+        task = dacite.from_dict(Task, dict(node), config=_CONFIG)
     except dacite.UnexpectedDataError as error:
         unknown = ", ".join(sorted(map(str, error.keys)))
         raise ArgumentError(f"task {name!r}: unknown field {unknown}") from error

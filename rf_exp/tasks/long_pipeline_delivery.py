@@ -2,9 +2,9 @@
 
 from itertools import pairwise
 
-from rf_exp.tasks import say
+from rf_exp.tasks import delivery, say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import distance_xy_m, height_m, holders, near, released, set_down
+from rf_exp.tasks.measure import distance_xy_m, holders
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Constraint, Proposal, Scene, Subgoal
 
@@ -25,7 +25,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """From where the shoe is now: each arm lays it within reach of the next one and makes room."""
-    if _delivered(scene, task) and released(scene, ["shoe"]):
+    if delivery.done(scene, task):
         return Proposal((), ())
     subgoals: list[Subgoal] = []
     constraints: list[Constraint] = []
@@ -54,18 +54,11 @@ def _turn(scene: Scene, task: Task) -> int:
     return min(CHAIN, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses["shoe"][1, 3]))
 
 
-def _delivered(scene: Scene, task: Task) -> bool:
-    return (
-        near(scene, "shoe", "goal", task.success["goal_m"])
-        and height_m(scene, "shoe") < task.success["down_m"]
-    )
-
-
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
     """The shoe stands upright on the goal, let go and at rest."""
-    return {"shoe on the goal": _delivered(scene, task), **set_down(scene, ["shoe"], task.success)}
+    return delivery.conditions(scene, task)
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: the shoe is near the goal, seen from above."""
-    return near(scene, "shoe", "goal", task.success["paper_distance_m"])
+    return delivery.paper(scene, task)

@@ -1,8 +1,8 @@
 """Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
 
-from rf_exp.tasks import say
+from rf_exp.tasks import delivery, say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import distance_xy_m, height_m, near, released, set_down
+from rf_exp.tasks.measure import distance_xy_m
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Proposal, Scene, Subgoal
 
@@ -19,7 +19,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """The giver lays the shoe midway and makes room; the taker brings it to the goal."""
-    if _delivered(scene, task) and released(scene, ["shoe"]):
+    if delivery.done(scene, task):
         return Proposal((), ())
     give = (
         Subgoal(GIVER, "grasp", "shoe", "center"),
@@ -42,18 +42,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
     )
 
 
-def _delivered(scene: Scene, task: Task) -> bool:
-    return (
-        near(scene, "shoe", "goal", task.success["goal_m"])
-        and height_m(scene, "shoe") < task.success["down_m"]
-    )
-
-
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
-    """The shoe stands on the goal, let go and at rest."""
-    return {"shoe on the goal": _delivered(scene, task), **set_down(scene, ["shoe"], task.success)}
+    """The shoe stands upright on the goal, let go and at rest."""
+    return delivery.conditions(scene, task)
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: the shoe is near the goal, seen from above."""
-    return near(scene, "shoe", "goal", task.success["paper_distance_m"])
+    return delivery.paper(scene, task)

@@ -1,6 +1,5 @@
 """conf/experiment: every file composes, selects what its table needs, and yields to the command line."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,13 +7,14 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from rf_exp.ablation.paper import paper
+from rf_exp.experiment import CONF, register_all_tasks
 
-CONF = Path(__file__).parents[2] / "conf"
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 ROWS = set(paper().ablation_success)
 
 
 def composed(*overrides: str) -> dict[str, Any]:
+    register_all_tasks()
     with initialize_config_dir(str(CONF), version_base=None):
         node = compose("config", list(overrides), return_hydra_config=True)
     values: Any = OmegaConf.to_container(node)  # unresolved: some values name what only a run knows

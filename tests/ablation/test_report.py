@@ -13,6 +13,7 @@ from rf_exp.ablation import plots
 from rf_exp.ablation.__main__ import main
 from rf_exp.ablation.report import publish, write_report
 from rf_exp.ablation.rows import append
+from rf_exp.ablation.suite import configured
 from rf_exp.errors import StageError
 from rf_exp.store import Store
 from rf_exp.types import Episode
@@ -106,7 +107,7 @@ def test_names_are_escaped(out: Path) -> None:
 
 
 def test_plots_take_their_colours_from_the_page(out: Path) -> None:
-    built, _ = publish(out)
+    built, _ = publish(out, configured())
     (title, svg), *_ = plots.panels(built["ablation_success"])
     assert title == "Lift Barrier"
     ElementTree.fromstring(svg)  # well-formed

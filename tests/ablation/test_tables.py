@@ -61,7 +61,7 @@ def test_the_paper_s_tables_agree_where_they_overlap() -> None:
 
 
 def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
-    built = build(EMPTY)
+    built = build(EMPTY, configured())
     for name in ("ablation_success", "ablation_length"):
         for row, figures in getattr(paper(), name).items():
             for task, value in figures.items():
@@ -189,7 +189,7 @@ def test_further_numbers_of_demonstrations_get_a_column() -> None:
 
 
 def test_every_configured_task_is_shown_in_the_words_of_its_file() -> None:
-    table = build(EMPTY)["tasks"]
+    table = build(EMPTY, configured())["tasks"]
     paths = sorted(CONFIGURED.glob("*.yaml"))
     assert paths and {path.stem for path in paths} == set(configured())
     for path in paths:
@@ -246,7 +246,7 @@ def test_a_cell_that_does_not_exist_is_named() -> None:
 
 
 def test_files_hold_the_figures(out: Path) -> None:
-    for table in build(load(out)).values():
+    for table in build(load(out), configured()).values():
         paths = formats.write(table, out / "tables")
         assert [path.name for path in paths] == [f"{table.name}.{suffix}" for suffix in ("md", "csv", "tex")]
     markdown = (out / "tables/ablation_success.md").read_text()
@@ -261,7 +261,7 @@ def test_files_hold_the_figures(out: Path) -> None:
 
 
 def test_latex_is_well_formed(out: Path) -> None:
-    for table in build(load(out)).values():
+    for table in build(load(out), configured()).values():
         text = formats.latex(table)
         alignment = text.split(r"\begin{tabular}{")[1].split("}\n")[0]
         wanted = alignment.replace("p{4cm}", "p").count("l") + alignment.count("p{")
@@ -274,7 +274,7 @@ def test_latex_is_well_formed(out: Path) -> None:
 
 def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
     console = Console(file=io.StringIO(), width=160)
-    for table in build(load(out)).values():
+    for table in build(load(out), configured()).values():
         formats.show(table, console)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "[31.3, 83.2] n=10" in text

@@ -51,10 +51,41 @@ def test_meeting_another_point_or_missing_it():
     assert missed.reason == "Agent_1 would meet barrier 3.0 cm from its left point (allowed 1.0 cm)"
 
 
-def test_no_contact_is_no_violation(grasp):
-    evidence = ValidateInteraction(2, "barrier", "right").planned(grasp)
-    assert evidence.ok and evidence.reason == "Agent_2 makes no new contact with barrier"
-    assert ValidateDirection(2, "barrier", "perpendicular").planned(grasp).ok
+def test_a_contact_that_is_demanded_and_never_made(grasp):
+    """Agent 2 stands still; the constraint says that it grasps."""
+    position = ValidateInteraction(2, "barrier", "right").planned(grasp)
+    assert not position.ok and position.value > position.bound
+    assert position.reason == (
+        "Agent_2 must meet barrier at its right point, but Agent_2 neither holds barrier nor makes contact "
+        "with it in this plan; its subgoals that move: none"
+    )
+    direction = ValidateDirection(2, "barrier", "perpendicular").planned(grasp)
+    assert not direction.ok and direction.value > direction.bound
+    assert direction.reason.startswith("the gripper of Agent_2 must be perpendicular at barrier, but Agent_2")
+
+
+def test_the_reason_lists_what_the_agent_does_instead():
+    scene = scene_of(FOOD)
+    busy = plan_of(FOOD, scene, Hand(FOOD, scene, 1).grasp("steak", "center").trajectory, idle(2))
+    evidence = ValidateInteraction(1, "lid", "knob").planned(busy)
+    assert not evidence.ok and evidence.reason.endswith("its subgoals that move: grasp steak at center")
+
+
+def test_what_is_held_already_was_met_before():
+    held = lifting((0.1, 0.1))
+    for agent, point in ((1, "left"), (2, "right")):
+        assert ValidateInteraction(agent, "barrier", point).planned(held).ok
+        assert ValidateDirection(agent, "barrier", "perpendicular").planned(held).ok
+
+
+def test_a_thing_to_which_something_is_put_need_not_be_met():
+    scene = scene_of(FOOD)
+    hand = Hand(FOOD, scene, 1).grasp("steak", "center")
+    above = transform((0, 0, 0.1)) @ hand.arm.tcp(hand.qpos)
+    hand.to(above, 20, Subgoal(1, "place", "steak", target="pot", target_point="inside"), "lower", {"steak"})
+    plan = plan_of(FOOD, scene, hand.trajectory, idle(2))
+    assert ValidateDirection(1, "pot", "vertical").planned(plan).ok
+    assert not ValidateDirection(1, "lid", "vertical").planned(plan).ok
 
 
 def measured(plan: Plan, position: int, **changes):

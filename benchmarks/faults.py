@@ -1,0 +1,340 @@
+"""What the checks catch of every named mistake, and what they cry wolf at.
+
+    python benchmarks/faults.py [--seeds 20] [--clean 1000] [--tasks all] [--faults all] [--workers 1]
+                                [--log FILE]
+
+Clean plans: the first proposal of the scripted brain, planned, scheduled and checked; nothing moves. One
+that would go back to the brain is an alarm. Faults: every fault on every task whose scripted plans have room
+for it, one episode for each seed: is the mistake found, by what, before anything moves, and does the episode
+end in success once the brain has been told? With --log every result is a line of that file, and those that
+are there already are not made again. The last line is JSON with the totals.
+"""
+
+import argparse
+import json
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+import numpy as np
+from joblib import delayed
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.constraints.spatial import CONTACT_N
+from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
+from rf_exp.datagen.episode import EpisodeMaker, Nobody, Plan, Settings
+from rf_exp.errors import choices
+from rf_exp.sim.pool import Pictures, in_order, simulator
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import load_task
+from rf_exp.types import Row, Scene, Violation, World
+
+CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
+FULL, BLIND = Row("full"), Pictures(render=False)
+
+
+@dataclass(frozen=True)
+class Clean:
+    """What became of one clean plan. `check` and `reason` are empty unless it was an alarm."""
+
+    task: str
+    seed: int
+    check: str
+    reason: str
+    wall_s: float
+    part: str = "clean"
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """What became of one episode with a fault. `check` and `reason` are empty when it was not found."""
+
+    task: str
+    fault: str
+    seed: int
+    placed: bool  # the episode came to a proposal that the fault applies to
+    check: str
+    reason: str
+    moved_steps: int  # control steps between the faulty proposal and its rejection
+    contact: bool  # arms touched in them
+    success: bool
+    repairs: int  # proposals beyond those that a sound plan needs
+    end: str  # why the episode failed
+    wall_s: float
+    part: str = "faulty"
+
+
+class _Decided(Exception):
+    """The first proposal has been judged: a plan to execute, or a violation for the brain."""
+
+    def __init__(self, found: Plan | Violation) -> None:
+        self.found = found
+
+
+class FirstJudgement(Nobody):
+    """Ends the episode as soon as its first proposal has been judged."""
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        raise _Decided(plan)
+
+    def rejected(self, violation: Violation) -> None:
+        raise _Decided(violation)
+
+
+def clean(task: Task, seed: int) -> Clean:
+    settings, began = Settings(task, FULL, ScriptedSpec()), time.perf_counter()
+    try:
+        EpisodeMaker(settings, simulator(task, BLIND), settings.make_brain(seed), FirstJudgement()).make(seed)
+        found: Plan | Violation | None = None
+    except _Decided as decided:
+        found = decided.found
+    assert found is not None, f"{task.name}, seed {seed}: the scripted brain proposes nothing"
+    check, reason = (found.check, found.reason) if isinstance(found, Violation) else ("", "")
+    return Clean(task.name, seed, check, reason, round(time.perf_counter() - began, 2))
+
+
+class Watched:
+    """A world that notes what moves and touches between a faulty proposal and its rejection."""
+
+    def __init__(self, world: World, brain: FaultyBrain) -> None:
+        self._world, self._brain = world, brain
+        self.watching = True
+        self.moved_steps, self.contact = 0, False
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        return self._world.cameras
+
+    def reset(self, seed: int) -> Scene:
+        return self._world.reset(seed)
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        scene = self._world.step(action)
+        if self._brain.placed and self.watching:
+            self.moved_steps += 1
+            self.contact |= any(force_n > CONTACT_N for *_, force_n in scene.arm_contacts)
+        return scene
+
+    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+        return self._world.pictures()
+
+
+class FirstRejection(Nobody):
+    """Keeps the violation that the faulty proposal ends in."""
+
+    def __init__(self, world: Watched, brain: FaultyBrain) -> None:
+        self._world, self._brain = world, brain
+        self.violation: Violation | None = None
+
+    def rejected(self, violation: Violation) -> None:
+        if self._brain.placed and self.violation is None:
+            self.violation, self._world.watching = violation, False
+
+
+def faulty(task: Task, fault: str, seed: int) -> Faulty:
+    spec = FaultySpec(fault)
+    brain = spec.make(task, FULL, seed)
+    world = Watched(simulator(task, BLIND), brain)
+    observer = FirstRejection(world, brain)
+    outcome = EpisodeMaker(Settings(task, FULL, spec), world, brain, observer).make(seed)
+    found = observer.violation
+    return Faulty(
+        task.name,
+        fault,
+        seed,
+        brain.placed,
+        found.check if found else "",
+        found.reason if found else "",
+        world.moved_steps,
+        world.contact,
+        outcome.success,
+        outcome.attempts - 1,
+        outcome.reason,
+        round(outcome.wall_s, 2),
+    )
+
+
+class Surveyor:
+    """The scripted brain, noting on the way which faults there is room for."""
+
+    name = "surveyor"
+
+    def __init__(self, brain: Brain) -> None:
+        self._brain = brain
+        self.room: set[str] = set()
+
+    def answer(self, question: Question) -> str:
+        self.room |= {fault for fault in FAULTS if applies(fault, question.task, question.scene)}
+        return self._brain.answer(question)
+
+
+def room_for(task: Task) -> set[str]:
+    """The faults that apply somewhere in a sound episode of a task."""
+    settings = Settings(task, FULL, ScriptedSpec())
+    brain = Surveyor(settings.make_brain(0))
+    EpisodeMaker(settings, simulator(task, BLIND), brain).make(0)
+    return brain.room
+
+
+Key = tuple[str, str, str, int]  # part, task, fault, seed
+
+
+def key(row: Mapping[str, Any]) -> Key:
+    return row["part"], row["task"], row["fault"], row["seed"]
+
+
+def jobs(
+    tasks: Sequence[Task], faults: Sequence[str], seeds: int, plans: int, known: Mapping[Key, dict[str, Any]]
+) -> Iterator[Any]:
+    """Everything that is left to do, task by task, so that simulators are kept."""
+    for at, task in enumerate(tasks):
+        for seed in range(plans * at // len(tasks), plans * (at + 1) // len(tasks)):
+            if ("clean", task.name, "", seed) not in known:
+                yield delayed(clean)(task, seed)
+        cells = [
+            (fault, seed)
+            for fault in faults
+            for seed in range(seeds)
+            if ("faulty", task.name, fault, seed) not in known
+        ]
+        room = room_for(task) if cells else set()
+        for fault, seed in cells:
+            if fault in room:
+                yield delayed(faulty)(task, fault, seed)
+
+
+HEADINGS = (
+    "fault",
+    "tasks",
+    "episodes",
+    "found",
+    "before motion",
+    "touched",
+    "found by",
+    "success",
+    "repairs",
+)
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Markdown: one line for each fault."""
+    lines = [HEADINGS, ("---",) * len(HEADINGS)]
+    for name, fault in FAULTS.items():
+        if mine := [row for row in rows if row["fault"] == name]:
+            lines.append((f"`{name}`{'' if fault.breaks else ' (*)'}", *cells(mine)))
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def cells(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """What the table says of the episodes of one fault."""
+    found = [row for row in rows if row["check"]]
+    by = Counter(row["check"] for row in found).most_common()
+    return (
+        str(len({row["task"] for row in rows})),
+        str(len(rows)),
+        share(len(found), rows),
+        share(sum(not row["moved_steps"] for row in found), rows),
+        str(sum(row["contact"] for row in rows)),
+        ", ".join(f"{check} {count}" for check, count in by),
+        share(sum(row["success"] for row in rows), rows),
+        f"{mean(row['repairs'] for row in rows):.2f}",
+    )
+
+
+def share(count: int, among: Sequence[object]) -> str:
+    return f"{count / len(among):.0%}"
+
+
+def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, object]:
+    """Alarms over clean plans; found, touched and repaired over the faults that break a constraint."""
+    plans = [row for row in rows if row["part"] == "clean"]
+    placed = [row for row in rows if row["part"] == "faulty" and row["placed"]]
+    broken = [row for row in placed if FAULTS[row["fault"]].breaks]
+
+    def percent(count: int, among: Sequence[object]) -> float | None:
+        return round(100 * count / len(among), 2) if among else None
+
+    return {
+        "benchmark": "faults",
+        "clean_plans": len(plans),
+        "alarms": sum(bool(row["check"]) for row in plans),
+        "alarm_pct": percent(sum(bool(row["check"]) for row in plans), plans),
+        "faulty_episodes": len(placed),
+        "breaking_episodes": len(broken),
+        "missed": sum(not row["check"] for row in broken),
+        "found_pct": percent(sum(bool(row["check"]) for row in broken), broken),
+        "found_before_motion_pct": percent(
+            sum(bool(row["check"]) and not row["moved_steps"] for row in broken), broken
+        ),
+        "contact_before_found": sum(row["contact"] for row in broken),
+        "success_pct": percent(sum(row["success"] for row in placed), placed),
+        "success_breaking_pct": percent(sum(row["success"] for row in broken), broken),
+        "repairs_mean": round(mean(row["repairs"] for row in broken), 3) if broken else None,
+    }
+
+
+def report(rows: Sequence[Mapping[str, Any]]) -> None:
+    """The table, what is not as it should be, and the JSON."""
+    faults = [row for row in rows if row["part"] == "faulty" and row["placed"]]
+    print(table(faults), "\n\n(*) leaves a demand out and breaks none, so that nothing need be found.")
+    for row in rows:
+        if row["part"] == "clean" and row["check"]:
+            print(f"alarm: {row['task']} {row['seed']}: {row['check']}: {row['reason'][:200]}")
+    for row in faults:
+        if FAULTS[row["fault"]].breaks and (not row["check"] or row["contact"]):
+            what = f"found late by {row['check']}" if row["check"] else "missed"
+            print(f"{what}: {row['fault']} on {row['task']} {row['seed']}: {row['reason'][:200]}")
+        if not row["success"]:
+            print(f"not repaired: {row['fault']} on {row['task']} {row['seed']}: {row['end'][:300]}")
+    print(json.dumps(totals(rows)))
+
+
+def named(given: str, known: Iterable[str], what: str) -> list[str]:
+    """`all`, or names with commas between. Raises ArgumentError for one that is not known."""
+    known = list(known)
+    names = known if given == "all" else given.split(",")
+    for name in names:
+        if name not in known:
+            raise choices(what, name, known)
+    return names
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=20, help="episodes of each fault on each task")
+    parser.add_argument("--clean", type=int, default=1000, help="clean plans, spread over the tasks")
+    parser.add_argument("--tasks", default="all", help="with commas between")
+    parser.add_argument("--faults", default="all", help="with commas between")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--log", type=Path, help="keep results here, and continue from it")
+    given = parser.parse_args()
+    names = named(given.tasks, sorted(path.stem for path in CONF.glob("*.yaml")), "task")
+    faults = named(given.faults, FAULTS, "fault")
+    tasks = []
+    for name in names:
+        node = OmegaConf.to_object(OmegaConf.load(CONF / f"{name}.yaml"))
+        assert isinstance(node, dict)
+        tasks.append(load_task(name, node[name]))
+
+    kept = given.log.read_text().splitlines() if given.log and given.log.exists() else []
+    rows = {key(row): row for row in map(json.loads, kept)}
+    for result in in_order(jobs(tasks, faults, given.seeds, given.clean, rows), given.workers):
+        row = asdict(result)
+        rows[key(row)] = row
+        if given.log:
+            with given.log.open("a") as log:
+                log.write(json.dumps(row) + "\n")
+    report(list(rows.values()))
+
+
+if __name__ == "__main__":
+    main()
