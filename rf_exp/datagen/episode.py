@@ -33,6 +33,7 @@ from rf_exp.types import (
     World,
 )
 
+_MOTION = "Motion"  # the check that a violation names when no motion was found at all
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
 
@@ -178,44 +179,55 @@ class EpisodeMaker:
         checker = RoboChecker(task, proposal, row)
         if isinstance(checker.code, Violation):
             return checker.code
-        obstacles = Obstacles(task, scene, row)
         violation: Violation | None = None
         for avoid_parked in (False, True) if row.spatial and row.temporal else (row.spatial,):
-            try:
-                trajectories, _ = plan_motion(
-                    task,
-                    proposal,
-                    scene,
-                    blocked=obstacles.blocked(avoid_arms=avoid_parked),
-                    limits=self._settings.limits,
-                    lockstep=checker.lockstep,
-                    order=checker.order,
-                    make_room=checker.makes_room,
-                    rng=rng,
+            result = self._motion(proposal, checker, scene, avoid_parked, rng)
+            if isinstance(result, Plan):
+                self._checker = checker
+                self._rounds.append(
+                    {
+                        "proposal": json.loads(to_json(proposal)),
+                        "check_code": str(checker.code),
+                        **checker.certificate(),
+                    }
                 )
-            except Unreachable as error:
-                violation = _refused("Motion", scene, str(error))
-                continue
-            schedule = checker.schedule(trajectories, scene)
-            if isinstance(schedule, Violation):
-                violation = schedule
-                continue
-            violations = checker.check(trajectories, schedule, scene)
-            if violations:
-                violation = violations[0]
-                continue
-            plan = Plan(proposal, checker.code, trajectories, schedule)
-            self._checker = checker
-            self._rounds.append(
-                {
-                    "proposal": json.loads(to_json(proposal)),
-                    "check_code": str(checker.code),
-                    **checker.certificate(),
-                }
-            )
-            self._observer.planned(plan, checker)
-            return plan
+                self._observer.planned(result, checker)
+                return result
+            # Of two reasons, that arms in the way leave no path says less than what a check has found.
+            if violation is None or result.check != _MOTION:
+                violation = result
         return violation
+
+    def _motion(
+        self,
+        proposal: Proposal,
+        checker: RoboChecker,
+        scene: Scene,
+        avoid_parked: bool,
+        rng: np.random.Generator,
+    ) -> Plan | Violation:
+        """Trajectories and a schedule that pass all checks, or the first reason why not."""
+        settings = self._settings
+        assert isinstance(checker.code, CheckCode)
+        try:
+            trajectories, _ = plan_motion(
+                settings.task,
+                proposal,
+                scene,
+                blocked=Obstacles(settings.task, scene, settings.row).blocked(avoid_arms=avoid_parked),
+                limits=settings.limits,
+                lockstep=checker.lockstep,
+                order=checker.order,
+                make_room=checker.makes_room,
+                rng=rng,
+            )
+        except Unreachable as error:
+            return _refused(_MOTION, scene, str(error))
+        schedule = checker.schedule(trajectories, scene)
+        if isinstance(schedule, Violation):
+            return schedule
+        violations = checker.check(trajectories, schedule, scene)
+        return violations[0] if violations else Plan(proposal, checker.code, trajectories, schedule)
 
     def _as_commanded(self, scene: Scene) -> Scene:
         """The scene with the arms where they were last sent.
@@ -230,7 +242,8 @@ class EpisodeMaker:
     # -- execution -------------------------------------------------------------------------------
 
     def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
-        for action in actions(plan.trajectories, plan.schedule):
+        # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
+        for action in actions(plan.trajectories, plan.schedule).astype(np.float32).astype(float):
             scene = self._step(scene, action)
             if self._verdict.success:
                 break
