@@ -49,6 +49,18 @@ def test_voxels_are_nearly_tight():
     assert (gaps < 0.6 * VOXEL_M).mean() > 0.8
 
 
+def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
+    rng = np.random.default_rng(5)
+    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(rng, 1))
+    coarse = {*map(tuple, occupancy.voxels(body).tolist())}
+    fine = occupancy.voxels(body, voxel_m=VOXEL_M / 2)
+    assert {*map(tuple, (fine // 2).tolist())} == coarse
+    filled = {*map(tuple, fine.tolist())}
+    for piece, pose in zip(body.pieces, body.poses[0], strict=True):
+        points = apply(pose, inside(piece, 800, rng))
+        assert {*map(tuple, np.floor(points / (VOXEL_M / 2)).astype(int).tolist())} <= filled
+
+
 def test_arms_that_touch_share_a_voxel_and_few_others_do():
     rng = np.random.default_rng(4)
     bodies = Bodies(TWO, scene_of(TWO))
@@ -79,3 +91,5 @@ def test_shared_voxels_are_sorted_and_may_be_none():
     a, b = np.array([[0, 0, 0], [1, 0, 0]]), np.array([[1, 0, 0], [2, 0, 0]])
     assert occupancy.shared(a, b).tolist() == [[1, 0, 0]]
     assert occupancy.shared(a, b + 5).shape == (0, 3)
+    far = np.array([[9, -8, 7], [-9, 8, -7], [-9, -8, 7]])
+    assert occupancy.shared(far, np.concatenate([far, a])).tolist() == sorted(far.tolist())

@@ -10,7 +10,7 @@ from rf_exp.constraints.evidence import Plan
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, PolicyMonitor, StayOut, touching
 from rf_exp.constraints.timing import schedule
 from rf_exp.constraints.world import Bodies
-from rf_exp.transforms import transform
+from rf_exp.transforms import inverse, transform
 from rf_exp.types import Row, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, team, walk
 
@@ -145,3 +145,68 @@ def test_touching_agrees_with_the_exact_distance():
         outcomes.add(found is None)
         assert (found is None) == (exact >= 0)
     assert outcomes == {True, False}
+
+
+def test_what_an_arm_holds_is_part_of_it():
+    rng = np.random.default_rng(1)
+    grip = inverse(FOOD.asset("steak").points["center"].object_from_tcp)
+    blamed = set()
+    for _ in range(60):
+        start = scene_of(FOOD)
+        qpos = start.qpos
+        qpos[:, :7] = REACHING + rng.normal(0, 0.25, (2, 7))
+        bodies = Bodies(FOOD, start)
+        steak = bodies.arms[0].tcp(qpos[0]) @ grip
+        scene = replace(start, qpos=qpos, held=("steak", None), poses={**start.poses, "steak": steak})
+        loaded = bodies.arm(1, qpos[0], carries="steak", tcp_from_object=grip, touches=())
+        exact, bare = nearest(loaded, bodies.arm(2, qpos[1])), bodies.arm(1, qpos[0])
+        alone = nearest(bare, bodies.arm(2, qpos[1]))
+        assert exact is not None and alone is not None
+        found = touching(FOOD, scene, ((1, 2),))
+        assert (found is None) == (exact.distance_m >= 0)
+        if found is not None and alone.distance_m > 0:
+            blamed.add("steak" if "(steak with panda_" in found[1].reason else found[1].reason)
+    assert blamed == {"steak"}
+
+
+def measured_with(task, name, pose, held, qpos=None):
+    """A start in which something was measured elsewhere, in the hands of those who hold it."""
+    start = scene_of(task)
+    qpos = start.qpos if qpos is None else qpos
+    return replace(start, qpos=qpos, held=held, poses={**start.poses, name: pose})
+
+
+def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
+    bodies = Bodies(FOOD, scene_of(FOOD))
+    arm, rest = bodies.arms[1], scene_of(FOOD).qpos
+    in_fingers = measured_with(FOOD, "steak", arm.links(rest[1])[-1], ("steak", None))
+    in_elbow = measured_with(FOOD, "steak", arm.links(rest[1])[5], ("steak", None))
+    about = {2: frozenset({"steak"})}
+    assert touching(FOOD, in_fingers, ((1, 2),)) is not None
+    assert touching(FOOD, in_fingers, ((1, 2),), about) is None
+    assert touching(FOOD, in_elbow, ((1, 2),), about) is not None
+    monitor = PolicyMonitor(FOOD)
+    assert monitor(in_fingers) is None
+    hit = monitor(in_elbow)
+    assert hit is not None and "(steak with panda_link" in hit.reason
+
+
+def test_what_two_hold_together_is_no_obstacle_between_them():
+    arm = Bodies(BAR, scene_of(BAR)).arms[1]
+    pose = arm.links(scene_of(BAR).qpos[1])[5]
+    assert touching(BAR, measured_with(BAR, "barrier", pose, ("barrier", None)), ((1, 2),)) is not None
+    assert touching(BAR, measured_with(BAR, "barrier", pose, ("barrier", "barrier")), ((1, 2),)) is None
+
+
+def test_the_plan_says_what_a_gripper_is_about():
+    scene = scene_of(FOOD)
+    hand = Hand(FOOD, scene, 1).grasp("steak", "center")
+    taking = plan_of(FOOD, scene, (hand.trajectory, idle(2)))
+    standing = plan_of(FOOD, scene, (idle(1, hand.qpos), idle(2)))
+    qpos = scene.qpos.copy()
+    qpos[0] = [*hand.qpos, 0.02, 0.02]  # pressed into its sides
+    given = measured_with(FOOD, "steak", scene.poses["steak"], (None, "steak"), qpos)
+    check = AvoidAgents((1, 2))
+    assert check.measured(replace(given, step=len(hand.trajectory)), taking) is None
+    found = check.measured(given, standing)
+    assert found is not None and not found.ok and "steak" in found.reason

@@ -117,6 +117,27 @@ def test_a_fault_where_it_applies_changes_the_plan_the_same_way_for_a_seed(task)
         assert first == second and first != sound
 
 
+@pytest.mark.parametrize("name", ["pass_shoe", "long_pipeline_delivery", "take_photo"])
+def test_a_forbidden_zone_is_where_the_agent_really_has_to_go(name):
+    """Not where the object stands before another agent brings it: nobody would have to enter that."""
+    task = read_task(name)
+    scene = start_scene(task, 0)
+    sound, brought = task.module.plan(scene, task), set()
+    for constraint in sound.constraints:
+        if " before " in constraint.text:
+            first, then = constraint.text.rstrip(".").split(" before ")
+            if first.split()[-1] == then.split()[-1]:
+                brought.add((constraint.agents[1], then.split()[-1]))
+    assert brought
+    for seed in range(20):
+        question, rng = Question(task, scene, {}), np.random.default_rng(seed)
+        changed = FAULTS["forbidden_zone"].change(sound, question, rng)
+        assert changed is not None
+        (agent,) = changed.constraints[-1].agents
+        objects = {s.object for s in sound.of(agent) if s.verb in ("grasp", "press")}
+        assert not {(agent, name) for name in objects} <= brought
+
+
 def test_after_feedback_it_answers_as_scripted(lift_barrier):
     scene = start_scene(lift_barrier, 0)
     brain = FaultySpec("wrong_point").make(lift_barrier, FULL, 0)
