@@ -1,5 +1,6 @@
 # Every target sets up what it needs first; `make` alone lists them.
-# PYTHON=/path/to/python3.11 chooses the interpreter, RENDER=no goes without Vulkan and pictures.
+# PYTHON=/path/to/python3.11 chooses the interpreter, RENDER=no goes without Vulkan and pictures,
+# JOBS=4 runs the tests in so many processes.
 SHELL := /bin/bash
 BIN := .venv/bin
 RENDER ?= yes
@@ -9,6 +10,9 @@ export PYTHON RENDER
 STAMP := .venv/.setup-$(shell (echo "$(CURDIR) $(RENDER)"; cat pyproject.toml scripts/setup.sh) | sha256sum | cut -c1-16)
 # Policies learn from pictures: without them the demo ends with the demonstrations.
 DEMO := $(if $(filter no,$(RENDER)),render=false stages=[generate])
+# Each process keeps to one core.
+JOBS ?= 2
+TESTS := OMP_NUM_THREADS=1 LP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) --dist loadscope
 PICTURED_TESTS := $(if $(filter no,$(RENDER)),-m "not render")
 
 .DEFAULT_GOAL := help
@@ -31,7 +35,7 @@ gallery: setup ## what every task looks like: a contact sheet and a film of each
 	$(BIN)/python -m rf_exp.gallery task=all
 
 test: setup ## every test, pictures included
-	$(BIN)/python -m pytest $(PICTURED_TESTS)
+	$(TESTS) $(PICTURED_TESTS)
 
 check: format lint types imports fast-tests ## the gate before a commit, under a minute
 
@@ -48,7 +52,7 @@ imports: setup
 	$(BIN)/lint-imports
 
 fast-tests: setup
-	$(BIN)/python -m pytest -q -m "not render and not slow" --durations=10 --durations-min=3
+	$(TESTS) -q -m "not render and not slow" --durations=10 --durations-min=3
 
 fix: setup ## let ruff format and mend what it can
 	$(BIN)/ruff format .

@@ -7,6 +7,7 @@ cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from typing import ClassVar
 
@@ -42,9 +43,16 @@ def touching(
             reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
             return (a, b), Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S)
     bodies = Bodies(task, scene)
-    arms = [_with_load(bodies, agent, (may_touch or {}).get(agent, frozenset())) for agent in task.agents]
+
+    @cache
+    def body(agent: int, load: str | None) -> Swept:
+        return _with_load(bodies, agent, load, (may_touch or {}).get(agent, frozenset()))
+
     for a, b in pairs:
-        gap = overlap(arms[a - 1], arms[b - 1])
+        loads = scene.held[a - 1], scene.held[b - 1]
+        if loads[0] == loads[1]:  # what two hold together is no obstacle between them
+            loads = None, None
+        gap = overlap(body(a, loads[0]), body(b, loads[1]))
         if gap is not None:
             reason = (
                 f"{agent_name(a)} and {agent_name(b)} overlap by {-gap.distance_m * 1000:.0f} mm "
@@ -54,12 +62,12 @@ def touching(
     return None
 
 
-def _with_load(bodies: Bodies, agent: int, may_touch: frozenset[str]) -> Swept:
-    """A measured arm with what it holds."""
+def _with_load(bodies: Bodies, agent: int, load: str | None, may_touch: frozenset[str]) -> Swept:
+    """A measured arm with something where it was measured."""
     scene, arm = bodies.scene, bodies.arms[agent - 1]
-    held, qpos = scene.held[agent - 1], scene.qpos[agent - 1]
-    grip = None if held is None else inverse(arm.tcp(qpos)) @ scene.poses[held]
-    return bodies.arm(agent, qpos, carries=held, tcp_from_object=grip, touches=may_touch)
+    qpos = scene.qpos[agent - 1]
+    grip = None if load is None else inverse(arm.tcp(qpos)) @ scene.poses[load]
+    return bodies.arm(agent, qpos, carries=load, tcp_from_object=grip, touches=may_touch)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.clearance import Swept, closer_than, folded
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
-from rf_exp.datagen.motion.primitives import Blocked, State
+from rf_exp.datagen.motion.state import Blocked, State
 from rf_exp.robots.panda import self_pairs
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M

@@ -196,13 +196,11 @@ def _swapped_order(proposal: Proposal, question: Question, rng: np.random.Genera
 @_fault(breaks=True)
 def _circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
     """An order is demanded both ways round."""
-    pattern = re.compile(r"Agent_(\d+) must (\w+) (\w+) before Agent_(\d+) may (\w+) (\w+)\.")
-    orders = [match for c in proposal.constraints if (match := pattern.fullmatch(c.text))]
-    order = _any(orders, rng)
+    order = _any(_orders(proposal), rng)
     if order is None:
         return None
-    first, verb, name, second, verb2, name2 = order.groups()
-    return _with(proposal, say.before(int(second), verb2, name2, int(first), verb, name))
+    first, verb, name, second, verb2, name2 = order
+    return _with(proposal, say.before(second, verb2, name2, first, verb, name))
 
 
 @_fault(breaks=True)
@@ -242,6 +240,7 @@ def _through_arm(proposal: Proposal, question: Question, rng: np.random.Generato
         for parked in _contacts(proposal)
         for goes in proposal.subgoals
         if parked.verb == "grasp" and goes.agent != parked.agent
+        if not (_is_brought(proposal, parked) or _is_brought(proposal, goes))
         if _apart_m(_where(parked, question), _where(goes, question)) < IN_THE_WAY_M
     ]
     option = _any(options, rng)
@@ -270,7 +269,7 @@ def _unreachable_target(proposal: Proposal, question: Question, rng: np.random.G
 @_fault(breaks=True)
 def _forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
     """A constraint forbids the space around the very point that an agent is to reach."""
-    chosen = _any(_contacts(proposal), rng)
+    chosen = _any([s for s in _contacts(proposal) if not _is_brought(proposal, s)], rng)
     if chosen is None or chosen.object is None or chosen.point is None:
         return None
     centre = _contact_point(chosen.object, chosen.point, question)[:3, 3]
@@ -289,6 +288,21 @@ def _any(options: list[T], rng: np.random.Generator) -> T | None:
 def _contacts(proposal: Proposal) -> list[Subgoal]:
     """Subgoals that meet an annotated point."""
     return [s for s in proposal.subgoals if s.verb in ("grasp", "press") and s.object and s.point]
+
+
+def _orders(proposal: Proposal) -> list[tuple[int, str, str, int, str, str]]:
+    """The orders that are demanded: agent, verb, object of what comes first, then of what waits for it."""
+    pattern = re.compile(r"Agent_(\d+) must (\w+) (\w+) before Agent_(\d+) may (\w+) (\w+)\.")
+    found = [match.groups() for c in proposal.constraints if (match := pattern.fullmatch(c.text))]
+    return [(int(a), verb, name, int(b), verb2, name2) for a, verb, name, b, verb2, name2 in found]
+
+
+def _is_brought(proposal: Proposal, contact: Subgoal) -> bool:
+    """Whether another agent moves the object before the contact, so that it is met at another place."""
+    return any(
+        (agent, verb, name, moved) == (contact.agent, contact.verb, contact.object, contact.object)
+        for _, _, moved, agent, verb, name in _orders(proposal)
+    )
 
 
 def _where(subgoal: Subgoal, question: Question) -> NDArray[np.float64] | None:

@@ -4,7 +4,9 @@ from collections.abc import Collection
 
 import numpy as np
 
-from rf_exp.datagen.motion.primitives import Blocked, Primitives, State, Unreachable
+from rf_exp.datagen.motion.primitives import Primitives
+from rf_exp.datagen.motion.reach import Reach
+from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import JointLimits, parameterise
 from rf_exp.robots import Panda
 from rf_exp.tasks import Task
@@ -53,7 +55,7 @@ def plan_motion(
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = present_state(task, scene, arms)
     start = {agent: (state.qpos[agent].copy(), state.gripper[agent]) for agent in task.agents}
-    primitives = Primitives(task, arms, limits, blocked, rng)
+    primitives = Primitives(task, Reach(arms, limits, blocked, rng))
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
     waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
     while any(waiting.values()):
@@ -126,7 +128,7 @@ def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -
     lines = [primitives.lift_line(subgoal, state) for subgoal in subgoals]
     if len({len(line) for line in lines}) > 1:
         raise Unreachable(f"agents lift {subgoals[0].object} by different heights")
-    timed = parameterise(np.hstack(lines), primitives.limits)  # (T, 7 * agents)
+    timed = parameterise(np.hstack(lines), primitives.reach.limits)  # (T, 7 * agents)
     label = f"{subgoals[0].verb} {subgoals[0].object}"
     return [
         primitives.commit(subgoal, subgoal.verb, timed[:, 7 * k : 7 * k + 7], state, label)

@@ -1,0 +1,83 @@
+"""Where an object in the hand is to go: TCP poses that carry, place or strike with it."""
+
+import numpy as np
+
+from rf_exp.datagen.motion.reach import Tiers, above, turned
+from rf_exp.datagen.motion.state import State, Unreachable
+from rf_exp.robots import Panda
+from rf_exp.tasks import Task
+from rf_exp.tasks.assets import InteractionPoint
+from rf_exp.transforms import Matrix, inverse, transform
+from rf_exp.types import Subgoal
+
+STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm gives way
+DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
+_FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # from a face, z up, to a tool that works on it, z down
+_STRIKE_TURNS = 16
+_SPOT = InteractionPoint(np.eye(4), "place", turns=12)  # a named place: how a thing is turned there is free
+
+
+def ends(task: Task, arm: Panda, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
+    """TCP poses in which an object held so has been carried, placed or struck as the subgoal says.
+
+    Raises Unreachable for a target or point that does not exist.
+    """
+    if subgoal.verb == "carry":
+        return _over(task, arm, subgoal, state, tcp_from_object, subgoal.height_m or 0.0)
+    if subgoal.verb == "place":
+        return _over(task, arm, subgoal, state, tcp_from_object, DROP_M)
+    tool = task.asset(subgoal.object or "").points[subgoal.point or ""]
+    world_from_target, _ = _destination(task, subgoal, state)
+    face = world_from_target @ transform((0.0, 0.0, -STRIKE_M))
+    grip = _FACING @ inverse(tcp_from_object @ tool.object_from_tcp)
+    return [[pose @ grip for pose in turned(face, _STRIKE_TURNS)]]
+
+
+def support(task: Task, subgoal: Subgoal) -> frozenset[str]:
+    """The object on which something is placed; none where it is dropped into one."""
+    target = subgoal.target
+    if target is None or target not in task.objects or _placing(task, subgoal).kind == "drop":
+        return frozenset()
+    return frozenset({target})
+
+
+def _over(
+    task: Task, arm: Panda, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float
+) -> Tiers:
+    """TCP poses that put the held object at its destination, raised by `height_m`; best tier first.
+
+    It may be turned as the place allows, and where nothing else is reachable stand off towards the arm
+    by the slack of the place.
+    """
+    world_from_object, point = _destination(task, subgoal, state)
+    towards_arm = arm.world_from_base[:2, 3] - world_from_object[:2, 3]
+    towards_arm /= np.linalg.norm(towards_arm)
+    tiers = []
+    for offset_m in (0.0, point.slack_m / 2, point.slack_m) if point.slack_m else (0.0,):
+        raised = above(world_from_object, height_m)
+        raised[:2, 3] += offset_m * towards_arm
+        tiers.append([pose @ inverse(tcp_from_object) for pose in turned(raised, point.turns)])
+    return tiers
+
+
+def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, InteractionPoint]:
+    """world_from_object of the thing once it has been placed, and the point that says how freely."""
+    target = subgoal.target or ""
+    if target in state.places:
+        return state.places[target], _SPOT
+    if target not in state.poses:
+        known = ", ".join(sorted([*state.places, *state.poses]))
+        raise Unreachable(f"there is no place or object {target!r}; available: {known}")
+    point = _placing(task, subgoal)
+    return state.poses[target] @ point.object_from_tcp, point
+
+
+def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
+    """The point of the target object at which something is placed or dropped."""
+    points = task.asset(subgoal.target or "").points
+    placing = {name: point for name, point in points.items() if point.kind in ("place", "drop")}
+    name = subgoal.target_point or next(iter(placing), None)
+    if name not in placing:
+        listed = ", ".join(sorted(placing)) or "none"
+        raise Unreachable(f"{subgoal.target} has no place point {name!r}; available: {listed}")
+    return placing[name]
