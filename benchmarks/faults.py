@@ -1,6 +1,6 @@
 """What the checks catch of every named mistake, and what they cry wolf at.
 
-    python benchmarks/faults.py [--seeds 20] [--clean 1000] [--tasks all] [--faults all] [--workers 1]
+    python benchmarks/faults.py [--seeds 1] [--clean 110] [--tasks all] [--faults all] [--workers 1]
                                 [--log FILE]
 
 Clean plans: the first proposal of the scripted brain, planned, scheduled and checked; nothing moves. One
@@ -267,6 +267,7 @@ def totals(rows: Sequence[Mapping[str, Any]]) -> dict[str, object]:
         "alarms": sum(bool(row["check"]) for row in plans),
         "alarm_pct": percent(sum(bool(row["check"]) for row in plans), plans),
         "faulty_episodes": len(placed),
+        "without_room": sum(row["part"] == "faulty" and not row["placed"] for row in rows),
         "breaking_episodes": len(broken),
         "missed": sum(not row["check"] for row in broken),
         "found_pct": percent(sum(bool(row["check"]) for row in broken), broken),
@@ -310,8 +311,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=20, help="episodes of each fault on each task")
-    parser.add_argument("--clean", type=int, default=1000, help="clean plans, spread over the tasks")
+    parser.add_argument("--seeds", type=int, default=1, help="episodes of each fault on each task")
+    parser.add_argument("--clean", type=int, default=110, help="clean plans, spread over the tasks")
     parser.add_argument("--tasks", default="all", help="with commas between")
     parser.add_argument("--faults", default="all", help="with commas between")
     parser.add_argument("--workers", type=int, default=1)

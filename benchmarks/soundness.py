@@ -21,7 +21,6 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -112,7 +111,6 @@ def _still(agent: int, qpos: NDArray[np.float64], load: str | None, grip: Matrix
     return Trajectory(agent, joints, command, (segment,))
 
 
-@cache
 def team(name: str) -> Task:
     node = OmegaConf.to_container(OmegaConf.load(CONF / f"{name}.yaml"))
     assert isinstance(node, dict)
@@ -276,9 +274,10 @@ class Sample:
 
 def states(kind: str, count: int, seed: int, chunk: int) -> Iterator[State]:
     rng = np.random.default_rng([seed, ("random", "near").index(kind), chunk])
+    teams = [team(name) for name in TEAMS]
     made = 0
     while made < count:
-        state: State | None = draw(team(TEAMS[made % len(TEAMS)]), rng)
+        state: State | None = draw(teams[made % len(teams)], rng)
         if kind == "near":
             state = near_contact(state, NEAR_M * rng.uniform(-1, 1) ** 3)
         if state is not None:

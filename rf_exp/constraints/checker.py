@@ -13,7 +13,7 @@ import numpy as np
 
 from rf_exp.constraints.evidence import Check, Evidence, Plan, agent_name, doing, violation
 from rf_exp.constraints.grammar import parse
-from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects
+from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
 from rf_exp.constraints.timing import Rule, schedule, serial
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
@@ -34,7 +34,6 @@ from rf_exp.types import (
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
-LAG_STEPS = 10  # control steps that a measured joint may trail its command
 TRACKING_RAD = 0.15  # beyond the lag
 LOST_STEPS = 4  # control steps without grip before something counts as lost
 
@@ -206,7 +205,7 @@ class Checker:
         now = scene.step - plan.scene.step
         for trajectory in plan.trajectories:
             agent, positions = trajectory.agent, plan.positions(trajectory.agent)
-            recent = positions[np.clip(np.arange(now - LAG_STEPS, now + 1), 0, len(positions) - 1)]
+            recent = positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)]
             path = trajectory.path()[:, :ARM_JOINTS]
             targets = path[recent.min() : recent.max() + 1]
             error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())

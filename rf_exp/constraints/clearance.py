@@ -456,12 +456,15 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
 
 
 def overlap(a: Swept, b: Swept) -> Nearest | None:
-    """The deepest overlap of two bodies at their first positions; None when they do not touch."""
+    """The deepest overlap of two bodies at their first positions; None when they do not touch.
+
+    Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
+    """
     gaps = np.linalg.norm(a.centres[0, :, None] - b.centres[0], axis=-1) - a.radii_m[:, None] - b.radii_m
     if gaps.min() > 0:
         return None
     found = nearest(a, b, np.zeros((1, 2), dtype=np.int64))
-    return found if found is not None and found.distance_m < 0 else None
+    return found if found is not None and found.distance_m <= 0 else None
 
 
 def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:

@@ -5,10 +5,13 @@ from dataclasses import replace
 import coal
 import numpy as np
 import pytest
+import trimesh
 
 from rf_exp.constraints.clearance import DOUBT, SLACK_M, Swept, closer_than, folded, nearest, overlap
+from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.world import Bodies
 from rf_exp.robots.panda import self_pairs
+from rf_exp.transforms import transform
 from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
 
 TWO = team(2)
@@ -150,10 +153,20 @@ def test_overlap_answers_for_touching_bodies_only():
         a, b = bodies.arm(1, random_qpos(rng, 1)), bodies.arm(2, random_qpos(rng, 1))
         exact, found = brute(a, b, 0, 0), overlap(a, b)
         outcomes.add(found is None)
-        assert (found is None) == (exact >= 0)
+        assert (found is None) == (exact > 0)
         if found is not None:
             assert found.distance_m == pytest.approx(exact, abs=1e-6)
     assert outcomes == {True, False}
+
+
+def test_contact_begins_at_distance_zero():
+    def box(x_m: float) -> Swept:
+        piece = Piece.of(trimesh.creation.box((0.1, 0.1, 0.1)))
+        return Swept((piece,), ("box",), transform((x_m, 0, 0)).reshape(1, 1, 4, 4))
+
+    touching = overlap(box(0.0), box(0.1))
+    assert touching is not None and touching.distance_m == 0.0
+    assert overlap(box(0.0), box(0.101)) is None
 
 
 def test_false_alarms_of_the_planning_margin_are_rare():
