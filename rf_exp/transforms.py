@@ -71,6 +71,9 @@ def rotation_angle_rad(a: Matrix, b: Matrix) -> float:
 
 def interpolate(a: Matrix, b: Matrix, fraction: float) -> Matrix:
     """The pose at `fraction` of the way from `a` to `b`: straight line, shortest rotation."""
-    turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
-    rotation = Rotation.from_matrix(a[:3, :3]) * Rotation.from_rotvec(fraction * turn)
-    return transform((1 - fraction) * a[:3, 3] + fraction * b[:3, 3], rotation)
+    between = a.copy()
+    between[:3, 3] += fraction * (b[:3, 3] - a[:3, 3])
+    if not np.array_equal(a[:3, :3], b[:3, :3]):  # most straight motions do not turn
+        turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
+        between[:3, :3] = a[:3, :3] @ Rotation.from_rotvec(fraction * turn).as_matrix()
+    return between

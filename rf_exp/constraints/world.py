@@ -24,6 +24,7 @@ from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
 
 AGENT_MARGIN_M = 0.01  # between two arms: tracking errors of both
 OBJECT_MARGIN_M = 0.003  # between an arm and what it may not touch
+PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
 RESTS_M = 0.005  # things this near to one another lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
@@ -265,7 +266,7 @@ class Bodies:
 def lowest_m(body: Swept) -> NDArray[np.float64]:
     """(P,) lowest point of what must stay above the table: all links but the bolted base, and loads.
 
-    A load may lie on the table, so it counts as low only where it is pressed more than `RESTS_M` in.
+    A load may lie on the table, so it counts as low only where it is pressed more than `PRESSED_M` in.
     """
     lowest = np.full(len(body), np.inf)
     for column, (piece, label) in enumerate(zip(body.pieces, body.labels, strict=True)):
@@ -276,6 +277,6 @@ def lowest_m(body: Swept) -> NDArray[np.float64]:
         rows = np.flatnonzero(sphere < lowest)
         height = (poses[rows, 2, :3] @ piece.vertices.T).min(axis=1) + poses[rows, 2, 3]
         if label in body.objects:
-            height = np.where(body.carried[label][rows], height + RESTS_M, np.inf)
+            height = np.where(body.carried[label][rows], height + PRESSED_M, np.inf)
         lowest[rows] = np.minimum(lowest[rows], height)
     return lowest

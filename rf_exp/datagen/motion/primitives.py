@@ -79,14 +79,16 @@ class Primitives:
     def _carry(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (_, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
         goals = self._ends(subgoal, state, tcp_from_object)
-        points = self.reach.timed(agent, goals, 0.0, state, frozenset(), subgoal.text)
+        points = self.reach.timed(agent, goals, 0.0, state, frozenset(), subgoal.text, rise=True)
         return [self._segment(subgoal, "carry", points, state)]
 
     def _place(self, subgoal: Subgoal, state: State) -> list[Segment]:
         agent, (name, tcp_from_object) = subgoal.agent, self._holding(subgoal, state)
         goals = self._ends(subgoal, state, tcp_from_object)
         touches = frozenset({name}) | support(self.task, subgoal)
-        points = self.reach.timed(agent, goals, CLEARANCE_M, state, touches, subgoal.text, down=True)
+        points = self.reach.timed(
+            agent, goals, CLEARANCE_M, state, touches, subgoal.text, down=True, rise=True
+        )
         segments = [self._segment(subgoal, "lower", points, state, touches)]
         return [*segments, *self._let_go(subgoal, state, touches)]
 

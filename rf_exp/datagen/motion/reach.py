@@ -17,6 +17,7 @@ from rf_exp.transforms import Matrix, interpolate, inverse, transform
 LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
 CLEARANCE_M = 0.10  # above a place from which things are lowered
+RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
 _RANDOM_SEEDS, _SPREAD_RAD = 12, 0.6  # inverse kinematics restarts when the natural ones fail
 _SWIVELS = np.array([[turn, 0, -turn, 0, 0, 0, 0] for turn in (-0.7, 0.7)])  # rad, the elbow to a side
 _SAME_RAD = 0.05  # solutions nearer than this are one
@@ -48,20 +49,25 @@ class Reach:
         what: str,
         *,
         down: bool = False,
+        rise: bool = False,
         onward: Onward | None = None,
     ) -> Points:
         """Timed points (T, 7) to the first goal that can be reached, ending with a straight approach.
 
-        The approach comes along the tool's z axis from `standoff_m` away, or straight down.
-        Free motion and approach are one motion with a rounded corner.
+        The approach comes along the tool's z axis from `standoff_m` away, or straight down. With `rise`
+        the motion begins straight up. All of it is one motion with rounded corners.
         """
         reasons = []
-        for pre, line in self._ways(agent, tiers, standoff_m, state, down, onward):
-            path = self._path(agent, pre, state)
+        up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
+        for pre, line in self._ways(agent, up[-1], tiers, standoff_m, down, onward):
+            if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
+                reasons.append(f"{obstacle} is in the way")
+                continue
+            path = self._path(agent, up[-1], pre, state)
             if path is None:
                 reasons.append("no free path")
                 continue
-            corners = densify(np.concatenate([path, line]))
+            corners = densify(np.concatenate([up, path, line]))
             for radius_rad in BLEND_RAD:
                 points = blend(corners, radius_rad)
                 obstacle = self.blocked(agent, points, state, touches, between=True)
@@ -72,7 +78,7 @@ class Reach:
         raise Unreachable(f"Agent_{agent} cannot {what}{reason}")
 
     def _ways(
-        self, agent: int, tiers: Tiers, standoff_m: float, state: State, down: bool, onward: Onward | None
+        self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward | None
     ) -> Iterator[tuple[Points, Points]]:
         """(joints before the approach, joint points of the approach), tier by tier the shortest first.
 
@@ -83,8 +89,8 @@ class Reach:
             found = []
             for goal in tier:
                 pre = above(goal, standoff_m) if down else goal @ transform((0.0, 0.0, -standoff_m))
-                for joints, line in self._lines(agent, pre, goal, state.qpos[agent], bool(found)):
-                    cost = np.abs(joints - state.qpos[agent]).max() + length_rad(line)
+                for joints, line in self._lines(agent, pre, goal, start, bool(found)):
+                    cost = np.abs(joints - start).max() + length_rad(line)
                     more = onward(agent, line[-1], goal) if onward else 0.0
                     way = (round(float(cost + (more or 0.0)), 6), len(found), joints, line)
                     (last if more is None else found).append(way)
@@ -131,17 +137,23 @@ class Reach:
             points.append(solution)
         return np.array(points)
 
-    def _path(self, agent: int, goal: Points, state: State) -> Points | None:
+    def _rise(self, agent: int, joints: Points) -> Points:
+        """Joint points (K, 7) straight up from where the arm is; only that where it cannot rise."""
+        tcp = self.arms[agent].tcp(joints)
+        line = self.line(agent, joints, tcp, above(tcp, RISE_M))
+        return joints[None] if line is None else line
+
+    def _path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
         held = frozenset({state.held[agent][0]}) if agent in state.held else frozenset()
 
         def free(points: Points) -> bool:
             return self.blocked(agent, points, state, held) is None
 
-        return find_path(state.qpos[agent], goal, free, self.rng)
+        return find_path(start, goal, free, self.rng)
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
         """Timed points (T, 7) to joints (7,). Raises Unreachable."""
-        path = self._path(agent, goal, state)
+        path = self._path(agent, state.qpos[agent], goal, state)
         if path is None:
             raise Unreachable(f"Agent_{agent} cannot {what}: no free path")
         return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
