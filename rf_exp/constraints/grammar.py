@@ -18,6 +18,8 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import Task
 from rf_exp.types import Constraint, Proposal
 
+CONTACT_KINDS = ("grasp", "press")  # of interaction points, and the verbs that meet them
+WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
 MAX_LENGTH = 300  # characters; a constraint is one sentence
 MAX_WAIT_S = 600.0
 
@@ -106,6 +108,14 @@ class Words:
             raise choices(f"point of {name} in constraint {self.text!r}:", point, points)
         return point
 
+    def kind(self, name: str, point: str) -> str:
+        return self._task.asset(name).points[point].kind
+
+    def contacts(self, agent: int, name: str) -> set[str]:
+        """The points at which the agent's subgoals meet an object."""
+        mine = (each for each in self._proposal.of(agent) if each.object == name)
+        return {each.point for each in mine if each.verb in CONTACT_KINDS and each.point}
+
     def orientation(self) -> str:
         return DIRECTIONS[self._parts["direction"] or ""]
 
@@ -171,8 +181,21 @@ def _form(example: str, notation: str, build: Callable[[Words], Check]) -> Form:
 
 
 def _interaction(words: Words) -> Check:
-    name = words.object()
-    return ValidateInteraction(words.agent("a"), name, words.point(name), words.text)
+    """Contact of the gripper; the agent's own subgoals must mean the same point."""
+    agent, name = words.agent("a"), words.object()
+    point = words.point(name)
+    kind = words.kind(name, point)
+    if kind not in CONTACT_KINDS:
+        raise ArgumentError(
+            f"constraint {words.text!r}: {point} of {name} is for {WORK[kind]}, not for a gripper"
+        )
+    planned = words.contacts(agent, name)
+    if planned and point not in planned:
+        raise ArgumentError(
+            f"constraint {words.text!r} demands point {point}, but {agent_name(agent)} is to meet {name} at "
+            f"{' and '.join(sorted(planned))}; change the subgoal or the constraint"
+        )
+    return ValidateInteraction(agent, name, point, words.text)
 
 
 def _placing(words: Words) -> Check:

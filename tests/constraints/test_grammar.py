@@ -241,3 +241,17 @@ def test_hostile_text_is_refused_or_understood_but_never_run(text):
         assert str(error)
     else:
         assert check.text == text
+
+
+def test_a_contact_that_no_subgoal_makes_is_refused_with_the_points_there_are():
+    grasp = Proposal((Subgoal(2, "grasp", "barrier", "right"),), ())
+    with pytest.raises(
+        ArgumentError, match=r"demands point left, but Agent_2 is to meet barrier at right; change"
+    ):
+        read("Agent_2 must grasp barrier at its left point.", BAR, grasp)
+
+
+def test_a_gripper_does_not_meet_a_point_to_work_with():
+    hammer = Proposal((Subgoal(1, "grasp", "hammer", "handle"),), ())
+    with pytest.raises(ArgumentError, match=r"head of hammer is for the work of the tool, not for a gripper"):
+        read("Agent_1 must grasp hammer at its head point.", real("strike_cube"), hammer, agents=(1,))
