@@ -64,5 +64,5 @@ def test_without_pictures_the_demo_ends_with_the_demonstrations(clone: Path) -> 
     assert (
         "-m rf_exp.run render=false stages=[generate]" in run(clone, "make", "-n", "demo", "RENDER=no").stdout
     )
-    assert 'pytest -m "not render"' in run(clone, "make", "-n", "test", "RENDER=no").stdout
+    assert '-m "not render"' in run(clone, "make", "-n", "test", "RENDER=no").stdout
     assert "render=false" not in run(clone, "make", "-n", "demo").stdout
