@@ -5,7 +5,7 @@
 Plays every episode of every store below a folder, or the first ones of each, without pictures, and
 judges it by the strict criterion. The last line is JSON: episodes, successes, how many gave the stored
 joint positions to the last bit, and in how many one arm touched another: by contact force, or by the
-exact overlap of links, fingers and what hands hold.
+exact overlap of links, fingers and loads; a gripper may meet what another one holds.
 """
 
 import argparse
