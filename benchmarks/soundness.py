@@ -174,26 +174,24 @@ def gap_m(state: State) -> float:
 # truth
 
 
+def hull_pairs(state: State) -> Iterator[tuple]:
+    """Shape and pose of either hull, for every two hulls of two arms."""
+    for a, b in combinations(state.bodies(), 2):
+        for i, x in enumerate(a.pieces):
+            for j, y in enumerate(b.pieces):
+                yield x.shape, a.placed(0, i), y.shape, b.placed(0, j)
+
+
 def collides(state: State) -> bool:
     """Any two hulls of two arms intersect; nothing is skipped."""
     request = coal.CollisionRequest()
-    return any(
-        coal.collide(x.shape, a.placed(0, i), y.shape, b.placed(0, j), request, coal.CollisionResult())
-        for a, b in combinations(state.bodies(), 2)
-        for i, x in enumerate(a.pieces)
-        for j, y in enumerate(b.pieces)
-    )
+    return any(coal.collide(*pair, request, coal.CollisionResult()) for pair in hull_pairs(state))
 
 
 def distance_m(state: State) -> float:
     """As `gap_m`, with no pair of hulls skipped."""
     request = coal.DistanceRequest()
-    return min(
-        coal.distance(x.shape, a.placed(0, i), y.shape, b.placed(0, j), request, coal.DistanceResult())
-        for a, b in combinations(state.bodies(), 2)
-        for i, x in enumerate(a.pieces)
-        for j, y in enumerate(b.pieces)
-    )
+    return min(coal.distance(*pair, request, coal.DistanceResult()) for pair in hull_pairs(state))
 
 
 # models

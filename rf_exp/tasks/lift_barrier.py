@@ -2,7 +2,7 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, holders, risen_m, still, tilt_deg
+from rf_exp.tasks.measure import height_m, holders, risen_m, still, upright
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
@@ -41,7 +41,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
     return {
         "held by both arms": holders(scene, "barrier") == task.agents,
         "lifted": risen_m(scene, start, "barrier") > limits["lift_m"],
-        "level": tilt_deg(scene.poses["barrier"]) < limits["level_deg"],
+        "level": upright(scene, "barrier", limits["level_deg"]),
         "at rest": still(scene, "barrier", limits["still_m_s"]),
     }
 

@@ -44,16 +44,10 @@ def upright(scene: Scene, name: str, within_deg: float) -> bool:
     return tilt_deg(scene.poses[name]) < within_deg
 
 
-def offset_m(scene: Scene, top: str, bottom: str) -> tuple[float, float]:
-    """How far the origin of `top` is beside, and above, the origin of `bottom`."""
-    a, b = scene.poses[top], scene.poses[bottom]
-    return distance_xy_m(a, b), float(a[2, 3] - b[2, 3])
-
-
 def stacked(scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float) -> bool:
     """Whether `top` is `height_m` above `bottom`, to within `above_m`, and at most `beside_m` beside it."""
-    beside, above = offset_m(scene, top, bottom)
-    return beside <= beside_m and abs(above - height_m) <= above_m
+    a, b = scene.poses[top], scene.poses[bottom]
+    return distance_xy_m(a, b) <= beside_m and abs(float(a[2, 3] - b[2, 3]) - height_m) <= above_m
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:

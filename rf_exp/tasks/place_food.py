@@ -2,7 +2,7 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import distance_xy_m, height_m, holders, still, tilt_deg
+from rf_exp.tasks.measure import distance_xy_m, height_m, holders, near, released, still, upright
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Proposal, Scene, Subgoal
 
@@ -51,8 +51,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def _inside(scene: Scene, task: Task) -> bool:
     rim_m = height_m(scene, "pot") + float(task.asset("pot").bounds_m[1, 2])
-    near = distance_xy_m(scene.poses["steak"], scene.poses["pot"]) < task.success["inside_m"]
-    return near and height_m(scene, "steak") < rim_m
+    return near(scene, "steak", "pot", task.success["inside_m"]) and height_m(scene, "steak") < rim_m
 
 
 def _lid_off(scene: Scene, task: Task) -> bool:
@@ -65,15 +64,15 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
     return {
         "steak inside the pot": _inside(scene, task),
         "lid off": _lid_off(scene, task),
-        "lid upright on the table": tilt_deg(scene.poses["lid"]) < limits["upright_deg"]
+        "lid upright on the table": upright(scene, "lid", limits["upright_deg"])
         and height_m(scene, "lid") < limits["lid_down_m"],
-        "pot upright": tilt_deg(scene.poses["pot"]) < limits["upright_deg"],
-        "released": not holders(scene, "steak") and not holders(scene, "lid"),
+        "pot upright": upright(scene, "pot", limits["upright_deg"]),
+        "released": released(scene, ["steak", "lid"]),
         "at rest": all(still(scene, name, limits["still_m_s"]) for name in task.objects),
     }
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: the steak is low and near the pot."""
-    near = distance_xy_m(scene.poses["steak"], scene.poses["pot"]) < task.success["paper_distance_m"]
-    return near and height_m(scene, "steak") < task.success["paper_height_m"]
+    low = height_m(scene, "steak") < task.success["paper_height_m"]
+    return low and near(scene, "steak", "pot", task.success["paper_distance_m"])
