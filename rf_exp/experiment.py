@@ -97,7 +97,10 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
             if key not in {"tasks", "rows", "archs", "pictures", "policy", "brain", "out"}
         }
         plain |= {
-            "tasks": tuple(load_task(name, task) for name, task in node["task"].items()),
+            "tasks": tuple(
+                load_task(name, {"randomisation": node["randomisation"], **task})
+                for name, task in node["task"].items()
+            ),
             "rows": tuple(Row(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),

@@ -1,4 +1,8 @@
-"""A table as Markdown, CSV, LaTeX and on the terminal. Every measured column is two: ours, the paper's."""
+"""A table as Markdown, CSV, LaTeX and on the terminal.
+
+In Markdown and LaTeX a column of figures is two, ours and the paper's; of violations, which the paper
+does not count, it is one.
+"""
 
 import csv
 import io
@@ -9,14 +13,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
-from rf_exp.ablation.tables import Cell, Table, Unit
+from rf_exp.ablation.tables import Cell, Column, Table, Unit
 from rf_exp.errors import StageError
 
 MISSING = "missing"
 LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and stay off the terminal
 CSV_FIELDS = (
     *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
-    *("success_paper", "paper", "version", "note"),
+    *("success_paper", "paper", "version", "note", "mean_violations"),
 )
 
 
@@ -26,50 +30,61 @@ def figure(value: float | str | None, unit: Unit, sign: bool = True) -> str:
         return MISSING
     if isinstance(value, str):
         return value
-    if unit == "rate":
+    if unit in ("rate", "violations"):
         return f"{100 * value:.1f}" + (" %" if sign else "")
     return f"{value:.1f}" if value < 1000 else f"{value:.0f}"
 
 
-def spread(cell: Cell, unit: Unit) -> str:
-    """Interval and sample size: `[93.1, 99.1] n=200`; empty without them."""
+def details(cell: Cell, unit: Unit) -> list[str]:
+    """What belongs to our figure: interval with sample size, the rate by the paper's own criterion, the
+    mean number of violations.
+    """
+    loose, many = cell.success_paper, cell.mean_violations
+    by_paper = "" if loose in (None, cell.value) else f"paper's criterion {figure(loose, unit)}"
+    average = "" if many is None else f"mean {many:.2f}"
+    return list(filter(None, [_spread(cell, unit), by_paper, average]))
+
+
+def _spread(cell: Cell, unit: Unit) -> str:
+    """`[93.1, 99.1] n=200`; empty without them. The sample of violations is that of the figure before."""
     parts = []
     if cell.interval:
         parts.append(f"[{', '.join(figure(end, unit, sign=False) for end in cell.interval)}]")
-    if cell.n:
+    if cell.n and unit != "violations":
         parts.append(f"n={cell.n}")
     return " ".join(parts)
 
 
 def ours(cell: Cell, unit: Unit) -> list[str]:
-    """Our figure in full: value, interval with sample size, and the rate by the paper's own criterion."""
-    loose = cell.success_paper
-    by_paper = "" if loose in (None, cell.value) else f"paper's criterion {figure(loose, unit)}"
-    return list(filter(None, [figure(cell.value, unit), spread(cell, unit), by_paper]))
+    """Our figure in full: the value, then what belongs to it."""
+    return [figure(cell.value, unit), *details(cell, unit)]
 
 
 def notes(table: Table) -> list[str]:
-    """The notes of the table, then those of its cells with their place."""
+    """The notes of the table, then those of its cells with their place.
+
+    Violations are of the attempts of the figure before them, so its note says it all.
+    """
     placed = [
         f"{line.title}, {column.title}: {cell.note}."
         for line in table.lines
         for column, cell in zip(table.columns, line.cells, strict=True)
-        if cell.note
+        if cell.note and column.compared
     ]
     return [*table.notes, *placed]
 
 
-def grid(table: Table, joint: str = ", ") -> tuple[list[str], list[list[str]]]:
-    """Heading and rows as text; `joint` goes between the parts of one figure."""
+def grid(table: Table) -> tuple[list[str], list[list[str]]]:
+    """Heading and rows as text."""
     heading = [table.heading]
     for column in table.columns:
-        heading += [column.title] if column.unit == "text" else [column.title, "paper"]
+        heading += [column.title, "paper"] if column.compared else [column.title]
     rows = []
     for line in table.lines:
         row = [line.title]
         for column, cell in zip(table.columns, line.cells, strict=True):
-            row.append(joint.join(ours(cell, column.unit)))
-            if column.unit != "text":
+            row.append(", ".join(ours(cell, column.unit)))
+            if column.compared:
                 row.append(figure(cell.paper, column.unit) if cell.paper is not None else "")
         rows.append(row)
     return heading, rows
@@ -100,7 +115,7 @@ def tidy_csv(table: Table) -> str:
             status = MISSING if cell.value is None else "text" if column.unit == "text" else "measured"
             place = (table.name, line.key, column.key, column.unit, status)
             numbers = (cell.value, low, high, cell.n, cell.success_paper, cell.paper)
-            writer.writerow((*place, *numbers, cell.version, cell.note))
+            writer.writerow((*place, *numbers, cell.version, cell.note, cell.mean_violations))
     return buffer.getvalue()
 
 
@@ -109,7 +124,7 @@ def latex(table: Table) -> str:
     heading, rows = grid(table)
     aligned = "l"
     for index, column in enumerate(table.columns):
-        aligned += "p{4cm}" if is_long(table, index) else "l" if column.unit == "text" else "ll"
+        aligned += "p{4cm}" if is_long(table, index) else "ll" if column.compared else "l"
     body = [" & ".join(_escape(text) for text in row) + r" \\" for row in rows]
     lines = [
         r"\begin{table}",
@@ -145,15 +160,22 @@ def write(table: Table, folder: Path) -> list[Path]:
 
 
 def show(table: Table, console: Console) -> None:
-    """On the terminal, without its long texts."""
+    """On the terminal: without its long texts, and with the paper's figures below ours to save columns."""
     caption = escape("\n".join(notes(table))) or None
     shown = Grid(title=escape(table.title), caption=caption, caption_justify="left")
-    heading, rows = grid(_narrow(table), joint="\n")
-    for index, title in enumerate(heading):
-        shown.add_column(title, justify="right" if index else "left", overflow="fold", min_width=6)
-    for row in rows:
-        shown.add_row(*map(escape, row))
+    narrow = _narrow(table)
+    shown.add_column(escape(narrow.heading), overflow="fold", min_width=6)
+    for column in narrow.columns:
+        width = 6 if column.unit == "text" else len(MISSING)
+        shown.add_column(escape(column.title), justify="right", overflow="fold", min_width=width)
+    for line in narrow.lines:
+        shown.add_row(escape(line.title), *map(escape, map(_stacked, line.cells, narrow.columns)))
     console.print(shown)
+
+
+def _stacked(cell: Cell, column: Column) -> str:
+    paper = [] if cell.paper is None else [f"paper {figure(cell.paper, column.unit)}"]
+    return "\n".join([*ours(cell, column.unit), *paper])
 
 
 def _narrow(table: Table) -> Table:

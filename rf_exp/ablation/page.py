@@ -2,7 +2,7 @@
 
 from html import escape
 
-from rf_exp.ablation.formats import figure, is_long, notes, spread
+from rf_exp.ablation.formats import details, figure, is_long, notes
 from rf_exp.ablation.tables import Cell, Column, Table
 
 CSS = """
@@ -41,7 +41,9 @@ thead th { border-top: 0; white-space: nowrap; } tbody th { font-weight: 600; }
 tbody th:first-child { position: sticky; left: 0; background: var(--card); min-width: 7rem; }
 td.figure { white-space: nowrap; font-variant-numeric: tabular-nums; } details td { min-width: 15rem; }
 td b { font-size: 1.05rem; } td small { display: block; color: var(--soft); line-height: 1.35; }
-td small.paper { color: var(--paper); } .missing { color: var(--soft); font-style: italic; }
+td small.paper { color: var(--paper); }
+th.violations, td.violations { padding-left: 0; color: var(--soft); font-weight: 400; }
+td.violations b { font-size: 1rem; font-weight: 400; } .missing { color: var(--soft); font-style: italic; }
 tr.average > * { background: color-mix(in srgb, var(--line) 35%, var(--card)) !important; }
 ul.notes { margin: .6rem 0; padding-left: 1.1rem; color: var(--soft); font-size: .88rem; }
 .key { display: inline-block; width: .7em; height: .7em; border-radius: 50%; background: var(--ours); }
@@ -72,7 +74,7 @@ def table_html(table: Table) -> str:
     """
     long = {i for i in range(len(table.columns)) if is_long(table, i)}
     shown = [column for i, column in enumerate(table.columns) if i not in long]
-    heading = "".join(f"<th>{escape(text)}</th>" for text in (table.heading, *(c.title for c in shown)))
+    heading = "".join(f"<th{_kind(column)}>{escape(column.title)}</th>" for column in shown)
     rows = []
     for line in table.lines:
         kind = ' class="average"' if line.title == "Average" else ""
@@ -88,7 +90,7 @@ def table_html(table: Table) -> str:
         folded = f"<details><summary>{escape(' and '.join(titles))}</summary>{inside}</details>"
     return (
         f'<p class="soft">{escape(table.caption)}</p><div class="wide"><table>'
-        f"<thead><tr>{heading}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+        f"<thead><tr><th>{escape(table.heading)}</th>{heading}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
         f"{folded}{bullets(notes(table))}"
     )
 
@@ -126,12 +128,16 @@ def bullets(items: list[str]) -> str:
 
 def _cell(cell: Cell, column: Column) -> str:
     if column.unit == "text":
-        return f"<td>{escape(figure(cell.value, 'text'))}</td>"
+        return f"<td>{escape(figure(cell.value, column.unit))}</td>"
     value = figure(cell.value, column.unit)
     parts = [f"<b>{value}</b>" if cell.value is not None else f'<span class="missing">{value}</span>']
-    parts += [f"<small>{text}</small>" for text in [spread(cell, column.unit)] if text]
-    if cell.success_paper not in (None, cell.value):
-        parts.append(f"<small>paper's criterion {figure(cell.success_paper, column.unit)}</small>")
+    parts += [f"<small>{text}</small>" for text in details(cell, column.unit)]
     if cell.paper is not None:
         parts.append(f'<small class="paper">paper {figure(cell.paper, column.unit)}</small>')
-    return f'<td class="figure">{"".join(parts)}</td>'
+    return f"<td{_kind(column)}>{''.join(parts)}</td>"
+
+
+def _kind(column: Column) -> str:
+    """The class of the fields of a column, for the style sheet."""
+    classes = {"text": "", "violations": ' class="figure violations"'}
+    return classes.get(column.unit, ' class="figure"')

@@ -80,7 +80,7 @@ def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
     points = [
         (int(column.key.removeprefix("demos_")), cell)
         for column, cell in zip(columns, line.cells, strict=True)
-        if column.key.startswith("demos_")
+        if column.unit == "rate"
     ]
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 2.3), layout="constrained")
@@ -145,11 +145,11 @@ def measured(cells: Sequence[Cell]) -> bool:
 
 
 def panels(table: Table) -> list[tuple[str, str]]:
-    """(title, SVG) for each measured column of the table that has figures of ours."""
+    """(title, SVG) for each column of the table that has figures of ours beside the paper's."""
     return [
         (column.title, dots(table.lines, index, column.unit, f"{table.name}-{column.key}"))
         for index, column in enumerate(table.columns)
-        if column.unit != "text" and measured([line.cells[index] for line in table.lines])
+        if column.compared and measured([line.cells[index] for line in table.lines])
     ]
 
 

@@ -84,12 +84,14 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
 def _summary(results: Results) -> str:
     made, tried = sum(row.success for row in results.generation), len(results.generation)
     won, rolled = sum(row.success for row in results.evaluation), len(results.evaluation)
+    touched = sum(row.violations > 0 for row in results.evaluation)
     hours = sum(row.wall_s for row in results.generation) / 3600
     policies = {(r.task, r.arch, r.constraints, r.demos, r.train_seed) for r in results.evaluation}
     items = [
         (f"{made} of {tried}", "scene seeds gave a demonstration, all rows of constraints together"),
         (f"{made / hours:,.0f}" if hours else "missing", "demonstrations an hour of one worker's time"),
         (f"{won} of {rolled}", f"rollouts of {len(policies)} policies succeeded"),
+        (f"{touched} of {rolled}", "rollouts had a violation: arms touched each other"),
         (str(len({row.task for row in (*results.generation, *results.evaluation)})), "tasks with results"),
     ]
     empty = "" if tried or rolled else "<p>No result rows yet: run <code>python -m rf_exp.run</code>.</p>"

@@ -9,6 +9,7 @@ import json
 import logging
 import math
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -19,6 +20,9 @@ import numpy as np
 from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
+
+# How the reason of a failed generation counts its violations, where it had any.
+_COUNTED = re.compile(r"last violation of (\d+):")
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,15 @@ class GenerationRow(_Row):
     reason: str  # why it failed; empty when it did not
     wall_s: float
     version: str  # of the success criteria
+
+    @property
+    def violations(self) -> int:
+        """Proposals that ended in a violation.
+
+        The last proposal of a failed attempt may or may not be one of them: only the reason tells.
+        """
+        counted = _COUNTED.search(self.reason)
+        return int(counted[1]) if counted else max(self.attempts - 1, 0)
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,15 @@
 """Rows in, tables out: the paper's tables with its figures beside ours. Pure functions.
 
 A cell counts every attempt it has, failed ones too, and only those of the newest version of the
-success criteria; what was left out is named in a note.
+success criteria; what was left out is named in a note. Beside every success rate and episode length stand
+the violations of the same attempts.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from statistics import fmean
 from typing import Literal
 
 from rf_exp.ablation.paper import paper
@@ -15,10 +18,18 @@ from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
 from rf_exp.ablation.suite import Suite
 from rf_exp.errors import choices
 
-Unit = Literal["rate", "steps", "text"]
+Unit = Literal["rate", "steps", "violations", "text"]
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
 BASELINE_CONSTRAINTS = "full"  # whose demonstrations the paper's policies learn from
 BASELINE_BRAIN = "scripted"
+ROLLOUT_VIOLATIONS = (
+    "Violations: share of the rollouts in which arms touched each other, and the mean number of control "
+    "steps of a rollout in which they did."
+)
+PROPOSAL_VIOLATIONS = (
+    "Violations: share of {of} with a proposal that ended in a violation, and the mean number of such "
+    "proposals; each row checks only the constraints it has."
+)
 LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals, policies with joint targets
 
 
@@ -26,13 +37,14 @@ LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals,
 class Cell:
     """One figure of ours beside the paper's. `value` None means: nothing was measured yet."""
 
-    value: float | str | None = None  # rate in [0, 1], control steps, or text
+    value: float | str | None = None  # rate in [0, 1], control steps, share with a violation, or text
     n: int = 0  # attempts behind a rate, successes behind a length
     interval: tuple[float, float] | None = None  # 95 %
     paper: float | None = None  # the paper's figure, in the same unit
     note: str = ""
     success_paper: float | None = None  # rate by the paper's own criterion
     version: str = ""  # of the success criteria
+    mean_violations: float | None = None  # of an attempt
 
     @property
     def estimate(self) -> Estimate | None:
@@ -47,6 +59,11 @@ class Column:
     key: str
     title: str
     unit: Unit = "rate"
+
+    @property
+    def compared(self) -> bool:
+        """Whether the figures are of a kind that the paper has too."""
+        return self.unit in ("rate", "steps")
 
 
 @dataclass(frozen=True)
@@ -98,6 +115,11 @@ def title_of(task: str, suite: Suite) -> str:
     return known.title if known else task.replace("_", " ").title()
 
 
+def with_violations(key: str, title: str, unit: Unit = "rate") -> tuple[Column, Column]:
+    """A column of figures and the one beside it, of the violations of the same attempts."""
+    return Column(key, title, unit), Column(f"{key}_violations", "violations", "violations")
+
+
 # Cells
 
 
@@ -136,6 +158,35 @@ def length_cell(rows: Iterable[GenerationRow], figure: float | None) -> Cell:
     return Cell(estimate.value, len(steps), interval, figure, note, None, kept[0].version)
 
 
+def violations_cell(rows: Iterable[GenerationRow | EvaluationRow]) -> Cell:
+    """The share of attempts with at least one violation, with Wilson's interval, and the mean number."""
+    kept, note = newest(rows)
+    if not kept:
+        return Cell()
+    estimate = wilson(sum(row.violations > 0 for row in kept), len(kept))
+    return Cell(
+        value=estimate.value,
+        n=len(kept),
+        interval=estimate.interval,
+        note=note,
+        version=kept[0].version,
+        mean_violations=fmean(row.violations for row in kept),
+    )
+
+
+def rate_cells(rows: Sequence[GenerationRow | EvaluationRow], figure: float | None) -> tuple[Cell, Cell]:
+    """The rate of success, and the violations of the same attempts."""
+    return rate_cell(rows, figure), violations_cell(rows)
+
+
+def length_cells(rows: Sequence[GenerationRow], figure: float | None) -> tuple[Cell, Cell]:
+    """The length of the successful episodes, and the violations on the way to them."""
+    length = length_cell(rows, figure)
+    if isinstance(length.value, str):
+        return length, Cell(length.value, version=length.version)
+    return length, violations_cell([row for row in newest(rows)[0] if row.success])
+
+
 def text_cell(value: object) -> Cell:
     return Cell(str(value))
 
@@ -149,9 +200,9 @@ def tasks(results: Results, suite: Suite) -> Table:
     columns = [
         Column("agents", "Agents", "text"),
         Column("criteria", "Criteria version", "text"),
-        Column("generated", "Data generation"),
+        *with_violations("generated", "Data generation"),
         Column("length", "Episode length", "steps"),
-        *(Column(f"demos_{count}", f"{count} demos") for count in demos),
+        *_demos_columns(demos),
         Column("description", "Description", "text"),
         Column("condition", "Target condition", "text"),
     ]
@@ -162,16 +213,17 @@ def tasks(results: Results, suite: Suite) -> Table:
         cells = [
             text_cell(_agents(task, suite) or ""),
             text_cell(known.version if known else ""),
-            rate_cell(made, paper().ablation_success["full"].get(task)),
+            *rate_cells(made, paper().ablation_success["full"].get(task)),
             length_cell(made, paper().ablation_length["full"].get(task)),
-            *(_baseline_cell(results, task, count) for count in demos),
+            *_baseline_cells(results, task, demos),
             text_cell(known.description if known else ""),
             text_cell(known.condition if known else ""),
         ]
         lines.append(Line(task, title_of(task, suite), tuple(cells)))
     caption = (
         f"All tasks: demonstrations made under all constraints by the {BASELINE_BRAIN} brain, and "
-        f"{BASELINE_ARCH} policies that learnt from them."
+        f"{BASELINE_ARCH} policies that learnt from them. {ROLLOUT_VIOLATIONS} For data generation, share of "
+        "the seeds with a proposal that ended in a violation, and the mean number of such proposals."
     )
     absent = [title_of(task, suite) for task in paper().levels if task not in suite]
     gap = [f"Tasks of the paper without a configuration: {', '.join(absent)}."] if absent else []
@@ -185,20 +237,14 @@ def benchmark(results: Results, suite: Suite) -> Table:
     The averages are over the paper's tasks of a level, so that they stand beside the paper's.
     """
     demos = _demos(results)
-    columns = (
-        Column("agents", "Agents", "text"),
-        *(Column(f"demos_{count}", f"{count} demos") for count in demos),
-    )
+    columns = (Column("agents", "Agents", "text"), *_demos_columns(demos))
 
     def lines_of(names: Iterable[str]) -> list[Line]:
         return [
             Line(
                 name,
                 title_of(name, suite),
-                (
-                    text_cell(_agents(name, suite) or ""),
-                    *(_baseline_cell(results, name, count) for count in demos),
-                ),
+                (text_cell(_agents(name, suite) or ""), *_baseline_cells(results, name, demos)),
             )
             for name in names
         ]
@@ -206,9 +252,11 @@ def benchmark(results: Results, suite: Suite) -> Table:
     lines = []
     for agents, figures in paper().averages.items():
         of_level = lines_of(name for name, level in paper().levels.items() if level == agents)
+        known = {f"demos_{count}": rate for count, rate in figures.items()}
         averages = (
-            _average([line.cells[index] for line in of_level], figures.get(count))
-            for index, count in enumerate(demos, start=1)
+            _average([line.cells[index] for line in of_level], known.get(column.key))
+            for index, column in enumerate(columns)
+            if column.unit != "text"
         )
         lines += [*of_level, Line(f"average_{agents}", "Average", (text_cell(agents), *averages))]
     listed = _tasks([*paper().levels, *suite], results.evaluation)
@@ -216,7 +264,7 @@ def benchmark(results: Results, suite: Suite) -> Table:
     return Table(
         "benchmark",
         "Diffusion policy baseline",
-        f"Success rate of {BASELINE_ARCH} policies by number of demonstrations.",
+        f"Success rate of {BASELINE_ARCH} policies by number of demonstrations. {ROLLOUT_VIOLATIONS}",
         "Task",
         columns,
         tuple(lines),
@@ -253,27 +301,29 @@ def architectures(results: Results, suite: Suite) -> Table:
     counts = sorted({row.demos for row in rows}) or [paper().demos[-1]]
     columns = (
         Column("demos", "Demos", "text"),
-        *(Column(name, title_of(name, suite)) for name in names),
+        *chain.from_iterable(with_violations(name, title_of(name, suite)) for name in names),
     )
     lines, gaps = [], []
     for count in counts:
         for arch in known + further:
-            cells = [
-                rate_cell(
+            cells = chain.from_iterable(
+                rate_cells(
                     [r for r in rows if (r.arch, r.task, r.demos) == (arch, name, count)],
                     paper().architectures.get(arch, {}).get(name),
                 )
                 for name in names
-            ]
+            )
             lines.append(Line(f"{arch}-{count}", arch, (text_cell(count), *cells)))
-        for index, name in enumerate(names, start=1):
-            same = {line.title: line.cells[index] for line in lines if line.key.endswith(f"-{count}")}
-            gaps += _gaps(f"{title_of(name, suite)}, {count} demos", same, BASELINE_ARCH)
+        for index, column in enumerate(columns):
+            if column.unit == "rate":
+                same = {line.title: line.cells[index] for line in lines if line.key.endswith(f"-{count}")}
+                gaps += _gaps(f"{column.title}, {count} demos", same, BASELINE_ARCH)
     notes = [f"The paper's figures are with {paper().demos[-1]} demonstrations.", *gaps]
     return Table(
         "architectures",
         "Architectures",
-        "Success rate of the four architectures: shared or separate policy, global or local view.",
+        "Success rate of the four architectures: shared or separate policy, global or local view. "
+        + ROLLOUT_VIOLATIONS,
         "Architecture",
         columns,
         tuple(lines),
@@ -283,16 +333,18 @@ def architectures(results: Results, suite: Suite) -> Table:
 
 def ablation_success(results: Results, suite: Suite) -> Table:
     """Success rate of data generation, seeds as denominators (paper, ablation)."""
-    columns, lines = _ablation(results, suite, "rate", paper().ablation_success, rate_cell)
+    columns, lines = _ablation(results, suite, "rate", paper().ablation_success, rate_cells)
     gaps = [
         gap
         for index, column in enumerate(columns)
+        if column.unit == "rate"
         for gap in _gaps(column.title, {line.key: line.cells[index] for line in lines}, "logical")
     ]
     return Table(
         "ablation_success",
         "Ablation: success of generation",
-        "Share of all tried scene seeds that gave a valid demonstration.",
+        "Share of all tried scene seeds that gave a valid demonstration. "
+        + PROPOSAL_VIOLATIONS.format(of="the seeds"),
         "Constraints",
         columns,
         lines,
@@ -302,11 +354,12 @@ def ablation_success(results: Results, suite: Suite) -> Table:
 
 def ablation_length(results: Results, suite: Suite) -> Table:
     """Mean length of the valid demonstrations (paper, ablation)."""
-    columns, lines = _ablation(results, suite, "steps", paper().ablation_length, length_cell)
+    columns, lines = _ablation(results, suite, "steps", paper().ablation_length, length_cells)
     return Table(
         "ablation_length",
         "Ablation: episode length",
-        "Mean control steps (20 Hz) of the successful demonstrations; shorter is better.",
+        "Mean control steps (20 Hz) of the successful demonstrations; shorter is better. "
+        + PROPOSAL_VIOLATIONS.format(of="these demonstrations"),
         "Constraints",
         columns,
         lines,
@@ -349,9 +402,15 @@ def _is_baseline(row: EvaluationRow) -> bool:
     return (row.arch, row.constraints) == (BASELINE_ARCH, BASELINE_CONSTRAINTS)
 
 
-def _baseline_cell(results: Results, task: str, demos: int) -> Cell:
-    rows = [r for r in results.evaluation if _is_baseline(r) and (r.task, r.demos) == (task, demos)]
-    return rate_cell(rows, paper().baseline.get(task, {}).get(demos))
+def _demos_columns(demos: Iterable[int]) -> Iterator[Column]:
+    for count in demos:
+        yield from with_violations(f"demos_{count}", f"{count} demos")
+
+
+def _baseline_cells(results: Results, task: str, demos: Iterable[int]) -> Iterator[Cell]:
+    for count in demos:
+        rows = [r for r in results.evaluation if _is_baseline(r) and (r.task, r.demos) == (task, count)]
+        yield from rate_cells(rows, paper().baseline.get(task, {}).get(count))
 
 
 def _generated(results: Results, task: str, constraints: str, brain: str) -> list[GenerationRow]:
@@ -360,12 +419,14 @@ def _generated(results: Results, task: str, constraints: str, brain: str) -> lis
 
 
 def _average(cells: Sequence[Cell], figure: float | None) -> Cell:
-    """The mean of the rates of a level; missing until every task of it was measured."""
+    """The mean of the figures of a level; missing until every task of it was measured."""
     values = [cell.value for cell in cells if isinstance(cell.value, float)]
     if len(values) < len(cells):
         note = f"{len(values)} of {len(cells)} tasks measured" if values else ""
         return Cell(paper=figure, note=note)
-    return Cell(sum(values) / len(values), sum(cell.n for cell in cells), None, figure)
+    means = [cell.mean_violations for cell in cells if cell.mean_violations is not None]
+    mean_violations = fmean(means) if means else None
+    return Cell(fmean(values), sum(cell.n for cell in cells), None, figure, mean_violations=mean_violations)
 
 
 def _ablation(
@@ -373,7 +434,7 @@ def _ablation(
     suite: Suite,
     unit: Unit,
     figures: Mapping[str, Mapping[str, float]],
-    cell: Callable[[Iterable[GenerationRow], float | None], Cell],
+    cells_of: Callable[[Sequence[GenerationRow], float | None], tuple[Cell, Cell]],
 ) -> tuple[tuple[Column, ...], tuple[Line, ...]]:
     """(constraints, task) over generation rows; other brains than the scripted one in rows of their own."""
     names = _tasks(figures["full"], results.generation)
@@ -383,17 +444,18 @@ def _ablation(
     lines = []
     for constraints, brain in keys:
         own = brain == BASELINE_BRAIN
-        cells = [
-            cell(
+        cells = chain.from_iterable(
+            cells_of(
                 _generated(results, name, constraints, brain),
                 figures.get(constraints, {}).get(name) if own else None,
             )
             for name in names
-        ]
+        )
         title = constraints.replace("_", " + ") if constraints != "full" else "logical + spatial + temporal"
         key = constraints if own else f"{constraints}-{brain}"
         lines.append(Line(key, title if own else f"{title} ({brain} brain)", tuple(cells)))
-    return tuple(Column(name, title_of(name, suite), unit) for name in names), tuple(lines)
+    columns = chain.from_iterable(with_violations(name, title_of(name, suite), unit) for name in names)
+    return tuple(columns), tuple(lines)
 
 
 def _gaps(label: str, cells: Mapping[str, Cell], reference: str) -> list[str]:
@@ -425,7 +487,8 @@ def _mixed_versions(lines: Sequence[Line], by_column: Sequence[Column] = ()) -> 
     A task is a row, or with `by_column` a column.
     """
     if by_column:
-        cells = {column.title: [line.cells[i] for line in lines] for i, column in enumerate(by_column)}
+        compared = [(i, column) for i, column in enumerate(by_column) if column.compared]
+        cells = {column.title: [line.cells[i] for line in lines] for i, column in compared}
     else:
         cells = {line.title: list(line.cells) for line in lines}
     notes = []

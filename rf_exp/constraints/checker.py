@@ -35,6 +35,7 @@ from rf_exp.types import (
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
 TRACKING_RAD = 0.15  # beyond the lag
+REFLEX_N = 20.0  # between two arms; the collision reflex of a Panda is set to 20 N in its maker's examples
 LOST_STEPS = 4  # control steps without grip before something counts as lost
 
 
@@ -141,7 +142,7 @@ class Checker:
                 evidence = check.measured(scene, plan)
             if evidence is not None and not evidence.ok:
                 return violation(check, evidence)
-        return self._dropped(plan, scene) or self._strayed(plan, scene)
+        return self._struck(plan, scene) or self._dropped(plan, scene) or self._strayed(plan, scene)
 
     def certificate(self) -> dict[str, Any]:
         """What was checked before execution and with what result; plain JSON values."""
@@ -181,6 +182,18 @@ class Checker:
             return plan
         self.plan = Plan(self._task, self._row, scene, given)
         return self.plan
+
+    def _struck(self, plan: Plan, scene: Scene) -> Violation | None:
+        """Two arms push each other so hard that a real one would stop by itself."""
+        a, b, force_n = max(scene.arm_contacts, key=lambda each: each[2], default=(0, 0, 0.0))
+        if force_n <= REFLEX_N:
+            return None
+        doings = (
+            f"{agent_name(agent)}, {doing(plan.segment_at(agent, plan.position_now(agent, scene)))}"
+            for agent in (a, b)
+        )
+        reason = f"{' and '.join(doings)}, hit each other with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
+        return Violation("Collision", (a, b), scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""

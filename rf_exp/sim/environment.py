@@ -126,7 +126,12 @@ class TableEnv(BaseEnv):
         build_room(self.scene)
         self.actors = {
             name: objects.build(
-                self.scene, name, *self._assets[name], self.start.poses[name], self.start.tints[name]
+                self.scene,
+                name,
+                *self._assets[name],
+                self.start.poses[name],
+                self.start.tints[name],
+                self.start.masses_kg[name],
             )
             for name in self.task.objects
         }

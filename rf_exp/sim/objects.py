@@ -76,9 +76,11 @@ def _seen(part: Part) -> bool:
 class AssetBuilder(ActorBuilder):
     """ManiSkill's actor builder, fed with an Asset instead of files."""
 
-    def __init__(self, asset: Asset, seen: tuple[Surface, ...], tint: NDArray[np.float64]) -> None:
+    def __init__(
+        self, asset: Asset, seen: tuple[Surface, ...], tint: NDArray[np.float64], mass_kg: float
+    ) -> None:
         super().__init__()
-        self.asset, self.seen, self.tint = asset, seen, tint
+        self.asset, self.seen, self.tint, self.mass_kg = asset, seen, tint, mass_kg
         self.physx_body_type = "static" if asset.static or asset.ghost else "dynamic"
 
     def build_physx_component(self, link_parent: object = None) -> physx.PhysxRigidBaseComponent:
@@ -90,7 +92,7 @@ class AssetBuilder(ActorBuilder):
             shape = physx.PhysxCollisionShapeConvexMesh(
                 vertices=np.asarray(hull.vertices, np.float32), scale=[1.0, 1.0, 1.0], material=material
             )
-            shape.set_density(self.asset.mass_kg / volume_m3)
+            shape.set_density(self.mass_kg / volume_m3)
             shape.set_patch_radius(PATCH_RADIUS_M)
             shape.set_min_patch_radius(PATCH_RADIUS_M)
             body.attach(shape)
@@ -116,9 +118,13 @@ def build(
     seen: tuple[Surface, ...],
     world_from_object: Matrix,
     tint: NDArray[np.float64] = UNTINTED,
+    mass_kg: float | None = None,
 ) -> Actor:
-    """Put an asset with its surfaces into the scene under a name, its colours times `tint` (3,)."""
-    builder: Any = AssetBuilder(asset, seen, tint)
+    """Put an asset with its surfaces into the scene under a name, its colours times `tint` (3,).
+
+    Without `mass_kg` it weighs what the asset says.
+    """
+    builder: Any = AssetBuilder(asset, seen, tint, asset.mass_kg if mass_kg is None else mass_kg)
     builder.set_scene(scene)
     builder.initial_pose = sapien_pose(world_from_object)
     return builder.build(name)

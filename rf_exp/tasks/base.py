@@ -93,11 +93,18 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Small changes of what is seen and of the rest pose, drawn from the episode's seed."""
+    """Changes of what is seen, of the rest pose and of weights, drawn from the episode's seed."""
 
     rest_qpos_rad: float = 0.02  # standard deviation on each joint
     light: float = 0.1  # half range of the relative brightness
     colour: float = 0.1  # half range of the relative brightness of each primary colour of each object
+    heavy: float = 0.0  # masses are uniform from the asset's up to this part of the way to its heaviest make
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not 0 <= value <= (1 if name != "rest_qpos_rad" else np.inf):
+                upper = "0 or more" if name == "rest_qpos_rad" else "a number from 0 to 1"
+                raise ArgumentError(f"randomisation.{name} is {value}; expected {upper}")
 
 
 @dataclass(frozen=True)
@@ -168,7 +175,13 @@ class Task:
         light = 1.0 + rng.uniform(-self.randomisation.light, self.randomisation.light)
         spread = self.randomisation.colour
         tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in self.objects}
-        return Start(seed, np.hstack([rest + noise, fingers]), poses, light, tints)
+        masses_kg = {name: self._mass_kg(name, rng.uniform()) for name in self.objects}
+        return Start(seed, np.hstack([rest + noise, fingers]), poses, light, tints, masses_kg)
+
+    def _mass_kg(self, name: str, draw: float) -> float:
+        asset = self.asset(name)
+        heaviest_kg = asset.heavy_kg or asset.mass_kg
+        return asset.mass_kg + draw * self.randomisation.heavy * (heaviest_kg - asset.mass_kg)
 
     def _draw(self, rng: np.random.Generator) -> dict[str, Matrix]:
         poses: dict[str, Matrix] = {}
@@ -201,6 +214,7 @@ class Start:
     poses: Mapping[str, Matrix]  # object -> world_from_object
     light: float  # relative brightness
     tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
+    masses_kg: Mapping[str, float]  # object -> its mass
 
 
 class Judge:

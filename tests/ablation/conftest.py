@@ -1,38 +1,52 @@
 """Result rows for tables and reports, made by hand so that every expected figure can be counted."""
 
+from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
 import pytest
 
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append
 
+BUDGET = 4  # violations that end an attempt
+
 
 def generation(
     task: str, constraints: str, wins: int, losses: int, *, steps: int = 100, version: str = "1",
-    brain: str = "scripted", loose: int = 0, first: int = 0,
+    brain: str = "scripted", loose: int = 0, first: int = 0, violations: Sequence[int] = (0,),
 ) -> list[GenerationRow]:  # fmt: skip
-    """`wins` successes of steps, steps + 1, ... and then failures, `loose` of them fine for the paper."""
+    """`wins` successes of steps, steps + 1, ... and then failures, `loose` of them fine for the paper.
+
+    Of `violations`, one number a row, again from the start where they end, no row has more than BUDGET.
+    """
     return [
         GenerationRow(
             task=task, constraints=constraints, brain=brain, seed=first + i, success=i < wins,
-            success_paper=i < wins + loose, steps=steps + i, attempts=1,
-            reason="" if i < wins else f"agents 1 and 2 came within 0.00{i} m", wall_s=2.0, version=version,
+            success_paper=i < wins + loose, steps=steps + i,
+            attempts=broken + 1 if i < wins else min(broken + 1, BUDGET),
+            reason="" if i < wins else failed(i, broken), wall_s=2.0, version=version,
         )
-        for i in range(wins + losses)
+        for i, broken in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip
+
+
+def failed(i: int, broken: int) -> str:
+    """A reason, as the loop of generation words it."""
+    close = f"agents 1 and 2 came within 0.00{i} m"
+    return f"not lifted; last violation of {broken}: {close}" if broken else close
 
 
 def evaluation(
     task: str, arch: str, demos: int, wins: int, losses: int, *, version: str = "1",
-    constraints: str = "full", train_seed: int = 0,
+    constraints: str = "full", train_seed: int = 0, violations: Sequence[int] = (0,),
 ) -> list[EvaluationRow]:  # fmt: skip
     return [
         EvaluationRow(
             task=task, arch=arch, constraints=constraints, demos=demos, train_seed=train_seed,
             scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
-            violations=0, wall_s=5.0, version=version,
+            violations=touched, wall_s=5.0, version=version,
         )
-        for i in range(wins + losses)
+        for i, touched in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from rf_exp.ablation.suite import configured
 from rf_exp.errors import StageError
 from rf_exp.store import Store
 from rf_exp.types import Episode
-from tests.ablation.conftest import generation
+from tests.ablation.conftest import evaluation, generation
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -50,6 +50,13 @@ def test_the_report_stands_alone(out: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!#|data:)', re.sub(r'xlink:href="#', '"', text))
     for part in ("prefers-color-scheme: dark", "width=device-width", "paper 97.5 %", "[31.3, 83.2] n=10"):
         assert part in text
+
+
+def test_the_summary_counts_the_rollouts_with_a_violation(out: Path) -> None:
+    for row in evaluation("place_food", "separate_local", 150, 2, 3, violations=(0, 0, 1, 40, 0)):
+        append(out / "results/evaluate/place_food/separate_local/full-150.jsonl", row)
+    text = write_report(out).read_text("utf-8")
+    assert "<b>2 of 45</b>" in text  # the other forty had none
 
 
 def test_the_report_without_any_result(tmp_path: Path) -> None:

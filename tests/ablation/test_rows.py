@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append, load, newest, read
+from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
+from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.sim.simulator import Simulator
+from rf_exp.tasks import Task
+from rf_exp.types import Row, Violation
 
 GENERATION = GenerationRow(
     task="lift_barrier", constraints="full", brain="scripted", seed=3, success=True, success_paper=True,
@@ -44,6 +49,47 @@ def test_the_fields_are_the_contract() -> None:
         "task arch constraints demos train_seed scene_seed success success_paper steps "
         "step_limit violations wall_s version"
     )
+
+
+class Answers(ScriptedBrain):
+    """Says what it was told to say, then what the script says."""
+
+    def __init__(self, *first: str) -> None:
+        self.first = list(first)
+
+    def answer(self, question: Question) -> str:
+        return self.first.pop(0) if self.first else super().answer(question)
+
+
+class Rejections(Nobody):
+    """Counts violations where they happen."""
+
+    count = 0
+
+    def rejected(self, violation: Violation) -> None:
+        self.count += 1
+
+
+def test_the_violations_of_generation_follow_from_its_row(lift_barrier: Task) -> None:
+    """The loop itself counts: repaired, given up within the budget, and at the end of it."""
+    bad, nothing = "no json", json.dumps({"Subgoals": {}})
+    cases = [
+        ((), True, 0),
+        ((bad, bad), True, 2),
+        ((nothing,), False, 0),
+        ((bad, nothing), False, 1),
+        ((bad, bad, nothing), False, 2),
+        ((bad, bad, bad), False, 3),
+    ]
+    with Simulator(lift_barrier, render=False) as world:
+        for answers, success, expected in cases:
+            seen = Rejections()
+            settings = Settings(lift_barrier, Row("full"), ScriptedSpec(), attempts=3)
+            outcome = EpisodeMaker(settings, world, Answers(*answers), seen).make(0)
+            row = replace(
+                GENERATION, success=outcome.success, attempts=outcome.attempts, reason=outcome.reason
+            )
+            assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)
 
 
 def test_numpy_scalars_become_plain(tmp_path: Path) -> None:

@@ -2,20 +2,23 @@
 
 import csv
 import io
+import random
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 import yaml
 from rich.console import Console
 
-from rf_exp.ablation import formats
+from rf_exp.ablation import formats, page
 from rf_exp.ablation.paper import paper
-from rf_exp.ablation.rows import Results, load
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results, load
 from rf_exp.ablation.statistics import wilson
 from rf_exp.ablation.suite import CONFIGURED, Suite, TaskFacts, configured
-from rf_exp.ablation.tables import TABLES, Table, build
+from rf_exp.ablation.tables import TABLES, Column, Table, build
 from rf_exp.errors import ArgumentError, StageError
-from tests.ablation.conftest import evaluation, generation
+from tests.ablation.conftest import BUDGET, evaluation, generation
 
 NAMES = ["tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"]
 EMPTY = Results()
@@ -135,7 +138,7 @@ def test_tasks_and_constraints_beyond_the_paper_s_are_shown() -> None:
     table = made("ablation_success", generated(generation("pour_tea", "no_logic", 1, 1)))
     cell = table.cell("no_logic", "pour_tea")
     assert (cell.value, cell.paper) == (0.5, None)
-    assert [column.title for column in table.columns] == [
+    assert [column.title for column in table.columns if column.unit == "rate"] == [
         "Lift Barrier",
         "Three Robots Stack Cube",
         "Take Photo",
@@ -181,8 +184,148 @@ def test_an_average_waits_for_every_task_of_its_level() -> None:
 
 def test_further_numbers_of_demonstrations_get_a_column() -> None:
     table = made("benchmark", evaluated(evaluation("lift_barrier", "separate_local", 20, 1, 1)))
-    assert [column.key for column in table.columns] == ["agents", *(f"demos_{n}" for n in (20, 50, 100, 150))]
+    keys = [column.key for column in table.columns if column.compared]
+    assert keys == [f"demos_{n}" for n in (20, 50, 100, 150)]
     assert table.cell("lift_barrier", "demos_20").value == 0.5
+
+
+# Violations
+
+
+def followers(table: Table) -> Iterator[tuple[Column, Column]]:
+    """(column of success, the column after it); of the tables of the ablation also their lengths."""
+    units = ("rate", "steps") if table.name == "ablation_length" else ("rate",)
+    for column, after in zip(table.columns, (*table.columns[1:], Column("end", "")), strict=True):
+        if column.unit in units:
+            yield column, after
+
+
+@cache
+def counted() -> tuple[dict[GenerationRow, int], dict[EvaluationRow, int]]:
+    """Rows of everything that a table tells apart, and how many violations each of them had."""
+    rng = random.Random(5)
+    made: dict[GenerationRow, int] = {}
+    rolled: dict[EvaluationRow, int] = {}
+    for task in (*paper().levels, "pour_tea"):
+        for version in ("1", "2"):
+            for constraints in (*paper().ablation_success, "no_logic"):
+                for brain in ("scripted", "openai"):
+                    some = [rng.choice((0, 0, 1, 2, BUDGET - 1, BUDGET)) for _ in range(7)]
+                    rows = generation(task, constraints, 4, 3, brain=brain, version=version, violations=some)
+                    made.update(zip(rows, some, strict=True))
+            for arch in (*paper().architectures, "my_arch"):
+                for demos in (20, *paper().demos):
+                    for constraints in ("full", "logical"):
+                        some = [rng.choice((0, 0, 1, 70)) for _ in range(5)]
+                        runs = evaluation(
+                            task, arch, demos, 2, 3, version=version, constraints=constraints, violations=some
+                        )
+                        rolled.update(zip(runs, some, strict=True))
+    return made, rolled
+
+
+def by_hand(name: str, line: str, column: str) -> list[int]:
+    """The violations behind one cell, picked from all rows of the newest version."""
+    made, rolled = counted()
+    if name.startswith("ablation") or column == "generated":
+        constraints, _, brain = ("full" if column == "generated" else line).partition("-")
+        task = line if column == "generated" else column
+        wanted = (task, constraints, brain or "scripted", "2")
+        return [
+            n
+            for row, n in made.items()
+            if (row.task, row.constraints, row.brain, row.version) == wanted
+            and (row.success or name != "ablation_length")
+        ]
+    if name == "architectures":
+        task, (arch, demos) = column, line.split("-")
+    else:
+        task, arch, demos = line, "separate_local", column.removeprefix("demos_")
+    wanted = (task, arch, int(demos), "full", "2")
+    return [
+        n
+        for row, n in rolled.items()
+        if (row.task, row.arch, row.demos, row.constraints, row.version) == wanted
+    ]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: str) -> None:
+    made_rows, rolled = counted()
+    table = made(name, Results(tuple(made_rows), tuple(rolled)))
+    beside = list(followers(table))
+    assert bool(beside) == (name != "comparison")  # which holds texts alone
+    for column, after in beside:
+        assert (after.key, after.title, after.unit) == (
+            f"{column.key}_violations",
+            "violations",
+            "violations",
+        )
+        for line in (line for line in table.lines if line.title != "Average"):
+            expected = by_hand(name, line.key, column.key)
+            cell, figure = table.cell(line.key, after.key), table.cell(line.key, column.key)
+            assert expected and cell.n == figure.n == len(expected)
+            assert cell.value == sum(n > 0 for n in expected) / len(expected), (line.key, column.key)
+            assert cell.mean_violations == pytest.approx(sum(expected) / len(expected))
+            assert cell.interval == wilson(sum(n > 0 for n in expected), len(expected)).interval
+            assert (cell.paper, cell.version) == (None, "2")
+    averages = [line for line in table.lines if line.title == "Average"]
+    assert len(averages) == (4 if name == "benchmark" else 0)
+    for line in averages:
+        level = [task for task, agents in paper().levels.items() if line.key == f"average_{agents}"]
+        for column, after in beside:
+            each = [by_hand(name, task, column.key) for task in level]
+            shares = [sum(n > 0 for n in numbers) / len(numbers) for numbers in each]
+            cell = table.cell(line.key, after.key)
+            assert cell.value == pytest.approx(sum(shares) / len(level))
+            assert cell.mean_violations == pytest.approx(sum(map(sum, each)) / 5 / len(level))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_format_shows_the_violations(name: str) -> None:
+    made_rows, rolled = counted()
+    table = made(name, Results(tuple(made_rows), tuple(rolled)))
+    console = Console(file=io.StringIO(), width=400)
+    formats.show(table, console)
+    shown: str = console.file.getvalue()  # type: ignore[attr-defined]
+    texts = (formats.markdown(table), formats.latex(table), page.table_html(table), shown)
+    for _, after in followers(table):
+        for line in table.lines:
+            cell = table.cell(line.key, after.key)
+            assert isinstance(cell.value, float)
+            share, average = f"{100 * cell.value:.1f}", f"mean {cell.mean_violations:.2f}"
+            assert all(share in text and average in text for text in texts)
+    assert all(text.count("violations") >= len(list(followers(table))) for text in texts)
+    rows = {(row["row"], row["column"]): row for row in csv.DictReader(io.StringIO(formats.tidy_csv(table)))}
+    for column, after in followers(table):
+        for line in table.lines:
+            row, cell = rows[line.key, after.key], table.cell(line.key, after.key)
+            assert (row["unit"], row["status"], float(row["value"])) == ("violations", "measured", cell.value)
+            assert float(row["mean_violations"]) == cell.mean_violations
+            assert int(row["n"]) == int(rows[line.key, column.key]["n"])
+
+
+def test_a_note_is_told_once_and_violations_are_never_compared() -> None:
+    rows = [
+        generation("lift_barrier", "full", 5, 5, version="2", violations=(1, 0)),
+        generation("lift_barrier", "full", 5, 5, version="1"),
+        generation("lift_barrier", "logical", 5, 5, version="2", violations=(3,)),
+        generation("take_photo", "full", 1, 1, version="1"),
+    ]
+    table = made("ablation_success", generated(*rows))
+    gap, left_out = formats.notes(table)
+    assert gap.startswith("Lift Barrier, against logical: full +0.0 points")
+    assert left_out == (
+        "logical + spatial + temporal, Lift Barrier: criteria version 2; left out: 10 of version 1."
+    )
+
+
+def test_without_a_success_there_are_no_violations_on_the_way_to_one() -> None:
+    rows = generation("take_photo", "full", 0, 4, violations=(BUDGET,))
+    built = build(generated(rows), SUITE)
+    assert built["ablation_length"].cell("full", "take_photo_violations").value == "no success"
+    cell = built["ablation_success"].cell("full", "take_photo_violations")
+    assert (cell.value, cell.mean_violations) == (1.0, BUDGET)
 
 
 # The suite
@@ -250,8 +393,15 @@ def test_files_hold_the_figures(out: Path) -> None:
         paths = formats.write(table, out / "tables")
         assert [path.name for path in paths] == [f"{table.name}.{suffix}" for suffix in ("md", "csv", "tex")]
     markdown = (out / "tables/ablation_success.md").read_text()
-    assert "| Constraints | Lift Barrier | paper | Three Robots Stack Cube | paper |" in markdown
-    assert "60.0 %, [31.3, 83.2] n=10, paper's criterion 80.0 % | 80.2 % | missing | 62.5 %" in markdown
+    heading = (
+        "| Constraints | Lift Barrier | paper | violations | Three Robots Stack Cube | paper | violations |"
+    )
+    assert heading in markdown
+    assert (
+        "60.0 %, [31.3, 83.2] n=10, paper's criterion 80.0 % | 80.2 % | 0.0 %, [0.0, 27.8], mean 0.00 | "
+        in markdown
+    )
+    assert "missing | 62.5 % | missing |" in markdown
     rows = list(csv.DictReader(io.StringIO((out / "tables/architectures.csv").read_text())))
     (cell,) = [r for r in rows if (r["row"], r["column"]) == ("separate_local-150", "lift_barrier")]
     assert (float(cell["value"]), int(cell["n"]), float(cell["paper"])) == (0.6, 20, 0.58)

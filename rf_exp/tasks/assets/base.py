@@ -80,6 +80,7 @@ class Asset:
     parts: tuple[Part, ...]
     points: Mapping[str, InteractionPoint] = field(default_factory=dict)
     mass_kg: float = 0.1
+    heavy_kg: float | None = None  # of its heaviest make, where `Randomisation.heavy` asks for some
     friction: float = 1.0
     static: bool = False  # fixed to the world
     ghost: bool = False  # a mark on the table: seen, never touched
