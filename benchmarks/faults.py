@@ -33,7 +33,7 @@ from rf_exp.errors import choices
 from rf_exp.sim.pool import Pictures, in_order, simulator
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Row, Scene, Violation, World
+from rf_exp.types import CameraModel, Row, Scene, SeeingWorld, Violation
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 FULL, BLIND = Row("full"), Pictures(render=False)
@@ -103,7 +103,7 @@ def clean(task: Task, seed: int) -> Clean:
 class Watched:
     """A world that notes what moves and touches between a faulty proposal and its rejection."""
 
-    def __init__(self, world: World, brain: FaultyBrain) -> None:
+    def __init__(self, world: SeeingWorld, brain: FaultyBrain) -> None:
         self._world, self._brain = world, brain
         self.watching = True
         self.moved_steps, self.contact = 0, False
@@ -124,6 +124,12 @@ class Watched:
 
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         return self._world.pictures()
+
+    def depth(self) -> dict[str, NDArray[np.float32]]:
+        return self._world.depth()
+
+    def camera_models(self) -> dict[str, CameraModel]:
+        return self._world.camera_models()
 
 
 class FirstRejection(Nobody):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import dacite
 from hydra.core.config_store import ConfigStore
@@ -11,12 +11,12 @@ from hydra.core.config_store import ConfigStore
 from rf_exp.datagen.brain import BrainSpec, read_brain
 from rf_exp.datagen.episode import Settings
 from rf_exp.datagen.motion import JointLimits
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, choices
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.sim.pool import Pictures
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Arch, Row
+from rf_exp.types import Arch, Occupancy, Row
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 STAGES = ("generate", "train", "evaluate", "report")
@@ -39,6 +39,7 @@ class Experiment:
     demos: int
     workers: int
     pictures: Pictures
+    occupancy: Occupancy
     attempts: int
     limits: JointLimits
     recordings: int
@@ -72,10 +73,15 @@ class Experiment:
             )
         if not self.pictures.render and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError("render=false makes no pictures to learn from; use it with stages=[generate]")
+        if self.occupancy == "depth" and not self.pictures.render:
+            raise ArgumentError(
+                "occupancy=depth looks through the depth cameras, and render=false has none; "
+                "use render=true or occupancy=state"
+            )
 
     def settings(self, task: Task, row: Row) -> Settings:
         """What decides the episodes of a task under a row of constraints."""
-        return Settings(task, row, self.brain, self.limits, self.attempts)
+        return Settings(task, row, self.brain, self.limits, self.attempts, self.occupancy)
 
 
 def register_all_tasks() -> None:
@@ -89,6 +95,8 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
     for group in ("task", "constraints", "arch"):
         if not node.get(group):
             raise ArgumentError(f"no {group} chosen; use {group}=NAME or {group}=all")
+    if node["occupancy"] not in get_args(Occupancy):
+        raise choices("occupancy", node["occupancy"], get_args(Occupancy))
     picture = node["picture"]
     try:
         plain: dict[str, Any] = {

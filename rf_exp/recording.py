@@ -27,6 +27,7 @@ from rf_exp.types import ARM_JOINTS, Scene, Trajectory, Violation
 from rf_exp.viz import Mesh, Recorder, camera_entity, link_entity, object_entity
 from rf_exp.viz.text import CheckResult
 
+CAMERAS = "cameras"  # owner of the voxels that they see
 OCCUPANCY_EVERY = 2  # control steps
 UNITS = {
     "ValidateInteraction": "m",
@@ -76,11 +77,14 @@ class EpisodeRecorder:
     # -- what the generation loop tells an observer ------------------------------------------------
 
     def planned(self, plan: Plan, checker: RoboChecker) -> None:
-        """Proposal, check code, the evidence of every check, and the diagrams the schedule leads through."""
+        """Proposal, check code, the evidence of every check, the diagrams, and what the cameras saw."""
         self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
         self._recorder.proposal(plan.proposal)
         self._recorder.checked(check_results(checker))
         if checker.plan is not None:
+            seen = checker.plan.scene.seen
+            if seen is not None:
+                self._recorder.occupancy(CAMERAS, centres_m(seen))
             self._recorder.coordination(
                 plan.trajectories,
                 plan.schedule,

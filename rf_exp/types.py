@@ -19,6 +19,7 @@ ARM_JOINTS = 7
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
 
 Kind = Literal["logical", "temporal", "spatial"]
+Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,7 @@ class Scene:
     finger_forces: Mapping[tuple[int, str], NDArray[np.float64]] = field(default_factory=dict)
     # (agent, object) -> (3,) N, with which the fingers of the agent push the object, world frame
     arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
+    seen: NDArray[np.int64] | None = None  # (K, 3) voxels that the depth cameras see occupied, if they looked
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,11 @@ class Subgoal:
     target: str | None = None  # where to carry, place or strike: an object or a named place
     target_point: str | None = None
     height_m: float | None = None  # lift: how far up; carry: how far above the target
+
+    @property
+    def names(self) -> frozenset[str]:
+        """What it is about: objects, or a named place."""
+        return frozenset(name for name in (self.object, self.target) if name is not None)
 
     @property
     def text(self) -> str:
@@ -231,4 +238,16 @@ class World(Protocol):
 
     def pictures(self) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) of the present step."""
+        ...
+
+
+class SeeingWorld(World, Protocol):
+    """A world that can also be measured by its cameras, which the generation loop may ask for."""
+
+    def depth(self) -> dict[str, NDArray[np.float32]]:
+        """Camera -> (H, W) metres along the viewing direction at the present step; 0 is nothing."""
+        ...
+
+    def camera_models(self) -> dict[str, CameraModel]:
+        """Camera -> its model at the present step."""
         ...

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from rf_exp.constraints import RoboChecker
-from rf_exp.datagen.brain import FaultySpec
+from rf_exp.constraints import Bodies, RoboChecker
+from rf_exp.constraints.depth import look
+from rf_exp.constraints.occupancy import centres_m
+from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Plan, Settings
+from rf_exp.gallery.performance import Unseen
 from rf_exp.recording import EpisodeRecorder, orders
 from rf_exp.robots import Panda
 from rf_exp.sim.simulator import Simulator
@@ -123,3 +126,18 @@ def test_occupancy_moves_with_the_arm_and_with_what_it_holds(episode):
     assert len({len(row) for row in voxels}) > 1
     assert content.steps("/world/occupancy/lid", "Clear:is_recursive")  # while it is held it is the arm's
     assert content.steps("/world/occupancy/lid", "Boxes3D:centers")[-1] > 100  # put down again
+
+
+@pytest.mark.render
+def test_what_the_cameras_saw_is_shown_where_spatial_constraints_ask_them(tmp_path):
+    path, task = tmp_path / "generate-0.rrd", read_task("pick_meat")
+    with Simulator(task) as world:
+        seen = look(world.depth(), world.camera_models(), Bodies(task, world.reset(0)))
+        with EpisodeRecorder(path, task, world, "Pick Meat") as recorder:
+            settings = Settings(task, FULL, ScriptedSpec(), occupancy="depth")
+            assert EpisodeMaker(settings, Unseen(world), settings.make_brain(0), recorder).make(0).success
+    content = Content(path)
+    first = content.column("/world/occupancy/cameras", "Boxes3D:centers")[0]
+    np.testing.assert_allclose(first, centres_m(seen), atol=1e-6)
+    assert content.steps("/world/occupancy/cameras", "Boxes3D:centers")[0] == 0
+    assert len(content.steps("/world/occupancy/agent1", "Boxes3D:centers")) > 10

@@ -69,6 +69,8 @@ def run(*arguments, environment=None, timeout_s=600):
         (["limits.velocity_rad_s=-1"], "velocity_rad_s is -1"),
         (["seed=1000000"], "generation must stay below 1000000"),
         (["render=false"], "render=false makes no pictures to learn from"),
+        (["stages=[generate]", "render=false", "occupancy=depth"], "render=true or occupancy=state"),
+        (["occupancy=guess"], "unknown occupancy 'guess'; available: depth, state"),
         (["task.lift_barrier.objects.barrier.x_m=[0.2,-0.2]"], "the wrong way round; write [-0.2, 0.2]"),
         (["task.lift_barrier.objects.barrier.asset=lamp"], "unknown asset 'lamp'; available: barrier"),
         (["demoz=3"], "demoz"),

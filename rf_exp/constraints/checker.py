@@ -251,7 +251,7 @@ class RoboChecker(Checker):
 def _with_schedule(plan: Plan, timed: Schedule) -> Plan:
     """The plan with its schedule; what has been computed about the paths is kept."""
     scheduled = Plan(plan.task, plan.row, plan.scene, plan.trajectories, timed)
-    for name in ("bodies", "swept", "diagrams", "blocked"):
+    for name in ("bodies", "swept", "diagrams", "still", "blocked"):
         if name in plan.__dict__:
             scheduled.__dict__[name] = plan.__dict__[name]
     return scheduled

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.clearance import Mask, Swept, closer_than
+from rf_exp.constraints.seen import Seen, together
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Row, Scene, Schedule, Segment, Trajectory, Violation
@@ -88,15 +89,29 @@ class Plan:
         }
 
     @cached_property
+    def still(self) -> tuple[Swept, ...]:
+        """For each agent what nobody moves: the objects, or as far as cameras have looked what they see."""
+        if self.scene.seen is None:
+            return (self.bodies.standing(),) * len(self.trajectories)
+        seen, moved, found = Seen(self.bodies), self.bodies.moved, []
+        for trajectory in self.trajectories:
+            about = {name for segment in trajectory.segments for name in self._about(segment)}
+            boxes, exactly = seen.obstacles(trajectory.agent, about | moved)
+            found.append(together(self.bodies.standing(sorted(exactly - moved)), boxes))
+        return tuple(found)
+
+    def _about(self, segment: Segment) -> set[str]:
+        return {*segment.touches, *segment.subgoal.names} & set(self.task.objects)
+
+    @cached_property
     def blocked(self) -> tuple[Mask, ...]:
-        """(P,) for each agent: too close to an object that nobody moves, or in the table.
+        """(P,) for each agent: too close to something that nobody moves, or in the table.
 
         Between two positions a fast arm may move further than a gap is wide, so what the bound on the
         motion flags gets a second look at a path of finer steps.
         """
-        still = self.bodies.standing()
         found = []
-        for trajectory, body in zip(self.trajectories, self.swept, strict=True):
+        for trajectory, body, still in zip(self.trajectories, self.swept, self.still, strict=True):
             near = closer_than(body, still, OBJECT_MARGIN_M)[:, 0]
             if near.any():
                 close = closer_than(self.finer(trajectory.agent), still, OBJECT_MARGIN_M)[:, 0]

@@ -8,7 +8,7 @@ Two bodies that touch share a voxel. World frame; voxel k spans [k, k + 1) * `vo
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Swept
+from rf_exp.constraints.clearance import Mask, Swept
 from rf_exp.constraints.shapes import Piece
 from rf_exp.transforms import Matrix, apply
 
@@ -25,8 +25,7 @@ def fill(piece: Piece, pose: Matrix, voxel_m: float = VOXEL_M) -> Voxels:
     low = np.floor(vertices.min(axis=0) / voxel_m).astype(np.int64)
     high = np.floor(vertices.max(axis=0) / voxel_m).astype(np.int64)
     grid = np.stack(np.meshgrid(*map(np.arange, low, high + 1), indexing="ij"), axis=-1).reshape(-1, 3)
-    normals = piece.planes[:, :3] @ pose[:3, :3].T
-    offsets = piece.planes[:, 3] - normals @ pose[:3, 3]
+    normals, offsets = _faces(piece, pose)
     reach = np.abs(normals).sum(axis=1) * voxel_m / 2 + 1e-9
     outside = (grid + 0.5) * voxel_m @ normals.T + offsets > reach
     return grid[~outside.any(axis=1)]
@@ -47,6 +46,34 @@ def centres_m(occupied: Voxels) -> NDArray[np.float64]:
 def shared(a: Voxels, b: Voxels) -> Voxels:
     """(K, 3) voxels that are in both, without repeats, in lexical order."""
     return _of_keys(np.intersect1d(_keys(a), _keys(b)))
+
+
+def among(occupied: Voxels, others: Voxels) -> Mask:
+    """(K,) True for voxels that others (L, 3) hold as well."""
+    return np.isin(_keys(occupied), _keys(others))
+
+
+def beside(occupied: Voxels, body: Swept, margin_m: float) -> Mask:
+    """(K,) True for voxels nearer than a margin to a body at its first path position.
+
+    As in `fill` only faces and bounding boxes are asked, so at an edge it is a little more than the margin.
+    """
+    near = np.zeros(len(occupied), dtype=bool)
+    low, high = occupied * VOXEL_M - margin_m, (occupied + 1) * VOXEL_M + margin_m
+    for piece, pose in zip(body.pieces, body.poses[0], strict=True):
+        vertices = apply(pose, piece.vertices)
+        meets = ((vertices.max(axis=0) >= low) & (vertices.min(axis=0) <= high)).all(axis=1)
+        normals, offsets = _faces(piece, pose)
+        reach = np.abs(normals).sum(axis=1) * VOXEL_M / 2 + margin_m
+        meets[meets] = (centres_m(occupied[meets]) @ normals.T + offsets <= reach).all(axis=1)
+        near |= meets
+    return near
+
+
+def _faces(piece: Piece, pose: Matrix) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(F, 3) normals and (F,) offsets of a piece at a pose, as `Piece.planes`."""
+    normals = piece.planes[:, :3] @ pose[:3, :3].T
+    return normals, piece.planes[:, 3] - normals @ pose[:3, 3]
 
 
 def _keys(occupied: Voxels) -> NDArray[np.int64]:

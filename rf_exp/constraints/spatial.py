@@ -144,9 +144,9 @@ class AvoidObjects:
 
     def planned(self, plan: Plan) -> Evidence:
         least = Evidence(True, np.inf, OBJECT_MARGIN_M, f"{names(self.agents)} has nothing to avoid")
-        still = plan.bodies.standing()
         for agent in self.agents:
-            body, positions = plan.swept[agent - 1], np.unique(plan.positions(agent))
+            body, still = plan.swept[agent - 1], plan.still[agent - 1]
+            positions = np.unique(plan.positions(agent))
             hits = positions[plan.blocked[agent - 1][positions]]
             if len(hits):
                 return self._hit(plan, agent, int(hits[0]), body, still)

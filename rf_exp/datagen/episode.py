@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import CheckCode, RoboChecker, actions
+from rf_exp.constraints import Bodies, CheckCode, RoboChecker, actions
+from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
 from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
@@ -23,14 +24,15 @@ from rf_exp.types import (
     ARM_JOINTS,
     CONTROL_DT_S,
     Episode,
+    Occupancy,
     Proposal,
     Row,
     Scene,
     Schedule,
+    SeeingWorld,
     Subgoal,
     Trajectory,
     Violation,
-    World,
 )
 
 _MOTION = "Motion"  # the check that a violation names when no motion was found at all
@@ -47,6 +49,7 @@ class Settings:
     brain: BrainSpec
     limits: JointLimits = field(default_factory=JointLimits)
     attempts: int = 4
+    occupancy: Occupancy = "state"
 
     def __post_init__(self) -> None:
         if self.attempts < 1:
@@ -112,7 +115,7 @@ class EpisodeMaker:
     """Makes one episode of `settings` in a world. One object for one seed."""
 
     def __init__(
-        self, settings: Settings, world: World, brain: Brain, observer: Observer | None = None
+        self, settings: Settings, world: SeeingWorld, brain: Brain, observer: Observer | None = None
     ) -> None:
         self._settings, self._world, self._brain = settings, world, brain
         self._observer: Observer = observer or Nobody()
@@ -169,7 +172,7 @@ class EpisodeMaker:
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Plan | Violation | None:
         task, row = self._settings.task, self._settings.row
-        scene = self._as_commanded(question.scene)
+        scene = self._as_commanded(self._looked_at(question.scene))
         try:
             proposal = from_json(self._brain.answer(question), task)
         except BadAnswer as error:
@@ -209,12 +212,13 @@ class EpisodeMaker:
         """Trajectories and a schedule that pass all checks, or the first reason why not."""
         settings = self._settings
         assert isinstance(checker.code, CheckCode)
+        obstacles = Obstacles(settings.task, scene, settings.row, proposal)
         try:
             trajectories, _ = plan_motion(
                 settings.task,
                 proposal,
                 scene,
-                blocked=Obstacles(settings.task, scene, settings.row).blocked(avoid_arms=avoid_parked),
+                blocked=obstacles.blocked(avoid_arms=avoid_parked),
                 limits=settings.limits,
                 lockstep=checker.lockstep,
                 order=checker.order,
@@ -228,6 +232,14 @@ class EpisodeMaker:
             return schedule
         violations = checker.check(trajectories, schedule, scene)
         return violations[0] if violations else Plan(proposal, checker.code, trajectories, schedule)
+
+    def _looked_at(self, scene: Scene) -> Scene:
+        """The scene with what the depth cameras see now, where spatial constraints ask for it."""
+        settings = self._settings
+        if settings.occupancy == "state" or not settings.row.spatial:
+            return scene
+        bodies = Bodies(settings.task, scene)
+        return replace(scene, seen=look(self._world.depth(), self._world.camera_models(), bodies))
 
     def _as_commanded(self, scene: Scene) -> Scene:
         """The scene with the arms where they were last sent.

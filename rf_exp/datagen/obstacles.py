@@ -1,29 +1,31 @@
 """What a planned motion must not run into, as far as the row of constraints lets the planner see."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.clearance import Swept, closer_than, folded
+from rf_exp.constraints.seen import SEEN, Seen
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.datagen.motion.state import Blocked, State
 from rf_exp.robots.panda import self_pairs
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
-from rf_exp.types import Row, Scene
+from rf_exp.types import Proposal, Row, Scene
 
 
 class Obstacles:
     """The static world of a planner: objects, table and arms where the predicted state has them.
 
     Without spatial constraints the planner is blind to everything but what its subgoal is about and the
-    table it is bolted to.
+    table it is bolted to. Where the scene has been looked at by depth cameras, what they see is in the way.
     """
 
-    def __init__(self, task: Task, scene: Scene, row: Row) -> None:
-        self._task, self._scene, self._row = task, scene, row
+    def __init__(self, task: Task, scene: Scene, row: Row, proposal: Proposal) -> None:
+        self._task, self._scene, self._row, self._proposal = task, scene, row, proposal
+        self._seen = Seen(Bodies(task, scene)) if scene.seen is not None else None
 
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
@@ -41,7 +43,7 @@ class Obstacles:
             if folded(body, self_pairs()).any():
                 return "the arm itself"
             hit = bodies.below_table(body)
-            for name, other, margin_m in self._others(bodies, agent, state, avoid_arms):
+            for name, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
                 near = closer_than(body, other, margin_m, between=between)[:, 0]
                 if near.any():
                     return name
@@ -63,12 +65,25 @@ class Obstacles:
         return bodies.arm(agent, points, carries=carries, tcp_from_object=tcp_from_object, touches=touches)
 
     def _others(
-        self, bodies: Bodies, agent: int, state: State, avoid_arms: bool
+        self, bodies: Bodies, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
     ) -> Iterator[tuple[str, Swept, float]]:
         carries = state.held[agent][0] if agent in state.held else None
-        for name in self._task.objects if self._row.spatial else sorted(state.targets):
+        names: Collection[str] = self._task.objects if self._row.spatial else sorted(state.targets)
+        if self._seen is not None and self._row.spatial:
+            boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
+            names = sorted(exactly)
+            yield SEEN, boxes, OBJECT_MARGIN_M
+        for name in names:
             if name != carries:
                 yield name, bodies.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._row.spatial else ():
             if other != agent:
                 yield f"Agent_{other}", bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M
+
+    def _minds_not(self, agent: int, state: State) -> frozenset[str]:
+        """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""
+        about = {name for subgoal in self._proposal.of(agent) for name in subgoal.names}
+        held = {name for name, _ in state.held.values()}
+        poses = self._scene.poses
+        moved = {name for name, pose in state.poses.items() if not np.array_equal(pose, poses[name])}
+        return frozenset((about | held | moved | state.targets) & set(self._task.objects))

@@ -58,12 +58,13 @@ class Performance:
 
 
 class Unseen:
-    """A simulator with its cameras covered: what is not drawn costs nothing."""
+    """A simulator that takes no pictures: what is not drawn costs nothing. Depth is there when asked for."""
 
     cameras: tuple[str, ...] = ()
 
     def __init__(self, world: Simulator) -> None:
         self.reset, self.step, self.pictures = world.reset, world.step, world.pictures
+        self.depth, self.camera_models = world.depth, world.camera_models
 
 
 class Prompter:

@@ -5,8 +5,9 @@ import pytest
 import trimesh
 
 from rf_exp.constraints import occupancy
-from rf_exp.constraints.clearance import overlap
+from rf_exp.constraints.clearance import nearest, overlap
 from rf_exp.constraints.occupancy import VOXEL_M
+from rf_exp.constraints.seen import boxes
 from rf_exp.constraints.shapes import Piece, arm_pieces
 from rf_exp.constraints.world import Bodies
 from rf_exp.transforms import apply
@@ -93,3 +94,16 @@ def test_shared_voxels_are_sorted_and_may_be_none():
     assert occupancy.shared(a, b + 5).shape == (0, 3)
     far = np.array([[9, -8, 7], [-9, 8, -7], [-9, -8, 7]])
     assert occupancy.shared(far, np.concatenate([far, a])).tolist() == sorted(far.tolist())
+
+
+@pytest.mark.parametrize("margin_m", [0.0, 0.03])
+def test_voxels_beside_a_body_are_those_within_a_margin_of_it(margin_m):
+    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(6), 1))
+    middle = np.floor(body.centres[0].mean(axis=0) / VOXEL_M).astype(int)
+    around = np.random.default_rng(7).integers(middle - 8, middle + 8, (600, 3))
+    gaps = [nearest(body, boxes(cube[None])) for cube in around]
+    gaps_m = np.array([gap.distance_m for gap in gaps if gap is not None])
+    near = occupancy.beside(around, body, margin_m)
+    assert near[gaps_m < margin_m - 1e-6].all()
+    assert not near[gaps_m > 2 * margin_m + 0.01].any()
+    assert 20 < near.sum() < 300

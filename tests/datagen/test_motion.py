@@ -19,7 +19,7 @@ LIMITS = JointLimits()
 
 
 def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=()):
-    blocked = Obstacles(task, scene, row or Row("full")).blocked(avoid_arms=avoid_arms)
+    blocked = Obstacles(task, scene, row or Row("full"), proposal).blocked(avoid_arms=avoid_arms)
     return plan_motion(
         task, proposal, scene, blocked=blocked, limits=LIMITS, lockstep=lockstep, rng=np.random.default_rng(0)
     )

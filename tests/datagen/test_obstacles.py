@@ -1,0 +1,60 @@
+"""What the planner sees: the objects of its task, or what the depth cameras see."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from rf_exp.constraints.occupancy import VOXEL_M, voxels
+from rf_exp.constraints.seen import SEEN
+from rf_exp.constraints.world import Bodies
+from rf_exp.datagen.motion.planner import present_state
+from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.robots import Panda
+from rf_exp.tasks.base import REST_QPOS
+from rf_exp.transforms import transform
+from rf_exp.types import Proposal, Row, Subgoal
+from tests.conftest import read_task
+from tests.scenes import start_scene
+
+FULL, LOGICAL = Row("full"), Row("logical", spatial=False, temporal=False)
+REST = np.array(REST_QPOS)
+
+
+def in_the_way(task, scene, points, row=FULL, proposal=None):
+    """What blocks agent 1 on joint points (K, 7)."""
+    arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
+    obstacles = Obstacles(task, scene, row, proposal or Proposal((), ()))
+    return obstacles.blocked(avoid_arms=False)(1, points, present_state(task, scene, arms), frozenset())
+
+
+def test_a_box_that_only_the_cameras_know_is_in_the_way():
+    task = read_task("pass_shoe")
+    scene = start_scene(task, 0)
+    aside = REST + np.array([0.8, 0, 0, 0, 0, 0, 0])
+    way = np.linspace(REST, aside, 12)
+    hand = Panda(task.robots[0].world_from_base).tcp(aside)[:3, 3]
+    low = np.floor(hand / VOXEL_M).astype(int) - 1
+    box = low + np.array(list(np.ndindex(3, 3, 3)))
+    assert in_the_way(task, scene, way) is None
+    looked = replace(scene, seen=box)
+    assert in_the_way(task, looked, way) == SEEN
+    assert in_the_way(task, looked, way[:3]) is None
+    assert in_the_way(task, looked, way, LOGICAL) is None  # that row is blind on purpose
+    assert in_the_way(task, replace(scene, seen=box[:0]), way) is None
+
+
+def test_what_a_subgoal_is_about_is_known_by_its_shape_and_not_by_its_voxels():
+    task = read_task("pick_meat")
+    scene = start_scene(task, 0)
+    steak = voxels(Bodies(task, scene).standing(["steak"]))
+    looked = replace(scene, seen=steak)
+    arm = Panda(task.robots[0].world_from_base)
+    grasp = scene.poses["steak"] @ task.asset("steak").points["center"].object_from_tcp
+    joints = arm.solve(transform((0, 0, 0.03)) @ grasp, REST)
+    assert joints is not None
+    proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
+    assert in_the_way(task, looked, joints[None], proposal=proposal) is None
+    assert in_the_way(task, looked, joints[None]) == SEEN
+    off_centre = arm.solve(grasp @ transform((0, 0.03, 0)), joints)  # a finger is in the steak
+    assert off_centre is not None
+    assert in_the_way(task, looked, off_centre[None], proposal=proposal) == "steak"

@@ -1,0 +1,86 @@
+"""What the depth cameras see, over all tasks and whole episodes: what is there, and nothing else."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.constraints.depth import look
+from rf_exp.constraints.occupancy import beside, shared, voxels
+from rf_exp.constraints.world import Bodies
+from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
+from rf_exp.datagen.episode import EpisodeMaker, Nobody, Outcome, Settings
+from rf_exp.errors import ArgumentError
+from rf_exp.gallery.performance import Unseen
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Task
+from rf_exp.tasks.base import ObjectSpec
+from rf_exp.types import Occupancy, Row, Scene
+from tests.conftest import read_task
+
+EVERY_STEPS = 15  # of an episode are looked at
+SURFACE_M = 0.005  # between what is drawn and the shape that checks know
+VISIBLE_PX = 200  # an object of which a camera sees so much must be found
+
+
+class Looking(Nobody):
+    """Compares at many moments of an episode what the cameras see with the measured state."""
+
+    def __init__(self, world: Simulator) -> None:
+        self.world, self.looks, self.with_load = world, 0, 0
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        if scene.step % EVERY_STEPS:
+            return
+        world, bodies = self.world, Bodies(self.world.task, scene)
+        free = [name for name in world.task.objects if name not in scene.held]
+        filled = {name: voxels(bodies.standing([name])) for name in free}
+        seen = look(world.depth(), world.camera_models(), bodies)
+        stray = seen[~beside(seen, bodies.standing(free), SURFACE_M)]
+        assert len(stray) == 0, (scene.step, stray)
+        numbers, images = world.bodies(), world.segmentation()
+        for name in free:
+            visible_px = max(int(np.isin(image, numbers[name]).sum()) for image in images.values())
+            if visible_px > VISIBLE_PX and len(filled[name]):  # a mark on the table fills nothing
+                assert len(shared(seen, filled[name])), (scene.step, name, visible_px)
+        self.looks += 1
+        self.with_load += any(scene.held)
+
+
+def make(task: Task, world: Simulator, occupancy: Occupancy, observer: Nobody, seed: int = 0) -> Outcome:
+    settings = Settings(task, Row("full"), ScriptedSpec(), occupancy=occupancy)
+    return EpisodeMaker(settings, Unseen(world), ScriptedBrain(), observer).make(seed)
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_all_that_is_seen_is_there_and_arms_with_their_loads_are_not_seen(task: Task) -> None:
+    with Simulator(task) as world:
+        looking = Looking(world)
+        outcome = make(task, world, "depth", looking)
+    assert outcome.success, outcome.reason
+    assert looking.looks > 3 and looking.with_load > 0
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_box_that_no_task_knows_is_avoided_by_what_the_cameras_see() -> None:
+    task = read_task("pass_shoe")
+    box = ObjectSpec("plinth", x_m=(-0.2, -0.2), y_m=(-0.22, -0.22), options={"half_m": 0.1})
+    with Simulator(replace(task, objects={**task.objects, "box": box})) as world:
+        blind = make(task, world, "state", Nobody())
+        assert not blind.success and "something is in its way" in blind.reason
+        outcome = make(task, world, "depth", Nobody())
+        assert outcome.success and outcome.attempts == 1, outcome.reason
+        again = make(task, world, "depth", Nobody())
+    assert outcome.episode is not None and again.episode is not None
+    np.testing.assert_array_equal(outcome.episode.action, again.episode.action)
+
+
+def test_a_simulator_without_cameras_says_so(lift_barrier: Task) -> None:
+    with Simulator(lift_barrier, render=False) as world, pytest.raises(ArgumentError, match="render=True"):
+        make(lift_barrier, world, "depth", Nobody())
