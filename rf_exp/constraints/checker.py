@@ -192,7 +192,9 @@ class Checker:
             f"{agent_name(agent)}, {doing(plan.segment_at(agent, plan.position_now(agent, scene)))}"
             for agent in (a, b)
         )
-        reason = f"{' and '.join(doings)}, hit each other with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
+        reason = (
+            f"{', and '.join(doings)}, hit each other with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
+        )
         return Violation("Collision", (a, b), scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:

@@ -3,33 +3,38 @@
 A body is a set of convex pieces with a pose at every path position. The answer for two bodies is
 their coordination diagram: which pairs of positions come closer than a margin. It is found coarse
 to fine. One exact distance (coal) in the middle of a block of the diagram says far more than its one
-cell. Along the direction of that distance the two pieces stay apart in every cell where their extents
-do, and the two nearest points, carried along with the pieces, never are nearer than the pieces. What
-neither bound settles is split. Nothing is sampled away: every cell is settled by a bound or exactly.
+cell. Along the direction of that distance the two pieces come no nearer than they move along it, and
+the two nearest points, carried along with the pieces, never are nearer than the pieces. What neither
+bound settles is split. Where pieces overlap deeply, spheres inside them say so without any distance.
+Nothing is sampled away: every cell is settled by a bound or exactly.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import coal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from rf_exp.constraints.shapes import Piece
+from rf_exp.constraints.shapes import CORE_SPHERES, Piece
 
 BLOCK = 32  # positions on the side of the first blocks
+PARTS = 4  # into so many a side is cut where a block stays open
 FINE_BLOCK = 8  # from this size on, every cell of a block has its own bounds
 SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
+ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
-BATCH = 512  # rows of a product that stay in the cache
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
-Quarters = tuple[Indices, NDArray[np.float64]]  # (M, 3) what is to do, (M,) m the deeper the sooner
+Floats = NDArray[np.floating]  # 32 bits: enough for lengths that `SLACK_M` covers, and twice as fast
+Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
 
 _REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
+_NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
 
 
 @dataclass(frozen=True)
@@ -71,12 +76,20 @@ class Swept:
         return np.einsum("plij,lj->pli", self.poses[..., :3, :3], local) + self.poses[..., :3, 3]
 
     @cached_property
+    def by_row(self) -> NDArray[np.float64]:
+        """(L, 3, P, 4) the poses without their last rows, so that one product places a piece everywhere."""
+        return np.ascontiguousarray(self.poses[..., :3, :].transpose(1, 2, 0, 3))
+
+    @cached_property
+    def core(self) -> NDArray[np.float64]:
+        """(L, 3, P, K) centres of the spheres inside the pieces."""
+        return self._moved(np.array([piece.core[:, :3] for piece in self.pieces]))
+
+    @cached_property
     def step_m(self) -> NDArray[np.float64]:
         """(P - 1, L) bound on how far any point of a piece moves from one position to the next."""
-        delta = np.diff(self.poses, axis=0)
-        local = np.array([piece.corners for piece in self.pieces])
-        moved = local @ delta[..., :3, :3].swapaxes(2, 3) + delta[..., None, :3, 3]
-        return np.sqrt(np.max(np.sum(moved**2, axis=-1), axis=-1))
+        step = np.diff(self._moved(np.array([piece.corners for piece in self.pieces])), axis=2)
+        return np.sqrt(np.max(np.sum(step**2, axis=1), axis=-1)).T
 
     @cached_property
     def travelled_m(self) -> NDArray[np.float64]:
@@ -97,9 +110,14 @@ class Swept:
         edge = np.zeros((1, len(self.pieces)))
         return np.maximum(np.concatenate([edge, step]), np.concatenate([step, edge]))
 
+    def _moved(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(L, 3, P, K) where points (L, K, 3) of the pieces go."""
+        turned = self.by_row[..., :3].reshape(len(points), -1, 3) @ points.swapaxes(1, 2)
+        return turned.reshape(*self.by_row.shape[:3], -1) + self.by_row[..., 3:]
+
     @cached_property
-    def _placed(self) -> dict[tuple[int, int], coal.Transform3s]:
-        return {}
+    def _placed(self) -> "_Placed":
+        return _Placed(self.poses)
 
     @cached_property
     def _cuts(self) -> dict[tuple[int, bool], "_Blocks"]:
@@ -115,11 +133,25 @@ class Swept:
 
     def placed(self, position: int, piece: int) -> coal.Transform3s:
         """coal's transform of a piece."""
-        key = (position, piece)
-        found = self._placed.get(key)
-        if found is None:
-            pose = self.poses[position, piece]
-            found = self._placed[key] = coal.Transform3s(pose[:3, :3], pose[:3, 3])
+        return self._placed[position * len(self.pieces) + piece]
+
+    def shapes(self, positions: Indices, pieces: Indices) -> tuple[list[coal.Convex], list[coal.Transform3s]]:
+        """coal's shapes and transforms of pieces (M,)."""
+        shapes = [piece.shape for piece in self.pieces]
+        keys = (positions * len(shapes) + pieces).tolist()
+        return [shapes[piece] for piece in pieces.tolist()], [self._placed[key] for key in keys]
+
+
+class _Placed(dict[int, coal.Transform3s]):
+    """coal's transforms of poses (P, L, 4, 4), counted through, each of them made when it is asked for."""
+
+    def __init__(self, poses: NDArray[np.float64]) -> None:
+        super().__init__()
+        self._poses = poses.reshape(-1, 4, 4)
+
+    def __missing__(self, key: int) -> coal.Transform3s:
+        pose = self._poses[key]
+        found = self[key] = coal.Transform3s(pose[:3, :3], pose[:3, 3])
         return found
 
 
@@ -128,12 +160,15 @@ class _Blocks:
 
     def __init__(self, body: Swept, size: int, between: bool) -> None:
         self.body, self.size = body, size
-        self.halves = 2 if size > 1 else 1
+        self.parts = min(PARTS, size)
+        self.fine = size <= FINE_BLOCK
+        self.bounds = size if self.fine else self.parts  # so many a side
         begin = np.arange(0, len(body), size)
         self.rows = np.minimum(begin[:, None] + np.arange(size), len(body) - 1)  # (B, S)
         self.middle = (self.rows[:, 0] + self.rows[:, -1]) // 2
         self.need_m = self._spread(body.stride_m / 2 if between else np.zeros_like(body.stride_m))
-        self.travel_m = self._from_middle(body.travelled_m)  # (L, B, S), as everything that is spread
+        # (L, B, bounds) the most that a piece travels beyond what it has to keep free
+        self.surplus_m = self._most(np.abs(self._since_middle(body.travelled_m)) - self.need_m)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -157,78 +192,61 @@ class _Blocks:
         return local[..., :3] @ poses[..., :3, :3].swapaxes(2, 3) + poses[..., None, :3, 3], local[..., 3]
 
     @cached_property
-    def _shift(self) -> NDArray[np.float64]:
-        """(L, B, S, 3) of the centre since the middle."""
-        return self._spread(self.body.centres) - self.centres.swapaxes(0, 1)[:, :, None]
+    def _sway(self) -> Floats:
+        """(L, B, S, 4) how the centre has shifted since the middle, and how far points come besides."""
+        way = np.concatenate([self.body.centres, self.body.turned_m[..., None]], axis=2)
+        sway = self._since_middle(way)
+        sway[..., 3] = np.abs(sway[..., 3]) + self.need_m
+        return sway
 
     @cached_property
-    def _turn_and_need_m(self) -> NDArray[np.float64]:
-        return self._from_middle(self.body.turned_m) + self.need_m
+    def core(self) -> Floats:
+        """(L, K, B, 3, S) centres of the spheres inside the pieces."""
+        spread = self.body.core[:, :, self.rows].transpose(0, 4, 2, 1, 3)
+        return np.ascontiguousarray(spread, dtype=np.float32)
 
     @cached_property
-    def _rotation(self) -> NDArray[np.float64]:
-        return self._spread(self.body.poses[..., :3, :3])
+    def core_middle(self) -> Floats:
+        """(L, B, K, 3) `core` in the middles of the blocks."""
+        middle = self.body.core[:, :, self.middle].transpose(0, 2, 3, 1)
+        return np.ascontiguousarray(middle, dtype=np.float32)
 
     @cached_property
-    def _origin(self) -> NDArray[np.float64]:
-        return self._spread(self.body.poses[..., :3, 3])
+    def core_m(self) -> Floats:
+        """(L, K) radii of the spheres inside the pieces."""
+        return np.array([piece.core[:, 3] for piece in self.body.pieces], dtype=np.float32)
 
     @cached_property
-    def surplus_m(self) -> NDArray[np.float64]:
-        """(L, B, halves) the most that a piece travels beyond what it has to keep free."""
-        return _halves_max(self.travel_m - self.need_m, self.halves)
+    def _by_row(self) -> Floats:
+        """(L, B, 3, S, 4) poses."""
+        return np.ascontiguousarray(self.body.by_row[:, :, self.rows].swapaxes(1, 2), dtype=np.float32)
 
-    @cached_property
-    def _transforms(self) -> list[coal.Transform3s | None]:
-        return [None] * (len(self) * len(self.body.pieces))
+    def _spread(self, values: NDArray[np.float64]) -> Floats:
+        """(P, L, ...) to (L, B, S, ...), as all that belongs to the cells of blocks."""
+        return np.take(np.moveaxis(values, 1, 0).astype(np.float32), self.rows, axis=1)
 
-    def _spread(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(P, L, ...) to (L, B, S, ...)."""
-        return np.ascontiguousarray(np.moveaxis(values[self.rows], 2, 0))
+    def _since_middle(self, values: NDArray[np.float64]) -> Floats:
+        middle = np.moveaxis(values[self.middle], 1, 0)[:, :, None]
+        return self._spread(values) - middle.astype(np.float32)
 
-    def _from_middle(self, travelled_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.abs(self._spread(travelled_m) - travelled_m[self.middle].T[:, :, None])
+    def _most(self, values: Floats) -> Floats:
+        """(..., S) to (..., bounds)."""
+        return values if self.fine else values.reshape(*values.shape[:-1], self.bounds, -1).max(axis=-1)
 
-    def advance_m(self, piece: Indices, block: Indices, normal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(M, halves) how far pieces may come along normals (M, 3), with what they keep free."""
-        along = (self._shift[piece, block] @ normal[:, :, None])[..., 0]
-        return _halves_max(along + self._turn_and_need_m[piece, block], self.halves)
+    def advance_m(self, piece: Indices, block: Indices, normal: Floats) -> Floats:
+        """(M, bounds) how far pieces may come along normals (M, 3), with what they keep free."""
+        return self._most((self._sway[piece, block] @ _with_ones(normal))[..., 0])
 
-    def extent_m(self, piece: Indices, block: Indices, normal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(M, S) how far pieces reach along a normal (M, 3) from the world's origin."""
-        farthest = np.einsum("msi,mi->ms", self._origin[piece, block], normal)
-        local = np.einsum("msij,mi->msj", self._rotation[piece, block], normal).astype(np.float32)
-        order = np.argsort(piece, kind="stable")
-        ends = np.searchsorted(piece[order], np.arange(len(self.body.pieces) + 1)).tolist()
-        step = max(1, BATCH // self.size)
-        for each, begin, end in zip(self.body.pieces, ends[:-1], ends[1:], strict=True):
-            for first in range(begin, end, step):
-                some = order[first : min(first + step, end)]
-                heights = each.hull @ local[some].reshape(-1, 3).T
-                farthest[some] += heights.max(axis=0).reshape(-1, self.size)
-        return farthest
-
-    def carry(self, piece: Indices, block: Indices, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(M, S, 3) where world points (M, 3) of pieces in the middles go."""
-        pose = self.body.poses[self.middle[block], piece]
-        local = np.einsum("mij,mi->mj", pose[:, :3, :3], point - pose[:, :3, 3])
-        turned = np.einsum("msij,mj->msi", self._rotation[piece, block], local)
-        return turned + self._origin[piece, block]
-
-    def placed(self, piece: Indices, block: Indices) -> list[coal.Transform3s]:
-        """coal's transforms in the middles of the blocks."""
-        found, pieces = [], len(self.body.pieces)
-        for key in (block * pieces + piece).tolist():
-            transform = self._transforms[key]
-            if transform is None:
-                at, which = divmod(key, pieces)
-                transform = self._transforms[key] = self.body.placed(int(self.middle[at]), which)
-            found.append(transform)
-        return found
+    def carry(self, piece: Indices, block: Indices, point: Floats) -> Floats:
+        """(M, 3, S) where world points (M, 3) of pieces in the middles go."""
+        poses = self._by_row[piece, block]  # (M, 3, S, 4)
+        middle = self.body.poses[self.middle[block], piece]
+        local = (point - middle[:, :3, 3])[:, None] @ middle[:, :3, :3]
+        moved = poses.reshape(-1, 3 * self.size, 4) @ _with_ones(local[:, 0].astype(np.float32))
+        return moved.reshape(-1, 3, self.size)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
+class _Pair(NamedTuple):
     """Two pieces that must keep apart, where both masks hold."""
 
     a: int
@@ -281,16 +299,18 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     todo = diagram.meeting(a.blocks(size, between), b.blocks(size, between))
     while len(todo):
         x, y = a.blocks(size, between), b.blocks(size, between)
+        if size == FINE_BLOCK:
+            diagram.pierce(todo, x, y)
         left = []
         for some in _first_of_each_block(todo, len(y)):
             some = diagram.open_blocks(some, x, y)
             if len(some):
-                left.append((diagram.by_block if size > FINE_BLOCK else diagram.by_cell)(some, x, y))
+                left.append(diagram.settle(some, x, y))
         if not left:
             break
         todo, gap = (np.concatenate(each) for each in zip(*left, strict=True))
         todo = todo[np.argsort(gap, kind="stable")]
-        size //= 2
+        size //= min(PARTS, size)
     return diagram.forbidden[: len(a), : len(b)]
 
 
@@ -300,10 +320,12 @@ class _Diagram:
     def __init__(self, a: Swept, b: Swept, pairs: Sequence[_Pair], margin_m: float) -> None:
         self.margin_m = margin_m
         self.a, self.b = np.array([pair.a for pair in pairs]), np.array([pair.b for pair in pairs])
-        self.rows = np.array([pair.rows for pair in pairs])  # (pairs, P)
-        self.columns = np.array([pair.columns for pair in pairs])  # (pairs, Q)
-        sides = [-(-len(body) // BLOCK) * BLOCK for body in (a, b)]
-        self.forbidden = np.ones(sides, dtype=bool)  # beyond the ends nothing is left to find
+        rows, columns = (-(-len(body) // BLOCK) * BLOCK for body in (a, b))
+        self.rows = np.zeros((len(pairs), rows), dtype=bool)
+        self.columns = np.zeros((len(pairs), columns), dtype=bool)
+        self.rows[:, : len(a)] = [pair.rows for pair in pairs]
+        self.columns[:, : len(b)] = [pair.columns for pair in pairs]
+        self.forbidden = np.ones((rows, columns), dtype=bool)  # beyond the ends nothing is left to find
         self.forbidden[: len(a), : len(b)] = False
 
     def meeting(self, x: _Blocks, y: _Blocks) -> Indices:
@@ -320,7 +342,8 @@ class _Diagram:
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
         line = y.centres[c, j] - x.centres[r, i]
-        normal = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), SLACK_M)
+        length_m = np.maximum(np.linalg.norm(line, axis=1, keepdims=True), SLACK_M)
+        normal = (line / length_m).astype(np.float32)
         (centres_a, radii_a), (centres_b, radii_b) = x.cover, y.cover
         far_a = ((centres_a[r, i] @ normal[:, :, None])[..., 0] + radii_a[i]).max(axis=1)
         near_b = ((centres_b[c, j] @ normal[:, :, None])[..., 0] - radii_b[j]).min(axis=1)
@@ -330,60 +353,73 @@ class _Diagram:
 
     def open_blocks(self, todo: Indices, x: _Blocks, y: _Blocks) -> Indices:
         """What is not forbidden altogether."""
-        rows, columns = self.forbidden.shape
-        full = np.all(self.forbidden.reshape(-1, x.size, columns), axis=1)
-        full = np.all(full.reshape(rows // x.size, -1, y.size), axis=2)
-        return todo[~full[todo[:, 1], todo[:, 2]]]
+        return todo[~self._cells(todo, x, y).all(axis=(1, 2))]
 
-    def by_block(self, todo: Indices, x: _Blocks, y: _Blocks) -> Quarters:
-        """Settles quarters of blocks by one bound on how the pieces move; returns those that stay open."""
+    def pierce(self, todo: Indices, x: _Blocks, y: _Blocks) -> None:
+        """Forbids cells in which spheres inside the pieces come too close: most of them need no distance."""
+        todo = self.open_blocks(todo, x, y)
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
-        distance, normal, _ = _look(x, y, todo, i, j)
-        least = (
-            distance[:, None, None]
-            - x.advance_m(i, r, normal)[:, :, None]
-            - y.advance_m(j, c, -normal)[:, None]
-        )
-        most = distance[:, None, None] + x.surplus_m[i, r][:, :, None] + y.surplus_m[j, c][:, None]
-        closer = most < self.margin_m - SLACK_M
-        for k, half, other in np.argwhere(closer).tolist():
-            top, left = r[k] * x.size + half * x.size // x.halves, c[k] * y.size + other * y.size // y.halves
-            rows = slice(top, min(top + x.size // x.halves, len(x.body)))
-            columns = slice(left, min(left + y.size // y.halves, len(y.body)))
-            both = self.rows[pair[k], rows, None] & self.columns[pair[k], None, columns]
-            self.forbidden[rows, columns] |= both
-        return _quarters(todo, ~closer & ~(least >= self.margin_m + SLACK_M), least + most, x, y)
+        radii = x.core_m[i][:, :, None] + y.core_m[j][:, None]  # (M, K, K)
+        line = x.core_middle[i, r][:, :, None] - y.core_middle[j, c][:, None]
+        depth = radii - np.sqrt(np.einsum("mkli,mkli->mkl", line, line))
+        deepest = depth.reshape(len(todo), CORE_SPHERES**2).argmax(axis=1)
+        k, m = np.divmod(deepest, CORE_SPHERES)
+        most = _apart_m(x.core[i, k, r], y.core[j, m, c]) - radii[np.arange(len(todo)), k, m][:, None, None]
+        most -= x.need_m[i, r][:, :, None] + y.need_m[j, c][:, None]
+        self._forbid(todo, (most < self.margin_m) & self._concerned(todo, x.size, y.size))
 
-    def by_cell(self, todo: Indices, x: _Blocks, y: _Blocks) -> Quarters:
-        """Settles cells by bounds of their own; returns the quarters of blocks in which some stay open."""
+    def settle(self, todo: Indices, x: _Blocks, y: _Blocks) -> Parts:
+        """Settles parts of blocks, or cells of fine ones, by bounds; returns the parts that stay open."""
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
         distance, normal, point_a = _look(x, y, todo, i, j)
-        keep = self.margin_m + x.need_m[i, r][:, :, None] + y.need_m[j, c][:, None]  # (M, S, S)
-        least = -y.extent_m(j, c, -normal)[:, None] - x.extent_m(i, r, normal)[:, :, None]
-        if x.size == y.size == 1:
-            least = np.fmax(least, distance[:, None, None])
-        most = distance[:, None, None] + x.travel_m[i, r][:, :, None] + y.travel_m[j, c][:, None]
-        inside = np.minimum(distance, 0.0)[:, None] / 2  # where pieces overlap: a point of both
-        points_a = x.carry(i, r, point_a + inside * normal) - point_a[:, None]
-        points_b = y.carry(j, c, point_a + (distance[:, None] - inside) * normal) - point_a[:, None]
-        squared = np.sum(points_a**2, axis=2)[:, :, None] + np.sum(points_b**2, axis=2)[:, None]
-        squared -= 2 * points_a @ points_b.swapaxes(1, 2)
-        most = np.fmin(most, np.sqrt(np.maximum(squared, 0.0)))
+        # bounds on what the pieces have beyond what they keep free
+        advance = x.advance_m(i, r, normal)[:, :, None] + y.advance_m(j, c, -normal)[:, None]
+        least = distance[:, None, None] - advance
+        most = distance[:, None, None] + x.surplus_m[i, r][:, :, None] + y.surplus_m[j, c][:, None]
+        open_ = ~(least >= self.margin_m + ASKEW_M)
+        if not (x.fine and y.fine):
+            closer = most < self.margin_m - SLACK_M
+            parts, _ = _parts(todo, closer, most, x, y)
+            self._forbid(parts, self._concerned(parts, x.size // x.parts, y.size // y.parts))
+            return _parts(todo, open_ & ~closer, least + most, x, y)
+        most = np.fmin(most, self._carried_m(todo, x, y, distance, normal, point_a))
+        if x.size == y.size == 1:  # exact, also where coal has no direction to give
+            open_ = ~(most >= self.margin_m + SLACK_M)
+        open_ &= self._concerned(todo, x.size, y.size)
+        self._forbid(todo, open_ & (most < self.margin_m + max(SLACK_M, DOUBT * self.margin_m)))
+        open_ &= ~self._cells(todo, x, y)
+        return _parts(todo, open_, least + most, x, y)
 
-        rows, columns = x.rows[r][:, :, None], y.rows[c][:, None]
-        concerned = self.rows[pair[:, None, None], rows] & self.columns[pair[:, None, None], columns]
-        concerned &= ~(least >= keep + SLACK_M)  # also where coal has no direction to give
-        k, row, column = np.nonzero(concerned & (most < keep + max(SLACK_M, DOUBT * self.margin_m)))
-        self.forbidden[rows[k, row, 0], columns[k, 0, column]] = True
-        if x.size == y.size == 1:
-            return todo[:0], np.zeros(0)
-        concerned &= ~self.forbidden[rows, columns]
-        quarters = len(todo), x.halves, x.size // x.halves, y.halves, y.size // y.halves
-        open_ = np.any(concerned.reshape(quarters), axis=(2, 4))
-        gap = (least + most - keep).reshape(quarters).mean(axis=(2, 4))
-        return _quarters(todo, open_, gap, x, y)
+    def _carried_m(
+        self, todo: Indices, x: _Blocks, y: _Blocks, distance: Floats, normal: Floats, point_a: Floats
+    ) -> Floats:
+        """(M, S, S) distance of the two nearest points carried with their pieces, less what is kept free."""
+        pair, r, c = todo.T
+        i, j = self.a[pair], self.b[pair]
+        inside = np.minimum(distance, 0)[:, None] / 2  # where pieces overlap: a point of both
+        points_a = x.carry(i, r, point_a + inside * normal)
+        points_b = y.carry(j, c, point_a + (distance[:, None] - inside) * normal)
+        return _apart_m(points_a, points_b) - x.need_m[i, r][:, :, None] - y.need_m[j, c][:, None]
+
+    def _cells(self, todo: Indices, x: _Blocks, y: _Blocks) -> Mask:
+        """(M, S, S) which cells of the blocks are forbidden by now."""
+        blocks = self.forbidden.reshape(-1, x.size, self.forbidden.shape[1] // y.size, y.size)
+        return blocks[todo[:, 1], :, todo[:, 2]]
+
+    def _concerned(self, todo: Indices, height: int, width: int) -> Mask:
+        """(M, height, width) the cells of blocks in which their pair of pieces has to keep apart."""
+        pair, r, c = todo.T
+        rows = self.rows.reshape(len(self.rows), -1, height)[pair, r]
+        columns = self.columns.reshape(len(self.columns), -1, width)[pair, c]
+        return rows[:, :, None] & columns[:, None]
+
+    def _forbid(self, todo: Indices, closer: Mask) -> None:
+        """Forbids cells (M, height, width) of blocks."""
+        k, row, column = np.nonzero(closer)
+        _, height, width = closer.shape
+        self.forbidden[todo[k, 1] * height + row, todo[k, 2] * width + column] = True
 
 
 def _first_of_each_block(todo: Indices, columns: int) -> tuple[Indices, Indices]:
@@ -393,35 +429,45 @@ def _first_of_each_block(todo: Indices, columns: int) -> tuple[Indices, Indices]
     return todo[first], todo[~first]
 
 
-def _quarters(todo: Indices, open_: Mask, gap: NDArray[np.float64], x: _Blocks, y: _Blocks) -> Quarters:
-    """The blocks of half the size for which `open_` (M, halves, halves) is set, and their gaps."""
-    k, half, other = np.nonzero(open_)
-    quarters = todo[k] * [1, x.halves, y.halves] + np.stack([0 * k, half, other], axis=1)
-    return quarters, gap[k, half, other]
+def _parts(todo: Indices, open_: Mask, gap: Floats, x: _Blocks, y: _Blocks) -> Parts:
+    """The parts of blocks in which `open_` (M, bounds, bounds) is set, and their gaps."""
+    height, width = x.bounds // x.parts, y.bounds // y.parts
+    parts = np.zeros((len(todo), x.parts, y.parts), dtype=bool)
+    k, row, column = np.nonzero(open_)
+    parts[k, row // height, column // width] = True
+    k, row, column = np.nonzero(parts)
+    gaps = gap[:, (height - 1) // 2 :: height, (width - 1) // 2 :: width]
+    pair, r, c = todo[k].T
+    return np.stack([pair, r * x.parts + row, c * y.parts + column], axis=1), gaps[k, row, column]
 
 
-def _halves_max(values: NDArray[np.float64], halves: int) -> NDArray[np.float64]:
-    """(..., S) to (..., halves)."""
-    return values.reshape(*values.shape[:-1], halves, values.shape[-1] // halves).max(axis=-1)
+def _apart_m(a: Floats, b: Floats) -> Floats:
+    """(M, S, S) distances of points (M, 3, S)."""
+    origin = a[:, :, :1]
+    a, b = a - origin, b - origin
+    squared = -2 * a.swapaxes(1, 2) @ b
+    squared += np.einsum("mis,mis->ms", a, a)[:, :, None] + np.einsum("mis,mis->ms", b, b)[:, None]
+    return np.sqrt(np.maximum(squared, 0))
+
+
+def _with_ones(vectors: Floats) -> Floats:
+    """(M, 3) to (M, 4, 1)."""
+    return np.concatenate([vectors, np.ones_like(vectors[:, :1])], axis=1)[:, :, None]
 
 
 def _power_of_two(least: int) -> int:
     return 1 << (least - 1).bit_length()
 
 
-def _look(
-    x: _Blocks, y: _Blocks, todo: Indices, i: Indices, j: Indices
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _look(x: _Blocks, y: _Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
     """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
-    distances, normals, points = np.empty(len(todo)), np.empty((len(todo), 3)), np.empty((len(todo), 3))
-    shapes_a = [piece.shape for piece in x.body.pieces]
-    shapes_b = [piece.shape for piece in y.body.pieces]
-    placed = x.placed(i, todo[:, 1]), y.placed(j, todo[:, 2])
+    distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
+    looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
     distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
-    for k, (p, at_a, q, at_b) in enumerate(zip(i.tolist(), placed[0], j.tolist(), placed[1], strict=True)):
+    for k, look in enumerate(looks):
         clear()
-        distances[k] = distance(shapes_a[p], at_a, shapes_b[q], at_b, _REQUEST, _RESULT)
-        normals[k] = _RESULT.normal
+        distances[k] = distance(*look, _REQUEST, _RESULT)
+        normals[k] = _NORMAL
         points[k] = nearest_point()
     return distances, normals, points
 

@@ -5,7 +5,7 @@ and its face planes for filling voxels. All in the frame of the piece, metres.
 """
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import coal
 import numpy as np
@@ -17,6 +17,8 @@ from rf_exp.robots import panda
 
 COVER_RADIUS_M = 0.06  # spheres of a cover are split until they are smaller than this
 COVER_SPHERES = 8  # or until there are this many
+CORE_SPHERES = 4
+CORE_DEPTHS = (0.0, 0.2, 0.35, 0.5, 0.65)  # of the way from the middle to the vertices: where they may be
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +31,8 @@ class Piece:
     centre: NDArray[np.float64]  # (3,) of the bounding sphere
     radius_m: float
     cover: NDArray[np.float64]  # (COVER_SPHERES, 4): centre and radius; the last ones repeat the first
+    core: NDArray[np.float64]  # (CORE_SPHERES, 4): centre and radius of spheres inside
     shape: coal.Convex
-
-    @cached_property
-    def hull(self) -> NDArray[np.float32]:
-        """(V, 3) the vertices, at half the width for fast products."""
-        return self.vertices.astype(np.float32)
 
     @staticmethod
     def of(mesh: trimesh.Trimesh) -> "Piece":
@@ -51,6 +49,7 @@ class Piece:
             centre=centre,
             radius_m=radius_m,
             cover=cover(vertices),
+            core=core(vertices, hull.equations),
             shape=_coal(vertices),
         )
 
@@ -82,6 +81,18 @@ def cover(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
         spheres += [enclosing_sphere(half) for half in halves]
     rows = np.array([[*centre, radius] for centre, radius in spheres])
     return np.concatenate([rows, np.repeat(rows[:1], COVER_SPHERES - len(rows), axis=0)])
+
+
+def core(vertices: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Spheres (CORE_SPHERES, 4) inside the convex hull: the largest one, then those that stick out."""
+    middle = vertices.mean(axis=0)
+    centres = np.concatenate([middle + depth * (vertices - middle) for depth in CORE_DEPTHS])
+    radii = -np.max(centres @ planes[:, :3].T + planes[:, 3], axis=1)
+    chosen = [int(radii.argmax())]
+    while len(chosen) < CORE_SPHERES:
+        away = np.linalg.norm(centres[:, None] - centres[chosen], axis=2) - radii[chosen]
+        chosen.append(int(np.argmax(away.min(axis=1) + radii)))
+    return np.column_stack([centres, np.maximum(radii, 0)])[chosen]
 
 
 def _halves(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:

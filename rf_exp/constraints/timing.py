@@ -165,7 +165,7 @@ def _problem(
         mask = np.zeros((len(rows), len(columns)), dtype=bool)
         for source in (diagrams, demands.cells):
             if (i, j) in source:
-                mask |= source[i, j][np.ix_(rows, columns)]
+                mask |= source[i, j][rows][:, columns]
         forbidden[i - 1, j - 1] = mask
     for a, end, b, start, at_end in demands.after_dwell:
         i, j = sorted((a, b))

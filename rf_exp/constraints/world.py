@@ -91,10 +91,11 @@ class Bodies:
         arm = self.arms[agent - 1]
         segments = self._segment_of(trajectory)
         qpos = np.hstack([path[:, :ARM_JOINTS], self._openings_m(trajectory)[:, None].repeat(2, axis=1)])
-        tcp = arm.tcp(path[:, :ARM_JOINTS])
         moved: dict[str, NDArray[np.float64]] = {}
         carried: dict[str, Mask] = {}
-        for name in dict.fromkeys(segment.carries for segment in trajectory.segments if segment.carries):
+        names = dict.fromkeys(segment.carries for segment in trajectory.segments if segment.carries)
+        tcp = arm.tcp(path[:, :ARM_JOINTS]) if names else np.empty(0)
+        for name in names:
             poses = np.empty((len(path), 4, 4))
             mask = np.zeros(len(path), dtype=bool)
             begin = 0

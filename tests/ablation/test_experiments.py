@@ -44,6 +44,8 @@ def test_ablation_draws_nothing_and_counts_seeds() -> None:
     assert values["stages"] == ["generate", "report"]
     assert not values["render"]
     assert values["episodes"] >= 100
+    assert values["out"] != composed()["out"]  # scenes with heavy things never mix with the usual ones
+    assert values["randomisation"]["heavy"] > 0
 
 
 def test_tasks_sweeps_over_the_paper_s_demonstrations() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import CheckCode, Checker, RoboChecker, compile
-from rf_exp.constraints.checker import LOST_STEPS, TRACKING_RAD
+from rf_exp.constraints.checker import LOST_STEPS, REFLEX_N, TRACKING_RAD
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import say
 from rf_exp.types import Constraint, Proposal, Row, Schedule, Subgoal, Violation
@@ -245,6 +245,19 @@ def test_contact_between_arms_is_noticed_where_space_counts(running, food):
     blind = RoboChecker(FOOD, proposal, TEMPORAL)
     blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
     assert blind.monitor(replace(scene, arm_contacts=((1, 2, 12.0),))) is None
+
+
+def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
+    scene, trajectories, proposal = food
+    blind = RoboChecker(FOOD, proposal, LOGICAL)
+    blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
+    violation = blind.monitor(replace(scene, arm_contacts=((1, 2, REFLEX_N + 1.0),)))
+    assert violation is not None
+    assert (violation.check, violation.agents, violation.bound) == ("Collision", (1, 2), REFLEX_N)
+    assert violation.reason == (
+        "Agent_1, to grasp steak at center (move), and Agent_2, to grasp lid at knob (move), "
+        "hit each other with 21 N (arms stop at 20 N)"
+    )
 
 
 def test_monitoring_without_a_plan_is_an_error_that_says_so():

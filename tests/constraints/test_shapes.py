@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from rf_exp.constraints.shapes import COVER_SPHERES, Piece, arm_pieces, enclosing_sphere
+from rf_exp.constraints.shapes import CORE_SPHERES, COVER_SPHERES, Piece, arm_pieces, enclosing_sphere
 from rf_exp.constraints.world import asset_pieces
 from rf_exp.robots.panda import LINKS
 from rf_exp.tasks import assets
@@ -34,6 +34,16 @@ def test_the_cover_and_the_sphere_hold_every_point_of_the_hull(piece):
     distances = np.linalg.norm(points[:, None] - piece.cover[None, :, :3], axis=2) - piece.cover[:, 3]
     assert distances.min(axis=1).max() <= 1e-9
     assert np.linalg.norm(points - piece.centre, axis=1).max() <= piece.radius_m + 1e-9
+
+
+@pieces
+def test_the_core_is_inside(piece):
+    directions = np.random.default_rng(3).normal(size=(200, 1, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    assert len(piece.core) == CORE_SPHERES
+    surface = (piece.core[:, :3] + directions * piece.core[:, 3:]).reshape(-1, 3)
+    assert (surface @ piece.planes[:, :3].T + piece.planes[:, 3]).max() <= 1e-6
+    assert piece.core[0, 3] > 0
 
 
 @pieces

@@ -139,6 +139,19 @@ def test_arms_take_turns_without_a_model_of_time(lift_world):
     assert (np.diff(full.plans[1].schedule.positions, axis=0) == 1).all()  # the lift is one motion of both
 
 
+def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
+    """What lost synchronisation costs (paper, section 4.3): one arm alone slips, and the barrier falls."""
+    heavy = replace(lift_barrier, randomisation=replace(lift_barrier.randomisation, heavy=1.0))
+    seed = next(seed for seed in range(1000) if heavy.start(seed).masses_kg["barrier"] > 9.3)
+    with Simulator(heavy, render=False) as world:
+        together, turns = (
+            EpisodeMaker(Settings(heavy, row, ScriptedSpec()), world, ScriptedBrain()).make(seed)
+            for row in (FULL, Row("logical_spatial", temporal=False))
+        )
+    assert together.success
+    assert not turns.success and "Agent" in turns.reason
+
+
 def test_attempts_must_be_positive(lift_barrier):
     with pytest.raises(ArgumentError, match="attempts is 0; at least 1"):
         settings(lift_barrier, attempts=0)

@@ -65,6 +65,11 @@ def test_an_object_relative_to_nothing(node: dict[str, Any]) -> None:
     )
 
 
+def test_a_randomisation_out_of_range(node: dict[str, Any]) -> None:
+    node["randomisation"] = {"heavy": 1.5}
+    assert "randomisation.heavy is 1.5; expected a number from 0 to 1" in message(node)
+
+
 def test_a_name_that_is_not_the_files(node: dict[str, Any]) -> None:
     node["name"] = "put_food"
     assert message(node) == "task 'place_food': field name is 'put_food'; expected 'place_food'"

@@ -109,10 +109,15 @@ class Reach:
         """
         known: list[Points] = []
         facing = self._facing(agent, goal)
-        spare = [facing + self.rng.normal(0.0, _SPREAD_RAD, 7) for _ in range(_RANDOM_SEEDS)]
-        for tried, seed in enumerate([current, facing, *(facing + swivel for swivel in _SWIVELS), *spare]):
-            if (known or found) and tried >= 2 + len(_SWIVELS):
-                break
+
+        def guesses() -> Iterator[Points]:
+            yield from (current, facing, *(facing + swivel for swivel in _SWIVELS))
+            for _ in range(_RANDOM_SEEDS):
+                if known or found:
+                    break
+                yield facing + self.rng.normal(0.0, _SPREAD_RAD, 7)
+
+        for seed in guesses():
             joints = self.arms[agent].solve(pre, seed)
             if joints is None or any(np.abs(joints - other).max() < _SAME_RAD for other in known):
                 continue
