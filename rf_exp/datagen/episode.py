@@ -6,7 +6,7 @@ half-way through costs what is left, not what is done.
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -20,6 +20,7 @@ from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Judge, Task
+from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.types import (
     ARM_JOINTS,
     CONTROL_DT_S,
@@ -183,8 +184,12 @@ class EpisodeMaker:
         if isinstance(checker.code, Violation):
             return checker.code
         violation: Violation | None = None
-        for avoid_parked in (False, True) if row.spatial and row.temporal else (row.spatial,):
-            result = self._motion(proposal, checker, scene, avoid_parked, rng)
+        rest = tuple(robot.rest_rad for robot in task.robots)
+        # Who knows space and time may also pass an arm before it is in the way, or send it farther off.
+        aside = (ASIDE_QPOS,) * len(task.robots)
+        ways = ((False, rest), (True, rest), (False, aside)) if row.temporal else ((True, rest),)
+        for avoid_parked, back in ways if row.spatial else ((False, rest),):
+            result = self._motion(proposal, checker, scene, avoid_parked, back, rng)
             if isinstance(result, Plan):
                 self._checker = checker
                 self._rounds.append(
@@ -207,9 +212,13 @@ class EpisodeMaker:
         checker: RoboChecker,
         scene: Scene,
         avoid_parked: bool,
+        back: Sequence[Sequence[float]],
         rng: np.random.Generator,
     ) -> Plan | Violation:
-        """Trajectories and a schedule that pass all checks, or the first reason why not."""
+        """Trajectories and a schedule that pass all checks, or the first reason why not.
+
+        Arms that make room draw `back` to these joints, (7,) for each arm.
+        """
         settings = self._settings
         assert isinstance(checker.code, CheckCode)
         obstacles = Obstacles(settings.task, scene, settings.row, proposal)
@@ -222,7 +231,7 @@ class EpisodeMaker:
                 limits=settings.limits,
                 lockstep=checker.lockstep,
                 order=checker.order,
-                make_room=checker.makes_room,
+                make_room={agent: np.array(back[agent - 1]) for agent in checker.makes_room},
                 rng=rng,
             )
         except Unreachable as error:
@@ -289,6 +298,7 @@ class EpisodeMaker:
     def _why(self, reason: str, failures: int) -> str:
         missing = [name for name, holds in self._verdict.evidence.items() if not holds]
         physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
+        # The tables read the number of violations from these words (GenerationRow.violations).
         return f"{physical}; last violation of {failures}: {reason}" if reason else physical
 
     def _episode(self, seed: int) -> Episode:

@@ -1,8 +1,9 @@
 """From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation)."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.datagen.motion.primitives import Primitives
 from rf_exp.datagen.motion.reach import Reach
@@ -43,14 +44,14 @@ def plan_motion(
     limits: JointLimits,
     lockstep: Lockstep,
     order: Order = (),
-    make_room: Collection[int] = (),
+    make_room: Mapping[int, NDArray[np.float64]] | None = None,
     rng: np.random.Generator,
 ) -> tuple[tuple[Trajectory, ...], State]:
     """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
 
     Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
     `order` starts from where the earlier leaves the objects. Agents in `make_room` that have let go of
-    something and have nothing more to do draw back, if a way is free. Raises Unreachable.
+    something and have nothing more to do draw back to its joints (7,), if a way is free. Raises Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = present_state(task, scene, arms)
@@ -64,8 +65,9 @@ def plan_motion(
         if alone is not None:
             subgoal = alone.pop(0)
             segments[subgoal.agent] += primitives.plan(subgoal, state, alone)
-            if not alone and subgoal.agent in make_room:
-                segments[subgoal.agent] += _draw_back(segments[subgoal.agent], primitives, state)
+            if not alone and make_room and subgoal.agent in make_room:
+                done = segments[subgoal.agent]
+                done += _draw_back(done, make_room[subgoal.agent], primitives, state)
             continue
         for segment in _joint_lift(_next_group(ready, lockstep, waiting), primitives, state):
             segments[segment.agent].append(segment)
@@ -83,11 +85,13 @@ def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
     return None
 
 
-def _draw_back(done: list[Segment], primitives: Primitives, state: State) -> list[Segment]:
+def _draw_back(
+    done: list[Segment], joints: NDArray[np.float64], primitives: Primitives, state: State
+) -> list[Segment]:
     if not done or done[-1].primitive != "retreat":
         return []
     try:
-        return primitives.plan(Subgoal(done[-1].agent, "home"), state)
+        return primitives.move(Subgoal(done[-1].agent, "home"), joints, state)
     except Unreachable:
         return []
 

@@ -115,10 +115,12 @@ class Primitives:
         return [*segments, self._segment(subgoal, "press", points, state, touches)]
 
     def _home(self, subgoal: Subgoal, state: State) -> list[Segment]:
-        rest = np.array(self.task.robots[subgoal.agent - 1].rest_rad)
-        return [
-            self._segment(subgoal, "move", self.reach.freely(subgoal.agent, rest, state, "go home"), state)
-        ]
+        return self.move(subgoal, np.array(self.task.robots[subgoal.agent - 1].rest_rad), state)
+
+    def move(self, subgoal: Subgoal, joints: NDArray[np.float64], state: State) -> list[Segment]:
+        """To joints (7,) on a free path."""
+        points = self.reach.freely(subgoal.agent, joints, state, "go home")
+        return [self._segment(subgoal, "move", points, state)]
 
     def _hold(self, subgoal: Subgoal, state: State) -> list[Segment]:
         return []
