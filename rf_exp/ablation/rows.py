@@ -22,7 +22,7 @@ from rf_exp.errors import ArgumentError, StageError
 log = logging.getLogger(__name__)
 
 # How the reason of a failed generation counts its violations, where it had any.
-_COUNTED = re.compile(r"last violation of (\d+):")
+_COUNTED = re.compile(r"violation of (\d+):")
 
 
 @dataclass(frozen=True)

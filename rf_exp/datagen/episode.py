@@ -134,9 +134,9 @@ class EpisodeMaker:
         rng = np.random.default_rng([seed, 1])  # stream 1 of the episode: planning
         feedback: tuple[Violation, ...] = ()
         done: tuple[Subgoal, ...] = ()
-        failures, reason = 0, ""
+        reasons: list[str] = []  # of the violations
         for _ in range(_ROUNDS):
-            if failures >= settings.attempts or self._verdict.success:
+            if len(reasons) >= settings.attempts or self._verdict.success:
                 break
             question = Question(
                 settings.task, scene, self._world.pictures() if self._world.cameras else {}, done, feedback
@@ -151,8 +151,8 @@ class EpisodeMaker:
             if violation is None:
                 feedback, done = (), done + (result.proposal.subgoals if isinstance(result, Plan) else ())
                 continue
-            failures += 1
-            feedback, reason = (violation,), violation.reason
+            reasons.append(violation.reason)
+            feedback = (violation,)
             self._rounds.append({"violation": _violation_json(violation)})
             self._observer.rejected(violation)
         if not self._verdict.success:
@@ -163,8 +163,8 @@ class EpisodeMaker:
             success,
             self._paper,
             len(self._frames),
-            failures + int(success or failures < settings.attempts),
-            "" if success else self._why(reason, failures),
+            len(reasons) + int(success or len(reasons) < settings.attempts),
+            "" if success else self._why(reasons),
             time.perf_counter() - began,
             self._episode(seed) if success else None,
         )
@@ -184,11 +184,7 @@ class EpisodeMaker:
         if isinstance(checker.code, Violation):
             return checker.code
         violation: Violation | None = None
-        rest = tuple(robot.rest_rad for robot in task.robots)
-        # Who knows space and time may also pass an arm before it is in the way, or send it farther off.
-        aside = (ASIDE_QPOS,) * len(task.robots)
-        ways = ((False, rest), (True, rest), (False, aside)) if row.temporal else ((True, rest),)
-        for avoid_parked, back in ways if row.spatial else ((False, rest),):
+        for avoid_parked, back in _ways(task, row):
             result = self._motion(proposal, checker, scene, avoid_parked, back, rng)
             if isinstance(result, Plan):
                 self._checker = checker
@@ -295,11 +291,15 @@ class EpisodeMaker:
 
     # -- the result ------------------------------------------------------------------------------
 
-    def _why(self, reason: str, failures: int) -> str:
+    def _why(self, reasons: Sequence[str]) -> str:
         missing = [name for name, holds in self._verdict.evidence.items() if not holds]
         physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
-        # The tables read the number of violations from these words (GenerationRow.violations).
-        return f"{physical}; last violation of {failures}: {reason}" if reason else physical
+        if not reasons:
+            return physical
+        # The first says what went wrong; the last, why that could not be mended any more. The tables read the
+        # number of violations from these words (GenerationRow.violations).
+        last = f"; the last: {reasons[-1]}" if reasons[-1] != reasons[0] else ""
+        return f"{physical}; the first violation of {len(reasons)}: {reasons[0]}{last}"
 
     def _episode(self, seed: int) -> Episode:
         scenes, actions, pictures = zip(*self._frames, strict=True)
@@ -312,6 +312,15 @@ class EpisodeMaker:
             {name: np.stack([frame[name] for frame in pictures]) for name in self._world.cameras},
             {"rounds": self._rounds, "evidence": dict(self._verdict.evidence)},
         )
+
+
+def _ways(task: Task, row: Row) -> Sequence[tuple[bool, Sequence[Sequence[float]]]]:
+    """How to plan, the best first: whether to go round arms that stand still, and joints to draw back to."""
+    rest = [robot.rest_rad for robot in task.robots]
+    if not (row.spatial and row.temporal):
+        return [(row.spatial, rest)]
+    # Who knows when arms move may pass one before it is in the way, and afterwards send it farther off.
+    return [(False, rest), (True, rest), (False, [ASIDE_QPOS] * len(rest))]
 
 
 def _violation_json(violation: Violation) -> dict[str, object]:

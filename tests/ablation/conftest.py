@@ -33,7 +33,7 @@ def generation(
 def failed(i: int, broken: int) -> str:
     """A reason, as the loop of generation words it."""
     close = f"agents 1 and 2 came within 0.00{i} m"
-    return f"not lifted; last violation of {broken}: {close}" if broken else close
+    return f"not lifted; the first violation of {broken}: {close}" if broken else close
 
 
 def evaluation(
