@@ -35,8 +35,6 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
             "brain": settings.brain.identity,
         }
     )
-    if settings.occupancy == "state":
-        del made_of["occupancy"]  # data made before there was a choice stay valid
     path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
     with owned(rows_path, made_of), owned(path), _store(experiment, task, row, made_of) as store:
         known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}

@@ -102,10 +102,11 @@ class Randomisation:
     heavy: float = 0.0  # masses are uniform from the asset's up to this part of the way to its heaviest make
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not 0 <= value <= (1 if name != "rest_qpos_rad" else np.inf):
-                upper = "0 or more" if name == "rest_qpos_rad" else "a number from 0 to 1"
-                raise ArgumentError(f"randomisation.{name} is {value}; expected {upper}")
+        if not 0 <= self.rest_qpos_rad < np.inf:
+            raise ArgumentError(f"randomisation.rest_qpos_rad is {self.rest_qpos_rad}; expected 0 or more")
+        for name in ("light", "colour", "heavy"):
+            if not 0 <= (value := getattr(self, name)) <= 1:
+                raise ArgumentError(f"randomisation.{name} is {value}; expected a number from 0 to 1")
 
 
 @dataclass(frozen=True)

@@ -285,10 +285,9 @@ def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: s
 def test_every_format_shows_the_violations(name: str) -> None:
     made_rows, rolled = counted()
     table = made(name, Results(tuple(made_rows), tuple(rolled)))
-    console = Console(file=io.StringIO(), width=400)
-    formats.show(table, console)
-    shown: str = console.file.getvalue()  # type: ignore[attr-defined]
-    texts = (formats.markdown(table), formats.latex(table), page.table_html(table), shown)
+    terminal = io.StringIO()
+    formats.show(table, Console(file=terminal, width=400))
+    texts = (formats.markdown(table), formats.latex(table), page.table_html(table), terminal.getvalue())
     for _, after in followers(table):
         for line in table.lines:
             cell = table.cell(line.key, after.key)
@@ -423,10 +422,10 @@ def test_latex_is_well_formed(out: Path) -> None:
 
 
 def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
-    console = Console(file=io.StringIO(), width=160)
+    terminal = io.StringIO()
     for table in build(load(out), configured()).values():
-        formats.show(table, console)
-    text = console.file.getvalue()  # type: ignore[attr-defined]
+        formats.show(table, Console(file=terminal, width=160))
+    text = terminal.getvalue()
     assert "[31.3, 83.2] n=10" in text
     assert "predefined threshold" not in text
 
