@@ -62,7 +62,7 @@ class Subgoal:
     """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
 
     agent: int
-    verb: str  # grasp lift carry place strike press release home hold
+    verb: str  # grasp lift carry place strike press release home aside hold
     object: str | None = None
     point: str | None = None  # interaction point of `object`
     target: str | None = None  # where to carry, place or strike: an object or a named place

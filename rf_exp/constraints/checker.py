@@ -34,6 +34,8 @@ from rf_exp.types import (
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
+COLLISION = "Collision"  # the check that arms fail which have hit each other
+MOTION = "Motion"  # the check that a proposal fails for which no motion was found
 TRACKING_RAD = 0.15  # beyond the lag
 REFLEX_N = 20.0  # between two arms; the collision reflex of a Panda is set to 20 N in its maker's examples
 LOST_STEPS = 4  # control steps without grip before something counts as lost
@@ -195,7 +197,7 @@ class Checker:
         reason = (
             f"{', and '.join(doings)}, hit each other with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
         )
-        return Violation("Collision", (a, b), scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
+        return Violation(COLLISION, (a, b), scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""

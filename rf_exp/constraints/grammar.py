@@ -34,6 +34,7 @@ VERBS = {
     "release": ("releas", "drop", "let go"),
     "hold": ("hold", "keep"),
     "home": ("home", "return"),
+    "aside": ("aside", "withdraw"),
 }
 DIRECTIONS = {
     "perpendicular": "perpendicular",

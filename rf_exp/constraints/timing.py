@@ -186,8 +186,9 @@ def _problem(
 def serial(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
     """Agents take turns, subgoal by subgoal in the order of the plan: a schedule without a model of time."""
     _agents(trajectories)
-    waiting = {trajectory.agent: subgoal_runs(trajectory) for trajectory in trajectories}
-    turns: list[tuple[int, int]] = []  # agent, steps
+    # Who moves without being named in the plan makes room for those who are: that comes first.
+    turns = [(each.agent, len(each)) for each in trajectories if not proposal.of(each.agent)]  # agent, steps
+    waiting = {each.agent: subgoal_runs(each) for each in trajectories if proposal.of(each.agent)}
     for subgoal in proposal.subgoals:
         runs = waiting.get(subgoal.agent, [])
         if runs and runs[0][0] == subgoal:

@@ -8,12 +8,12 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Bodies, CheckCode, RoboChecker, actions
+from rf_exp.constraints import COLLISION, MOTION, Bodies, CheckCode, RoboChecker, actions
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
 from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
@@ -36,8 +36,8 @@ from rf_exp.types import (
     Violation,
 )
 
-_MOTION = "Motion"  # the check that a violation names when no motion was found at all
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
+_GIVE_WAY_STEPS = 5  # after a hit
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
 
 
@@ -184,8 +184,8 @@ class EpisodeMaker:
         if isinstance(checker.code, Violation):
             return checker.code
         violation: Violation | None = None
-        for avoid_parked, back in _ways(task, row):
-            result = self._motion(proposal, checker, scene, avoid_parked, back, rng)
+        for way in _ways(task, row):
+            result = self._motion(proposal, checker, scene, way, rng)
             if isinstance(result, Plan):
                 self._checker = checker
                 self._rounds.append(
@@ -198,7 +198,7 @@ class EpisodeMaker:
                 self._observer.planned(result, checker)
                 return result
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
-            if violation is None or result.check != _MOTION:
+            if violation is None or result.check != MOTION:
                 violation = result
         return violation
 
@@ -207,14 +207,10 @@ class EpisodeMaker:
         proposal: Proposal,
         checker: RoboChecker,
         scene: Scene,
-        avoid_parked: bool,
-        back: Sequence[Sequence[float]],
+        way: "_Way",
         rng: np.random.Generator,
     ) -> Plan | Violation:
-        """Trajectories and a schedule that pass all checks, or the first reason why not.
-
-        Arms that make room draw `back` to these joints, (7,) for each arm.
-        """
+        """Trajectories and a schedule that pass all checks, or the first reason why not."""
         settings = self._settings
         assert isinstance(checker.code, CheckCode)
         obstacles = Obstacles(settings.task, scene, settings.row, proposal)
@@ -223,15 +219,16 @@ class EpisodeMaker:
                 settings.task,
                 proposal,
                 scene,
-                blocked=obstacles.blocked(avoid_arms=avoid_parked),
+                blocked=obstacles.blocked(avoid_arms=way.avoid_parked),
                 limits=settings.limits,
                 lockstep=checker.lockstep,
                 order=checker.order,
-                make_room={agent: np.array(back[agent - 1]) for agent in checker.makes_room},
+                make_room={agent: np.array(way.back[agent - 1]) for agent in checker.makes_room},
+                idle=None if way.idle is None else np.array(way.idle),
                 rng=rng,
             )
         except Unreachable as error:
-            return _refused(_MOTION, scene, str(error))
+            return _refused(MOTION, scene, str(error))
         schedule = checker.schedule(trajectories, scene)
         if isinstance(schedule, Violation):
             return schedule
@@ -266,8 +263,18 @@ class EpisodeMaker:
                 break
             violation = self._checker.monitor(scene)
             if violation is not None:
-                return scene, violation
+                return self._give_way(scene, violation), violation
         return scene, None
+
+    def _give_way(self, scene: Scene, violation: Violation) -> Scene:
+        """Arms that have hit each other hold where they are, so that they no longer push."""
+        if violation.check == COLLISION:
+            for _ in range(_GIVE_WAY_STEPS):
+                action = self._frames[-1][1].copy()
+                for agent in violation.agents:
+                    action[agent - 1, :ARM_JOINTS] = scene.qpos[agent - 1, :ARM_JOINTS].astype(np.float32)
+                scene = self._step(scene, action)
+        return scene
 
     def _settle(self, scene: Scene) -> Scene:
         """Holds still for a while: what was put down may need a moment to come to rest."""
@@ -314,13 +321,23 @@ class EpisodeMaker:
         )
 
 
-def _ways(task: Task, row: Row) -> Sequence[tuple[bool, Sequence[Sequence[float]]]]:
-    """How to plan, the best first: whether to go round arms that stand still, and joints to draw back to."""
+class _Way(NamedTuple):
+    """How to plan a proposal."""
+
+    avoid_parked: bool  # whether paths go round arms that stand still
+    back: Sequence[Sequence[float]]  # joints (7,) for each arm, to which it draws back when it is done
+    idle: Sequence[float] | None = None  # joints (7,) to which arms go first that have nothing to do
+
+
+def _ways(task: Task, row: Row) -> Sequence[_Way]:
+    """The ways to plan, the best first."""
     rest = [robot.rest_rad for robot in task.robots]
-    if not (row.spatial and row.temporal):
-        return [(row.spatial, rest)]
-    # Who knows when arms move may pass one before it is in the way, and afterwards send it farther off.
-    return [(False, rest), (True, rest), (False, [ASIDE_QPOS] * len(rest))]
+    if not row.spatial:
+        return [_Way(False, rest)]
+    if not row.temporal:
+        return [_Way(True, rest), _Way(True, rest, idle=ASIDE_QPOS)]
+    # Who knows when arms move may pass one before it is in the way, and may send it farther off.
+    return [_Way(False, rest), _Way(True, rest), _Way(False, [ASIDE_QPOS] * len(rest), idle=ASIDE_QPOS)]
 
 
 def _violation_json(violation: Violation) -> dict[str, object]:

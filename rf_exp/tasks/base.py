@@ -27,7 +27,7 @@ from rf_exp.transforms import Matrix, planar
 from rf_exp.types import ARM_JOINTS, Scene, Verdict
 
 REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
-ASIDE_QPOS = (0.0, -0.2, 0.0, -2.3, 0.0, 2.1, np.pi / 4)  # rad, pulled in over its own base
+ASIDE_QPOS = (0.0, -0.6, 0.0, -2.5, 0.0, 1.9, np.pi / 4)  # rad, pulled in over its own base
 FINGERS_OPEN_M = 0.04
 GAP_M = 0.005  # between objects at the start
 _DRAWS = 1000

@@ -65,6 +65,13 @@ def before(first: int, verb: str, name: str, second: int, verb2: str, name2: str
     )
 
 
+def in_turn(first: int, second: int) -> Constraint:
+    """One agent finishes all that it does before another begins."""
+    return Constraint(
+        "temporal", (first, second), f"{_agent(first)} must complete its task before {_agent(second)} begins."
+    )
+
+
 def share_space(a: int, b: int) -> Constraint:
     """Two agents may use the same space at different times."""
     return Constraint(

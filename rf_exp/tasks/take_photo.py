@@ -20,21 +20,17 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """The camera goes up and the steak in front of it; then the shutter is pressed."""
-    before = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
-    if not before and _pressed(scene, task):
+    """All is grasped; the camera goes up and the steak in front of it; then the shutter is pressed."""
+    subgoals = studio.scene_set(scene, task)
+    if not subgoals and _pressed(scene, task):
         return Proposal((), ())
-    subgoals = [*before, Subgoal(PHOTOGRAPHER, "press", "camera", "shutter")]
     constraints = studio.constraints(subgoals)
-    constraints += [
-        say.press_at(PHOTOGRAPHER, "camera", "shutter"),
-        say.perpendicular(PHOTOGRAPHER, "camera"),
-    ]
-    for step in before:
-        if step.verb in ("lift", "carry") and step.object:
-            constraints.append(
-                say.before(step.agent, step.verb, step.object, PHOTOGRAPHER, "press", "camera")
-            )
+    if not subgoals:
+        subgoals = [Subgoal(PHOTOGRAPHER, "press", "camera", "shutter")]
+        constraints = [
+            say.press_at(PHOTOGRAPHER, "camera", "shutter"),
+            say.perpendicular(PHOTOGRAPHER, "camera"),
+        ]
     return Proposal(tuple(subgoals), (*constraints, *say.keep_clear(task.agents)))
 
 

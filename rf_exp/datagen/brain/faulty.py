@@ -5,7 +5,7 @@ has complained, it answers as scripted. So an episode shows whether a mistake of
 whether the loop recovers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -41,7 +41,8 @@ class FaultyBrain:
             if changed is not None:
                 self.placed = True
                 return to_json(changed)
-        return ScriptedBrain().answer(question)
+        # The feedback is about the fault, so that the plan as it should have been answers it.
+        return ScriptedBrain().answer(replace(question, feedback=()))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from rf_exp.errors import StageError
 from rf_exp.tasks import Task
 from rf_exp.types import Constraint, Kind, Proposal, Scene, Subgoal, Violation
 
-VERBS = ("grasp", "lift", "carry", "place", "strike", "press", "release", "home", "hold")
+VERBS = ("grasp", "lift", "carry", "place", "strike", "press", "release", "home", "aside", "hold")
 SUBGOAL_FORMS = (
     "grasp OBJECT at POINT",
     "lift OBJECT by H m",
@@ -29,6 +29,7 @@ SUBGOAL_FORMS = (
     "press OBJECT at POINT",
     "release OBJECT",
     "home",
+    "aside",
     "hold",
 )
 
@@ -194,6 +195,7 @@ _NEEDS = {
     "strike": ("object", "point", "target"),
     "release": ("object",),
     "home": (),
+    "aside": (),
     "hold": (),
 }
 

@@ -1,20 +1,68 @@
 """The RoboBrain that needs no network: the plan written in the task's module."""
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
+import numpy as np
+
+from rf_exp.constraints import COLLISION, MOTION
 from rf_exp.datagen.brain.protocol import Question, to_json
-from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.tasks import Task, say
+from rf_exp.tasks.base import ASIDE_QPOS
+from rf_exp.types import ARM_JOINTS, Proposal, Row, Scene, Subgoal, Violation
+
+_AGENT = re.compile(r"Agent_(\d+)")
+_NEAR_RAD = 0.1  # from where an arm would go: it is there already
 
 
 class ScriptedBrain:
-    """Answers with the task's own plan for the present scene."""
+    """Answers with the task's own plan for the present scene, once nobody is in anybody's way."""
 
     name = "scripted"
 
     def answer(self, question: Question) -> str:
-        return to_json(question.task.module.plan(question.scene, question.task))
+        proposal = question.task.module.plan(question.scene, question.task)
+        for violation in question.feedback:
+            if leaving := _leaving(violation, proposal, question.scene):
+                return to_json(_aside(leaving, question.task))
+        return to_json(proposal)
+
+
+def _leaving(violation: Violation, proposal: Proposal, scene: Scene) -> list[int]:
+    """Who draws aside because of a violation, in this order; never one that carries something with another.
+
+    After a hit both; first the one whose work comes later in the plan, which came to where the other
+    stood. Of two that are in each other's way who has nothing to do, or whose work comes later. One that
+    finds no way begins again from farther off.
+    """
+    named = list(dict.fromkeys(map(int, _AGENT.findall(violation.reason))))
+    if len(named) > 2 or (len(named) == 1 and violation.check != MOTION):
+        return []
+    planned = [subgoal.agent for subgoal in proposal.subgoals]
+    able = [agent for agent in named if not _shares(agent, scene) and not _is_aside(agent, scene)]
+    later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
+    if violation.check == COLLISION:
+        return later
+    return [*(agent for agent in later if agent not in planned), *later][:1]
+
+
+def _shares(agent: int, scene: Scene) -> bool:
+    held = scene.held[agent - 1]
+    return held is not None and scene.held.count(held) > 1
+
+
+def _is_aside(agent: int, scene: Scene) -> bool:
+    return bool(np.abs(scene.qpos[agent - 1, :ARM_JOINTS] - ASIDE_QPOS).max() < _NEAR_RAD)
+
+
+def _aside(agents: Iterable[int], task: Task) -> Proposal:
+    """These agents draw aside, one after the other."""
+    agents = tuple(agents)
+    order = tuple(say.in_turn(first, then) for first, then in pairwise(agents))
+    return Proposal(tuple(Subgoal(agent, "aside") for agent in agents), (*order, *say.keep_clear(task.agents)))
 
 
 @dataclass(frozen=True)

@@ -45,19 +45,25 @@ def plan_motion(
     lockstep: Lockstep,
     order: Order = (),
     make_room: Mapping[int, NDArray[np.float64]] | None = None,
+    idle: NDArray[np.float64] | None = None,
     rng: np.random.Generator,
 ) -> tuple[tuple[Trajectory, ...], State]:
     """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
 
     Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
     `order` starts from where the earlier leaves the objects. Agents in `make_room` that have let go of
-    something and have nothing more to do draw back to its joints (7,), if a way is free. Raises Unreachable.
+    something and have nothing more to do draw back to its joints (7,), if a way is free. Those
+    that have nothing to do at all and hold nothing go to `idle` (7,) first. Raises Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = present_state(task, scene, arms)
     start = {agent: (state.qpos[agent].copy(), state.gripper[agent]) for agent in task.agents}
     primitives = Primitives(task, Reach(arms, limits, blocked, rng))
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
+    if idle is not None:
+        for agent in task.agents:
+            if not proposal.of(agent) and agent not in state.held:
+                segments[agent] += _moved_back(agent, idle, primitives, state)
     waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
     while any(waiting.values()):
         ready = [queue for queue in waiting.values() if queue and not _waits(queue[0], waiting, order)]
@@ -90,8 +96,15 @@ def _draw_back(
 ) -> list[Segment]:
     if not done or done[-1].primitive != "retreat":
         return []
+    return _moved_back(done[-1].agent, joints, primitives, state)
+
+
+def _moved_back(
+    agent: int, joints: NDArray[np.float64], primitives: Primitives, state: State
+) -> list[Segment]:
+    """To joints (7,) where a way is free; otherwise nowhere."""
     try:
-        return primitives.move(Subgoal(done[-1].agent, "home"), joints, state)
+        return primitives.move(Subgoal(agent, "home"), joints, state)
     except Unreachable:
         return []
 

@@ -17,6 +17,7 @@ from rf_exp.datagen.motion.reach import CLEARANCE_M, Onward, Reach, Tiers, above
 from rf_exp.datagen.motion.state import State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.tasks import Task
+from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
 
@@ -117,9 +118,12 @@ class Primitives:
     def _home(self, subgoal: Subgoal, state: State) -> list[Segment]:
         return self.move(subgoal, np.array(self.task.robots[subgoal.agent - 1].rest_rad), state)
 
+    def _aside(self, subgoal: Subgoal, state: State) -> list[Segment]:
+        return self.move(subgoal, np.array(ASIDE_QPOS), state)
+
     def move(self, subgoal: Subgoal, joints: NDArray[np.float64], state: State) -> list[Segment]:
         """To joints (7,) on a free path."""
-        points = self.reach.freely(subgoal.agent, joints, state, "go home")
+        points = self.reach.freely(subgoal.agent, joints, state, f"go {subgoal.verb}")
         return [self._segment(subgoal, "move", points, state)]
 
     def _hold(self, subgoal: Subgoal, state: State) -> list[Segment]:
