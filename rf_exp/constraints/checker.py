@@ -34,10 +34,10 @@ from rf_exp.types import (
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
-COLLISION = "Collision"  # the check that arms fail which have hit each other
+COLLISION = "Collision"  # the check that arms fail which have hit something
 MOTION = "Motion"  # the check that a proposal fails for which no motion was found
 TRACKING_RAD = 0.15  # beyond the lag
-REFLEX_N = 20.0  # between two arms; the collision reflex of a Panda is set to 20 N in its maker's examples
+REFLEX_N = 20.0  # on an arm; the collision reflex of a Panda is set to 20 N in its maker's examples
 LOST_STEPS = 4  # control steps without grip before something counts as lost
 
 
@@ -186,18 +186,19 @@ class Checker:
         return self.plan
 
     def _struck(self, plan: Plan, scene: Scene) -> Violation | None:
-        """Two arms push each other so hard that a real one would stop by itself."""
-        a, b, force_n = max(scene.arm_contacts, key=lambda each: each[2], default=(0, 0, 0.0))
+        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
+        at = {agent: plan.segment_at(agent, plan.position_now(agent, scene)) for agent in self._task.agents}
+        hits = [((a, b), force_n, "hit each other") for a, b, force_n in scene.arm_contacts]
+        for (agent, name), force in scene.finger_forces.items():
+            segment = at[agent]
+            if segment is None or name not in segment.touches | segment.subgoal.names:
+                hits.append(((agent,), float(np.linalg.norm(force)), f"pushes {name}"))
+        agents, force_n, what = max(hits, key=lambda hit: hit[1], default=((), 0.0, ""))
         if force_n <= REFLEX_N:
             return None
-        doings = (
-            f"{agent_name(agent)}, {doing(plan.segment_at(agent, plan.position_now(agent, scene)))}"
-            for agent in (a, b)
-        )
-        reason = (
-            f"{', and '.join(doings)}, hit each other with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
-        )
-        return Violation(COLLISION, (a, b), scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
+        doings = ", and ".join(f"{agent_name(agent)}, {doing(at[agent])}" for agent in agents)
+        reason = f"{doings}, {what} with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
+        return Violation(COLLISION, agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""

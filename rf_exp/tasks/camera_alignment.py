@@ -15,7 +15,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """Both sides of the camera and the steak are grasped; up goes the camera, in front of it the steak."""
-    subgoals = studio.scene_set(scene, task)
+    subgoals = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
     if not subgoals:
         return Proposal((), ())
     return Proposal(tuple(subgoals), (*studio.constraints(subgoals), *say.keep_clear(task.agents)))

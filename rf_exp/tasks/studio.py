@@ -28,23 +28,25 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
     return {"front": transform((*seen[:2], seen[2] + up_m - _middle_m(task)))}
 
 
-def scene_set(scene: Scene, task: Task) -> list[Subgoal]:
-    """What comes next until the camera is up and the steak in front of it: first all is grasped."""
+def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
+    """What is left to do to have the camera up in both hands."""
     grasps = [
         Subgoal(agent, "grasp", "camera", point)
         for agent, point in GRIPS.items()
         if scene.held[agent - 1] != "camera"
     ]
-    if holders(scene, "steak") != (MODEL,):
-        grasps.append(Subgoal(MODEL, "grasp", "steak", "center"))
-    if grasps:
-        return grasps
     up_m = round(RAISED_M - height_m(scene, "camera"), 3)
-    lifted = height_m(scene, "camera") > task.success["camera_up_m"]
-    seen = aim_deg(scene, task) < task.success["aim_deg"] / 2
-    lifts = [Subgoal(agent, "lift", "camera", height_m=max(up_m, 0.01)) for agent in GRIPS]
+    if not grasps and height_m(scene, "camera") > task.success["camera_up_m"]:
+        return []
+    return grasps + [Subgoal(agent, "lift", "camera", height_m=max(up_m, 0.01)) for agent in GRIPS]
+
+
+def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
+    """What is left to do to have the steak held where the camera looks."""
     carry = Subgoal(MODEL, "carry", "steak", target="front")
-    return ([] if lifted else lifts) + ([] if seen else [carry])
+    if holders(scene, "steak") != (MODEL,):
+        return [Subgoal(MODEL, "grasp", "steak", "center"), carry]
+    return [] if aim_deg(scene, task) < task.success["aim_deg"] / 2 else [carry]
 
 
 def constraints(subgoals: list[Subgoal]) -> list[Constraint]:

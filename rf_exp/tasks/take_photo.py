@@ -21,11 +21,13 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """All is grasped; the camera goes up and the steak in front of it; then the shutter is pressed."""
-    subgoals = studio.scene_set(scene, task)
-    if not subgoals and _pressed(scene, task):
+    before = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
+    if not before and _pressed(scene, task):
         return Proposal((), ())
-    constraints = studio.constraints(subgoals)
-    if not subgoals:
+    if before:
+        subgoals = [each for each in before if each.verb == "grasp"] or before
+        constraints = studio.constraints(subgoals)
+    else:
         subgoals = [Subgoal(PHOTOGRAPHER, "press", "camera", "shutter")]
         constraints = [
             say.press_at(PHOTOGRAPHER, "camera", "shutter"),

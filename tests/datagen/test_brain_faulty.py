@@ -117,7 +117,7 @@ def test_a_fault_where_it_applies_changes_the_plan_the_same_way_for_a_seed(task)
         assert first == second and first != sound
 
 
-@pytest.mark.parametrize("name", ["pass_shoe", "long_pipeline_delivery", "take_photo"])
+@pytest.mark.parametrize("name", ["pass_shoe", "long_pipeline_delivery"])
 def test_a_forbidden_zone_is_where_the_agent_really_has_to_go(name):
     """Not where the object stands before another agent brings it: nobody would have to enter that."""
     task = read_task(name)

@@ -34,12 +34,12 @@ class ScriptedBrain:
 def _leaving(violation: Violation, proposal: Proposal, scene: Scene) -> list[int]:
     """Who draws aside because of a violation, in this order; never one that carries something with another.
 
-    After a hit both; first the one whose work comes later in the plan, which came to where the other
-    stood. Of two that are in each other's way who has nothing to do, or whose work comes later. One that
-    finds no way begins again from farther off.
+    After a hit all that were in it; first the one whose work comes later in the plan, which came to where
+    the other stood. Of two that are in each other's way who has nothing to do, or whose work comes later.
+    One that finds no way begins again from farther off.
     """
     named = list(dict.fromkeys(map(int, _AGENT.findall(violation.reason))))
-    if len(named) > 2 or (len(named) == 1 and violation.check != MOTION):
+    if len(named) > 2 or (len(named) == 1 and violation.check not in (COLLISION, MOTION)):
         return []
     planned = [subgoal.agent for subgoal in proposal.subgoals]
     able = [agent for agent in named if not _shares(agent, scene) and not _is_aside(agent, scene)]
@@ -62,7 +62,9 @@ def _aside(agents: Iterable[int], task: Task) -> Proposal:
     """These agents draw aside, one after the other."""
     agents = tuple(agents)
     order = tuple(say.in_turn(first, then) for first, then in pairwise(agents))
-    return Proposal(tuple(Subgoal(agent, "aside") for agent in agents), (*order, *say.keep_clear(task.agents)))
+    return Proposal(
+        tuple(Subgoal(agent, "aside") for agent in agents), (*order, *say.keep_clear(task.agents))
+    )
 
 
 @dataclass(frozen=True)
