@@ -20,7 +20,7 @@ MISSING = "missing"
 LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and stay off the terminal
 CSV_FIELDS = (
     *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
-    *("success_paper", "paper", "version", "note", "mean_violations"),
+    *("success_paper", "paper", "version", "note", "mean_violations", "clean", "clean_low", "clean_high"),
 )
 
 
@@ -36,23 +36,30 @@ def figure(value: float | str | None, unit: Unit, sign: bool = True) -> str:
 
 
 def details(cell: Cell, unit: Unit) -> list[str]:
-    """What belongs to our figure: interval with sample size, the rate by the paper's own criterion, the
-    mean number of violations.
+    """What belongs to our figure: interval with sample size, the rate without a violation, the rate by the
+    paper's own criterion, the mean number of violations.
     """
-    loose, many = cell.success_paper, cell.mean_violations
+    loose, many, clean = cell.success_paper, cell.mean_violations, cell.clean
     by_paper = "" if loose in (None, cell.value) else f"paper's criterion {figure(loose, unit)}"
     average = "" if many is None else f"mean {many:.2f}"
-    return list(filter(None, [_spread(cell, unit), by_paper, average]))
+    unhurt = ""
+    if clean is not None and clean.value != cell.value:
+        unhurt = f"without a violation {figure(clean.value, unit)} {_range(clean.interval, unit)}"
+    return list(filter(None, [_spread(cell, unit), unhurt, by_paper, average]))
 
 
 def _spread(cell: Cell, unit: Unit) -> str:
     """`[93.1, 99.1] n=200`; empty without them. The sample of violations is that of the figure before."""
     parts = []
     if cell.interval:
-        parts.append(f"[{', '.join(figure(end, unit, sign=False) for end in cell.interval)}]")
+        parts.append(_range(cell.interval, unit))
     if cell.n and unit != "violations":
         parts.append(f"n={cell.n}")
     return " ".join(parts)
+
+
+def _range(interval: tuple[float, float], unit: Unit) -> str:
+    return f"[{', '.join(figure(end, unit, sign=False) for end in interval)}]"
 
 
 def ours(cell: Cell, unit: Unit) -> list[str]:
@@ -115,7 +122,8 @@ def tidy_csv(table: Table) -> str:
             status = MISSING if cell.value is None else "text" if column.unit == "text" else "measured"
             place = (table.name, line.key, column.key, column.unit, status)
             numbers = (cell.value, low, high, cell.n, cell.success_paper, cell.paper)
-            writer.writerow((*place, *numbers, cell.version, cell.note, cell.mean_violations))
+            clean = (cell.clean.value, *cell.clean.interval) if cell.clean else (None, None, None)
+            writer.writerow((*place, *numbers, cell.version, cell.note, cell.mean_violations, *clean))
     return buffer.getvalue()
 
 

@@ -45,6 +45,7 @@ class Cell:
     success_paper: float | None = None  # rate by the paper's own criterion
     version: str = ""  # of the success criteria
     mean_violations: float | None = None  # of an attempt
+    clean: Estimate | None = None  # rate of strict success without a violation on the way
 
     @property
     def estimate(self) -> Estimate | None:
@@ -124,7 +125,7 @@ def with_violations(key: str, title: str, unit: Unit = "rate") -> tuple[Column, 
 
 
 def rate_cell(rows: Iterable[GenerationRow | EvaluationRow], figure: float | None) -> Cell:
-    """The rate of strict success over every attempt, with Wilson's interval."""
+    """The rate of strict success over every attempt, also without a violation, with Wilson's intervals."""
     kept, note = newest(rows)
     if not kept:
         return Cell(paper=figure)
@@ -139,6 +140,7 @@ def rate_cell(rows: Iterable[GenerationRow | EvaluationRow], figure: float | Non
         note="; ".join(filter(None, [note, pooled])),
         success_paper=sum(row.success_paper for row in kept) / len(kept),
         version=kept[0].version,
+        clean=wilson(sum(row.success and not row.violations for row in kept), len(kept)),
     )
 
 
@@ -316,7 +318,9 @@ def architectures(results: Results, suite: Suite) -> Table:
             lines.append(Line(f"{arch}-{count}", arch, (text_cell(count), *cells)))
         for index, column in enumerate(columns):
             if column.unit == "rate":
-                same = {line.title: line.cells[index] for line in lines if line.key.endswith(f"-{count}")}
+                same = {
+                    line.title: line.cells[index].estimate for line in lines if line.key.endswith(f"-{count}")
+                }
                 gaps += _gaps(f"{column.title}, {count} demos", same, BASELINE_ARCH)
     notes = [f"The paper's figures are with {paper().demos[-1]} demonstrations.", *gaps]
     return Table(
@@ -334,17 +338,20 @@ def architectures(results: Results, suite: Suite) -> Table:
 def ablation_success(results: Results, suite: Suite) -> Table:
     """Success rate of data generation, seeds as denominators (paper, ablation)."""
     columns, lines = _ablation(results, suite, "rate", paper().ablation_success, rate_cells)
-    gaps = [
-        gap
-        for index, column in enumerate(columns)
-        if column.unit == "rate"
-        for gap in _gaps(column.title, {line.key: line.cells[index] for line in lines}, "logical")
-    ]
+    gaps = []
+    for index, column in enumerate(columns):
+        if column.unit == "rate":
+            cells = {line.key: line.cells[index] for line in lines}
+            rates = {key: cell.estimate for key, cell in cells.items()}
+            clean = {key: cell.clean for key, cell in cells.items()}
+            gaps += _gaps(column.title, rates, "logical")
+            if clean != rates:
+                gaps += _gaps(f"{column.title} without a violation", clean, "logical")
     return Table(
         "ablation_success",
         "Ablation: success of generation",
-        "Share of all tried scene seeds that gave a valid demonstration. "
-        + PROPOSAL_VIOLATIONS.format(of="the seeds"),
+        "Share of all tried scene seeds that gave a valid demonstration; without a violation: at the first "
+        "attempt, nothing refused, stopped or mended. " + PROPOSAL_VIOLATIONS.format(of="the seeds"),
         "Constraints",
         columns,
         lines,
@@ -458,14 +465,14 @@ def _ablation(
     return tuple(columns), tuple(lines)
 
 
-def _gaps(label: str, cells: Mapping[str, Cell], reference: str) -> list[str]:
+def _gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> list[str]:
     """Differences to a reference in percentage points, with Newcombe's interval, as one note."""
-    base = cells[reference].estimate
+    base = rates[reference]
     if base is None:
         return []
     parts = []
-    for key, cell in cells.items():
-        if key != reference and (other := cell.estimate):
+    for key, other in rates.items():
+        if key != reference and other:
             gap = difference(other, base)
             low, high = 100 * gap.low, 100 * gap.high
             parts.append(f"{key} {100 * gap.value:+.1f} points [{low:+.1f}, {high:+.1f}]")

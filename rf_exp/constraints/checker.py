@@ -188,7 +188,9 @@ class Checker:
     def _struck(self, plan: Plan, scene: Scene) -> Violation | None:
         """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
         at = {agent: plan.segment_at(agent, plan.position_now(agent, scene)) for agent in self._task.agents}
-        hits = [((a, b), force_n, "hit each other") for a, b, force_n in scene.arm_contacts]
+        hits: list[tuple[tuple[int, ...], float, str]] = [
+            ((a, b), force_n, "hit each other") for a, b, force_n in scene.arm_contacts
+        ]
         for (agent, name), force in scene.finger_forces.items():
             segment = at[agent]
             if segment is None or name not in segment.touches | segment.subgoal.names:

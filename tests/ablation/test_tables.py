@@ -312,11 +312,31 @@ def test_a_note_is_told_once_and_violations_are_never_compared() -> None:
         generation("take_photo", "full", 1, 1, version="1"),
     ]
     table = made("ablation_success", generated(*rows))
-    gap, left_out = formats.notes(table)
+    gap, clean, left_out = formats.notes(table)
     assert gap.startswith("Lift Barrier, against logical: full +0.0 points")
+    assert clean.startswith("Lift Barrier without a violation, against logical: full +20.0 points")
     assert left_out == (
         "logical + spatial + temporal, Lift Barrier: criteria version 2; left out: 10 of version 1."
     )
+
+
+def test_success_without_a_violation_is_counted_beside_success() -> None:
+    """Of four successes two needed no repair; where no success needed one, nothing more is said."""
+    rows = [
+        *generation("lift_barrier", "logical", 4, 6, violations=(0, 1, 2, 0, BUDGET)),
+        *generation("lift_barrier", "full", 9, 1, violations=(0,) * 9 + (BUDGET,)),
+    ]
+    table = made("ablation_success", generated(rows))
+    cell = table.cell("logical", "lift_barrier")
+    assert (cell.value, cell.clean) == (0.4, wilson(2, 10))
+    says = "without a violation 20.0 % [5.7, 51.0]"
+    assert formats.markdown(table).count("without a violation ") == formats.markdown(table).count(says) == 1
+    (line,) = [
+        row
+        for row in csv.DictReader(io.StringIO(formats.tidy_csv(table)))
+        if (row["row"], row["column"]) == ("logical", "lift_barrier")
+    ]
+    assert (float(line["clean"]), float(line["clean_low"])) == (0.2, wilson(2, 10).low)
 
 
 def test_without_a_success_there_are_no_violations_on_the_way_to_one() -> None:

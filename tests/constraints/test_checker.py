@@ -260,6 +260,19 @@ def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
     )
 
 
+def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food):
+    scene, trajectories, proposal = food
+    blind = RoboChecker(FOOD, proposal, LOGICAL)
+    blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
+    hard = np.array([0.0, 0.0, -REFLEX_N - 1.0])
+    assert blind.monitor(replace(scene, finger_forces={(1, "steak"): hard, (2, "pot"): 0.9 * hard})) is None
+    violation = blind.monitor(replace(scene, finger_forces={(1, "steak"): 2 * hard, (2, "pot"): hard}))
+    assert violation is not None and (violation.check, violation.agents) == ("Collision", (2,))
+    assert violation.reason == (
+        "Agent_2, to grasp lid at knob (move), pushes pot with 21 N (arms stop at 20 N)"
+    )
+
+
 def test_monitoring_without_a_plan_is_an_error_that_says_so():
     with pytest.raises(ArgumentError, match=r"nothing to monitor yet; call check\(\) with a plan first"):
         Checker(BAR, CheckCode(()), FULL).monitor(scene_of(BAR))

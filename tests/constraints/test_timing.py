@@ -288,9 +288,11 @@ def test_serial_takes_turns_in_the_order_of_the_plan():
     assert (np.diff(timed.positions, axis=0).sum(axis=1) == 1).all()
 
 
-def test_serial_appends_what_the_plan_does_not_name():
+def test_serial_lets_those_make_room_first_whom_the_plan_does_not_name():
     trajectories = pair((3,), (5,))
     assert len(serial(trajectories, Proposal((), ()))) == 8
+    timed = serial(trajectories, Proposal((trajectories[0].segments[0].subgoal,), ()))
+    assert arrived(timed, 2, 5) == 5 and arrived(timed, 1, 3) == 8
 
 
 def test_actions_are_the_next_row_of_each_path():

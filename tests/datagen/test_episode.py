@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rf_exp.constraints import COLLISION
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.errors import ArgumentError
@@ -16,6 +17,8 @@ from tests.conftest import read_task
 
 FULL = Row("full")
 LOGICAL = Row("logical", spatial=False, temporal=False)
+SPATIAL = Row("logical_spatial", temporal=False)
+BLIND = Row("logical_temporal", spatial=False)
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +101,45 @@ def test_the_expert_succeeds_within_the_joint_limits_and_its_actions_play_again(
             scene = world.step(action.astype(float))
             verdict = judge(scene)
         assert verdict.success
+
+
+def test_arms_that_hit_each_other_stop_pushing_draw_aside_and_go_on():
+    """Without spatial constraints Agent_3 and Agent_2 meet over the stack (seed 0)."""
+    task, watcher = read_task("three_robots_stack_cube"), Watcher()
+    with Simulator(task, render=False) as world:
+        maker = EpisodeMaker(settings(task, BLIND), world, ScriptedBrain(), watcher)
+        outcome = maker.make(0)
+    assert outcome.success and outcome.attempts == 1 + len(watcher.rejections) >= 2
+    for violation in watcher.rejections:
+        assert violation.check == COLLISION and len(violation.agents) == 2
+    episode, hit = outcome.episode, watcher.rejections[0]
+    assert episode is not None
+    stopped = round(hit.time_s * CONTROL_HZ)
+    for agent in hit.agents:  # told to stay where they were measured
+        np.testing.assert_array_equal(
+            episode.action[stopped, agent - 1, :7], episode.qpos[stopped, agent - 1, :7]
+        )
+    parting = next(plan.proposal for plan in watcher.plans if plan.proposal.subgoals[0].verb == "aside")
+    assert {subgoal.agent for subgoal in parting.subgoals} == set(hit.agents)
+
+
+def test_an_arm_that_stands_where_others_will_lift_leaves_before_that_happens():
+    """The photographer waits over the camera: without a reason to look, the others lift it into its hand."""
+    task = read_task("take_photo")
+    with Simulator(task, render=False) as world:
+        plans = {}
+        for row in (FULL, SPATIAL, BLIND):
+            watcher = Watcher()
+            outcome = EpisodeMaker(settings(task, row), world, ScriptedBrain(), watcher).make(2)
+            assert outcome.success and outcome.attempts == (2 if row is BLIND else 1)
+            plans[row] = watcher.plans[1]  # the first grasps
+    for row in (FULL, SPATIAL):
+        plan = plans[row]
+        positions, waiting = plan.schedule.positions, len(plan.trajectories[3])
+        assert waiting > 0 and not plan.proposal.of(4)
+        if row is SPATIAL:  # in turns
+            assert (positions[positions[:, 0] > 0, 3] == waiting).all()
+    assert len(plans[BLIND].trajectories[3]) == 0
 
 
 def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift_world):

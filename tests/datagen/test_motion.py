@@ -10,7 +10,7 @@ from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.primitives import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.robots import Panda, limits_rad
-from rf_exp.tasks.base import REST_QPOS
+from rf_exp.tasks.base import ASIDE_QPOS, REST_QPOS
 from rf_exp.transforms import planar
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Row, Subgoal
 from tests.scenes import start_scene
@@ -18,10 +18,17 @@ from tests.scenes import start_scene
 LIMITS = JointLimits()
 
 
-def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=()):
+def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle=None):
     blocked = Obstacles(task, scene, row or Row("full"), proposal).blocked(avoid_arms=avoid_arms)
     return plan_motion(
-        task, proposal, scene, blocked=blocked, limits=LIMITS, lockstep=lockstep, rng=np.random.default_rng(0)
+        task,
+        proposal,
+        scene,
+        blocked=blocked,
+        limits=LIMITS,
+        lockstep=lockstep,
+        idle=idle,
+        rng=np.random.default_rng(0),
     )
 
 
@@ -42,6 +49,20 @@ def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
         for knot in trajectory.knots[1:-1]:  # at rest: one sample on either side moves at most as far as
             step = LIMITS.acceleration_rad_s2 / 20**2  # the acceleration allows from a standstill
             assert np.abs(joints[knot + 1] - joints[knot]).max() <= step * 1.1
+
+
+def test_who_has_nothing_to_do_goes_out_of_the_way_first_unless_it_holds_something(place_food):
+    scene = start_scene(place_food, 0)
+    proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
+    for held, length in ((None, 1), ("lid", 0)):
+        trajectories, _ = plan(
+            place_food, proposal, replace(scene, held=(None, held)), idle=np.array(ASIDE_QPOS)
+        )
+        segments = trajectories[1].segments
+        assert [(each.subgoal.verb, each.primitive) for each in segments] == [("home", "move")] * length
+        for segment in segments:
+            np.testing.assert_allclose(segment.qpos[-1], ASIDE_QPOS, atol=1e-9)
+    assert not plan(place_food, proposal, scene)[0][1].segments
 
 
 def test_same_seed_same_motion(task):
