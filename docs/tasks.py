@@ -29,6 +29,7 @@ steps. **The paper's**: the target condition as the authors' release tests it, w
 in the tables is the strict one, with the paper's beside it. Next to it stand the violations: for policies the
 share of rollouts in which arms touched each other and the mean number of control steps in which they did; for
 generation the share of seeds with a proposal that ended in a violation and the mean number of such proposals.
+Where it differs, the strict rate without any violation is given as well.
 """
 
 
