@@ -106,7 +106,9 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
         }
         plain |= {
             "tasks": tuple(
-                load_task(name, {"randomisation": node["randomisation"], **task})
+                load_task(
+                    name, {**task, "randomisation": node["randomisation"] | task.get("randomisation", {})}
+                )
                 for name, task in node["task"].items()
             ),
             "rows": tuple(Row(name, **row) for name, row in node["constraints"].items()),

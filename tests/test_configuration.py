@@ -8,6 +8,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from rf_exp.experiment import CONF, read_experiment, register_all_tasks
+from rf_exp.tasks.base import Randomisation
 
 GROUPS = {
     group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
@@ -51,3 +52,8 @@ def test_the_paper_profile_has_the_papers_settings():
     assert (policy.horizon, policy.observation_steps, policy.action_steps) == (8, 3, 6)
     assert (training.batch_size, training.epochs, training.warmup_steps) == (128, 300, 500)
     assert (training.learning_rate, training.betas, training.epsilon) == (1e-4, (0.95, 0.999), 1e-8)
+
+
+def test_a_task_may_randomise_other_than_the_experiment_key_by_key():
+    (task,) = experiment("+task.lift_barrier.randomisation.heavy=0.5", "randomisation.light=0.3").tasks
+    assert task.randomisation == Randomisation(heavy=0.5, light=0.3)

@@ -27,6 +27,19 @@ def in_the_way(task, scene, points, row=FULL, proposal=None):
     return obstacles.blocked(avoid_arms=False)(1, points, present_state(task, scene, arms), frozenset())
 
 
+def test_nobody_begins_too_close_to_anything(task):
+    """A law of the suite: from where an arm stands when an episode begins, it can be planned for."""
+    for seed in range(20):
+        scene = start_scene(task, seed)
+        arms = {
+            agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)
+        }
+        blocked = Obstacles(task, scene, FULL, Proposal((), ())).blocked(avoid_arms=True)
+        for agent in task.agents:
+            here = scene.qpos[agent - 1, None, :7]
+            assert blocked(agent, here, present_state(task, scene, arms), frozenset()) is None
+
+
 def test_a_box_that_only_the_cameras_know_is_in_the_way():
     task = read_task("pass_shoe")
     scene = start_scene(task, 0)
