@@ -59,7 +59,7 @@ def test_who_has_nothing_to_do_goes_out_of_the_way_first_unless_it_holds_somethi
             place_food, proposal, replace(scene, held=(None, held)), idle=np.array(ASIDE_QPOS)
         )
         segments = trajectories[1].segments
-        assert [(each.subgoal.verb, each.primitive) for each in segments] == [("home", "move")] * length
+        assert [(each.subgoal.verb, each.primitive) for each in segments] == [("aside", "move")] * length
         for segment in segments:
             np.testing.assert_allclose(segment.qpos[-1], ASIDE_QPOS, atol=1e-9)
     assert not plan(place_food, proposal, scene)[0][1].segments

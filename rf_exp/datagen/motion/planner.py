@@ -11,6 +11,7 @@ from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import JointLimits, parameterise
 from rf_exp.robots import Panda
 from rf_exp.tasks import Task
+from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.transforms import inverse
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Scene, Segment, Subgoal, Trajectory
 
@@ -103,8 +104,9 @@ def _moved_back(
     agent: int, joints: NDArray[np.float64], primitives: Primitives, state: State
 ) -> list[Segment]:
     """To joints (7,) where a way is free; otherwise nowhere."""
+    verb = "aside" if np.array_equal(joints, ASIDE_QPOS) else "home"
     try:
-        return primitives.move(Subgoal(agent, "home"), joints, state)
+        return primitives.move(Subgoal(agent, verb), joints, state)
     except Unreachable:
         return []
 
