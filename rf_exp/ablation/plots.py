@@ -47,7 +47,7 @@ WIDTH_IN = 4.2
 
 
 def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
-    """A row of the table a line: our value with its interval, and the paper's."""
+    """A row of the table a line: our value with its interval, what of it had no violation, and the paper's."""
     cells = [line.cells[index] for line in lines]
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 0.75 + 0.34 * len(lines)), layout="constrained")
@@ -58,6 +58,11 @@ def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
                 low, high = cell.interval or (cell.value, cell.value)
                 axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
                 axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
+            if cell.clean is not None and cell.clean.value != cell.value:
+                spread = [scale * end for end in cell.clean.interval]
+                axes.plot(spread, [place] * 2, color=OURS, lw=1.0)
+                unhurt: dict[str, Any] = {"mfc": "none", "mec": OURS, "mew": 1.6, "ms": 6}
+                axes.plot(scale * cell.clean.value, place, "o", label="no violation", **unhurt)
             if cell.paper is not None:
                 axes.plot(scale * cell.paper, place, "D", mfc="none", mec=PAPER, mew=1.6, ms=6, label="paper")
         titles = [line.title for line in lines]

@@ -122,6 +122,11 @@ def test_plots_take_their_colours_from_the_page(out: Path) -> None:
     assert not colours
     assert {"var(--ours)", "var(--paper)", "var(--ink)"} <= set(re.findall(r"var\(--\w+\)", svg))
     assert plots.panels(built["ablation_success"])[0][1] == svg  # the same bytes every time
+    assert "no violation" not in svg
+    for row in generation("lift_barrier", "logical", 4, 0, first=99, violations=(1,)):
+        append(out / "results/generate/lift_barrier/logical.jsonl", row)
+    built, _ = publish(out, configured())
+    assert "no violation" in plots.panels(built["ablation_success"])[0][1]
 
 
 def test_curves_may_have_gaps_and_an_unfinished_row(tmp_path: Path) -> None:
