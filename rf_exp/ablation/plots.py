@@ -47,7 +47,7 @@ WIDTH_IN = 4.2
 
 
 def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
-    """A row of the table a line: our value with its interval, what of it had no violation, and the paper's."""
+    """A row of the table a line: ours with its interval, also without violations, and the paper's."""
     cells = [line.cells[index] for line in lines]
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 0.75 + 0.34 * len(lines)), layout="constrained")
@@ -160,7 +160,7 @@ def panels(table: Table) -> list[tuple[str, str]]:
 
 def _svg(figure: Figure, axes: Axes) -> str:
     handles, labels = axes.get_legend_handles_labels()
-    named = dict(sorted(zip(labels, handles, strict=True), key=itemgetter(0)))  # ours before the paper's
+    named = dict(sorted(zip(labels, handles, strict=True), key=itemgetter(0)))
     figure.legend(named.values(), named.keys(), loc="outside upper left", ncols=3, fontsize=9)
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
