@@ -24,8 +24,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
     """`front`: where the steak is in the middle of the picture once the camera is up."""
     lens = _lens(scene, task)
     seen = lens[:3, 3] + FRONT_M * lens[:3, 2]
-    up_m = max(0.0, RAISED_M - height_m(scene, "camera"))
-    return {"front": transform((*seen[:2], seen[2] + up_m - _middle_m(task)))}
+    return {"front": transform((*seen[:2], seen[2] + _to_lift_m(scene, task) - _middle_m(task)))}
 
 
 def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
@@ -35,10 +34,8 @@ def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
         for agent, point in GRIPS.items()
         if scene.held[agent - 1] != "camera"
     ]
-    up_m = round(RAISED_M - height_m(scene, "camera"), 3)
-    if not grasps and height_m(scene, "camera") > task.success["camera_up_m"]:
-        return []
-    return grasps + [Subgoal(agent, "lift", "camera", height_m=max(up_m, 0.01)) for agent in GRIPS]
+    up_m = round(_to_lift_m(scene, task), 3)
+    return grasps + [Subgoal(agent, "lift", "camera", height_m=up_m) for agent in GRIPS if up_m]
 
 
 def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
@@ -82,6 +79,14 @@ def aim_deg(scene: Scene, task: Task) -> float:
     lens, steak = _lens(scene, task), scene.poses["steak"]
     middle = steak[:3, 3] + _middle_m(task) * steak[:3, 2]
     return float(np.degrees(angle_between_rad(middle - lens[:3, 3], lens[:3, 2])))
+
+
+def _to_lift_m(scene: Scene, task: Task) -> float:
+    """How far the camera still has to go up; 0 once it is high enough in both hands."""
+    up_m = height_m(scene, "camera")
+    if up_m > task.success["camera_up_m"] and holders(scene, "camera") == tuple(GRIPS):
+        return 0.0
+    return max(RAISED_M - up_m, 0.01)
 
 
 def _lens(scene: Scene, task: Task) -> Matrix:
