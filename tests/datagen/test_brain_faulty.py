@@ -7,7 +7,7 @@ from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, appl
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
-from rf_exp.types import Row, Violation
+from rf_exp.types import Row, Subgoal, Violation
 from tests.conftest import CONF, read_task
 from tests.scenes import start_scene
 
@@ -147,6 +147,18 @@ def test_after_feedback_it_answers_as_scripted(lift_barrier):
     feedback = (Violation("ValidateInteraction", (1,), 0.0, 0.4, 0.01, "wrong end"),)
     second = Question(lift_barrier, scene, {}, feedback=feedback)
     assert from_json(brain.answer(second), lift_barrier) == sound
+
+
+def test_only_the_first_feedback_is_about_the_fault():
+    """It names two arms, as many faults do: nobody draws aside because of it. Later feedback counts."""
+    task = read_task("three_robots_stack_cube")
+    scene, brain = start_scene(task, 0), FaultySpec("through_arm").make(task, FULL, 0)
+    brain.answer(Question(task, scene, {}))
+    assert brain.placed
+    feedback = (Violation("Motion", (), 0.0, 0.0, 0.0, "Agent_1 cannot move: Agent_2 is in the way"),)
+    later = Question(task, scene, {}, feedback=feedback)
+    assert from_json(brain.answer(later), task) == task.module.plan(scene, task)
+    assert from_json(brain.answer(later), task).subgoals == (Subgoal(2, "aside"),)
 
 
 def test_the_documentation_lists_every_fault():

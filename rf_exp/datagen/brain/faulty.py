@@ -32,7 +32,7 @@ class FaultyBrain:
     def __init__(self, fault: str, seed: int) -> None:
         self._fault = fault_named(fault)
         self._rng = np.random.default_rng([seed, 2])  # stream 2 of the episode: faults
-        self.placed = False
+        self.placed = self._corrected = False
 
     def answer(self, question: Question) -> str:
         if not self.placed and not question.feedback:
@@ -41,8 +41,10 @@ class FaultyBrain:
             if changed is not None:
                 self.placed = True
                 return to_json(changed)
-        # The feedback is about the fault, so that the plan as it should have been answers it.
-        return ScriptedBrain().answer(replace(question, feedback=()))
+        if self.placed and not self._corrected:
+            # What comes back first is about the fault: the plan as it should have been answers it.
+            self._corrected, question = True, replace(question, feedback=())
+        return ScriptedBrain().answer(question)
 
 
 @dataclass(frozen=True)
