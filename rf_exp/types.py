@@ -125,6 +125,11 @@ class Segment:
     def __len__(self) -> int:
         return len(self.qpos)
 
+    @property
+    def about(self) -> frozenset[str]:
+        """What the agent has to do with here: objects, or a named place."""
+        return self.touches | self.subgoal.names
+
 
 @dataclass(frozen=True)
 class Trajectory:

@@ -28,6 +28,7 @@ from rf_exp.types import (
     Row,
     Scene,
     Schedule,
+    Segment,
     Trajectory,
     Violation,
 )
@@ -187,18 +188,21 @@ class Checker:
 
     def _struck(self, plan: Plan, scene: Scene) -> Violation | None:
         """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
-        at = {agent: plan.segment_at(agent, plan.position_now(agent, scene)) for agent in self._task.agents}
-        hits: list[tuple[tuple[int, ...], float, str]] = [
-            ((a, b), force_n, "hit each other") for a, b, force_n in scene.arm_contacts
+
+        def now(agent: int) -> Segment | None:
+            return plan.segment_at(agent, plan.position_now(agent, scene))
+
+        hits: list[tuple[float, tuple[int, ...], str]] = [
+            (force_n, (a, b), "hit each other") for a, b, force_n in scene.arm_contacts if force_n > REFLEX_N
         ]
         for (agent, name), force in scene.finger_forces.items():
-            segment = at[agent]
-            if segment is None or name not in segment.touches | segment.subgoal.names:
-                hits.append(((agent,), float(np.linalg.norm(force)), f"pushes {name}"))
-        agents, force_n, what = max(hits, key=lambda hit: hit[1], default=((), 0.0, ""))
-        if force_n <= REFLEX_N:
+            force_n = float(np.linalg.norm(force))
+            if force_n > REFLEX_N and ((segment := now(agent)) is None or name not in segment.about):
+                hits.append((force_n, (agent,), f"pushes {name}"))
+        if not hits:
             return None
-        doings = ", and ".join(f"{agent_name(agent)}, {doing(at[agent])}" for agent in agents)
+        force_n, agents, what = max(hits)
+        doings = ", and ".join(f"{agent_name(agent)}, {doing(now(agent))}" for agent in agents)
         reason = f"{doings}, {what} with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
         return Violation(COLLISION, agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
 

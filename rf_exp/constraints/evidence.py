@@ -95,13 +95,11 @@ class Plan:
             return (self.bodies.standing(),) * len(self.trajectories)
         seen, moved, found = Seen(self.bodies), self.bodies.moved, []
         for trajectory in self.trajectories:
-            about = {name for segment in trajectory.segments for name in self._about(segment)}
+            about = {name for segment in trajectory.segments for name in segment.about}
+            about &= set(self.task.objects)
             boxes, exactly = seen.obstacles(trajectory.agent, about | moved)
             found.append(together(self.bodies.standing(sorted(exactly - moved)), boxes))
         return tuple(found)
-
-    def _about(self, segment: Segment) -> set[str]:
-        return {*segment.touches, *segment.subgoal.names} & set(self.task.objects)
 
     @cached_property
     def blocked(self) -> tuple[Mask, ...]:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from rf_exp.constraints import COLLISION, MOTION, Bodies, CheckCode, RoboChecker, actions
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
-from rf_exp.datagen.motion import JointLimits, Unreachable, plan_motion
+from rf_exp.datagen.motion import JointLimits, Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Judge, Task
-from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.types import (
     ARM_JOINTS,
     CONTROL_DT_S,
@@ -184,7 +183,7 @@ class EpisodeMaker:
         if isinstance(checker.code, Violation):
             return checker.code
         violation: Violation | None = None
-        for way in _ways(task, row):
+        for way in _ways(row):
             result = self._motion(proposal, checker, scene, way, rng)
             if isinstance(result, Plan):
                 self._checker = checker
@@ -223,8 +222,9 @@ class EpisodeMaker:
                 limits=settings.limits,
                 lockstep=checker.lockstep,
                 order=checker.order,
-                make_room={agent: np.array(way.back[agent - 1]) for agent in checker.makes_room},
-                idle=None if way.idle is None else np.array(way.idle),
+                make_room=checker.makes_room,
+                back=way.back,
+                idle_too=way.idle_too,
                 rng=rng,
             )
         except Unreachable as error:
@@ -325,19 +325,18 @@ class _Way(NamedTuple):
     """How to plan a proposal."""
 
     avoid_parked: bool  # whether paths go round arms that stand still
-    back: Sequence[Sequence[float]]  # joints (7,) for each arm, to which it draws back when it is done
-    idle: Sequence[float] | None = None  # joints (7,) to which arms go first that have nothing to do
+    back: Posture = "home"  # where an arm draws back to when it is done
+    idle_too: bool = False  # whether arms that have nothing to do go aside first
 
 
-def _ways(task: Task, row: Row) -> Sequence[_Way]:
+def _ways(row: Row) -> Sequence[_Way]:
     """The ways to plan, the best first."""
-    rest = [robot.rest_rad for robot in task.robots]
     if not row.spatial:
-        return [_Way(False, rest)]
+        return [_Way(False)]
     if not row.temporal:
-        return [_Way(True, rest), _Way(True, rest, idle=ASIDE_QPOS)]
+        return [_Way(True), _Way(True, idle_too=True)]
     # Who knows when arms move may pass one before it is in the way, and may send it farther off.
-    return [_Way(False, rest), _Way(True, rest), _Way(False, [ASIDE_QPOS] * len(rest), idle=ASIDE_QPOS)]
+    return [_Way(False), _Way(True), _Way(False, "aside", idle_too=True)]
 
 
 def _violation_json(violation: Violation) -> dict[str, object]:

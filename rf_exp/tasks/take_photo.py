@@ -22,11 +22,11 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 def plan(scene: Scene, task: Task) -> Proposal:
     """All is grasped; the camera goes up and the steak in front of it; then the shutter is pressed."""
     before = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
-    if not before and _pressed(scene, task):
-        return Proposal((), ())
     if before:
         subgoals = [each for each in before if each.verb == "grasp"] or before
         constraints = studio.constraints(subgoals)
+    elif _pressed(scene, task):
+        return Proposal((), ())
     else:
         subgoals = [Subgoal(PHOTOGRAPHER, "press", "camera", "shutter")]
         constraints = [

@@ -18,7 +18,7 @@ from tests.scenes import start_scene
 LIMITS = JointLimits()
 
 
-def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle=None):
+def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle_too=False):
     blocked = Obstacles(task, scene, row or Row("full"), proposal).blocked(avoid_arms=avoid_arms)
     return plan_motion(
         task,
@@ -27,7 +27,7 @@ def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle
         blocked=blocked,
         limits=LIMITS,
         lockstep=lockstep,
-        idle=idle,
+        idle_too=idle_too,
         rng=np.random.default_rng(0),
     )
 
@@ -55,9 +55,7 @@ def test_who_has_nothing_to_do_goes_out_of_the_way_first_unless_it_holds_somethi
     scene = start_scene(place_food, 0)
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
     for held, length in ((None, 1), ("lid", 0)):
-        trajectories, _ = plan(
-            place_food, proposal, replace(scene, held=(None, held)), idle=np.array(ASIDE_QPOS)
-        )
+        trajectories, _ = plan(place_food, proposal, replace(scene, held=(None, held)), idle_too=True)
         segments = trajectories[1].segments
         assert [(each.subgoal.verb, each.primitive) for each in segments] == [("aside", "move")] * length
         for segment in segments:

@@ -1,7 +1,7 @@
 """The RoboBrain that needs no network: the plan written in the task's module."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -12,6 +12,7 @@ from rf_exp.constraints import COLLISION, MOTION
 from rf_exp.datagen.brain.protocol import Question, to_json
 from rf_exp.tasks import Task, say
 from rf_exp.tasks.base import ASIDE_QPOS
+from rf_exp.tasks.measure import holders
 from rf_exp.types import ARM_JOINTS, Proposal, Row, Scene, Subgoal, Violation
 
 _AGENT = re.compile(r"Agent_(\d+)")
@@ -51,16 +52,15 @@ def _leaving(violation: Violation, proposal: Proposal, scene: Scene) -> list[int
 
 def _shares(agent: int, scene: Scene) -> bool:
     held = scene.held[agent - 1]
-    return held is not None and scene.held.count(held) > 1
+    return held is not None and len(holders(scene, held)) > 1
 
 
 def _is_aside(agent: int, scene: Scene) -> bool:
     return bool(np.abs(scene.qpos[agent - 1, :ARM_JOINTS] - ASIDE_QPOS).max() < _NEAR_RAD)
 
 
-def _aside(agents: Iterable[int], task: Task) -> Proposal:
+def _aside(agents: Sequence[int], task: Task) -> Proposal:
     """These agents draw aside, one after the other."""
-    agents = tuple(agents)
     order = tuple(say.in_turn(first, then) for first, then in pairwise(agents))
     return Proposal(
         tuple(Subgoal(agent, "aside") for agent in agents), (*order, *say.keep_clear(task.agents))

@@ -1,7 +1,7 @@
 """Motion: inverse kinematics, primitives, collision-free paths, timing."""
 
-from rf_exp.datagen.motion.planner import plan_motion
+from rf_exp.datagen.motion.planner import Posture, plan_motion
 from rf_exp.datagen.motion.state import Unreachable
 from rf_exp.datagen.motion.timing import JointLimits
 
-__all__ = ["JointLimits", "Unreachable", "plan_motion"]
+__all__ = ["JointLimits", "Posture", "Unreachable", "plan_motion"]

@@ -1,9 +1,9 @@
 """From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation)."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rf_exp.datagen.motion.primitives import Primitives
 from rf_exp.datagen.motion.reach import Reach
@@ -11,12 +11,12 @@ from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import JointLimits, parameterise
 from rf_exp.robots import Panda
 from rf_exp.tasks import Task
-from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.transforms import inverse
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Scene, Segment, Subgoal, Trajectory
 
 Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
+Posture = Literal["home", "aside"]
 Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
 
 
@@ -45,26 +45,26 @@ def plan_motion(
     limits: JointLimits,
     lockstep: Lockstep,
     order: Order = (),
-    make_room: Mapping[int, NDArray[np.float64]] | None = None,
-    idle: NDArray[np.float64] | None = None,
+    make_room: Collection[int] = (),
+    back: Posture = "home",
+    idle_too: bool = False,
     rng: np.random.Generator,
 ) -> tuple[tuple[Trajectory, ...], State]:
     """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
 
     Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
     `order` starts from where the earlier leaves the objects. Agents in `make_room` that have let go of
-    something and have nothing more to do draw back to its joints (7,), if a way is free. Those
-    that have nothing to do at all and hold nothing go to `idle` (7,) first. Raises Unreachable.
+    something and have nothing more to do go `back`, if a way is free. With `idle_too` those that have
+    nothing to do at all and hold nothing go aside first. Raises Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = present_state(task, scene, arms)
     start = {agent: (state.qpos[agent].copy(), state.gripper[agent]) for agent in task.agents}
     primitives = Primitives(task, Reach(arms, limits, blocked, rng))
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
-    if idle is not None:
-        for agent in task.agents:
-            if not proposal.of(agent) and agent not in state.held:
-                segments[agent] += _moved_back(agent, idle, primitives, state)
+    for agent in task.agents if idle_too else ():
+        if not proposal.of(agent) and agent not in state.held:
+            segments[agent] += _out_of_the_way(Subgoal(agent, "aside"), primitives, state)
     waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
     while any(waiting.values()):
         ready = [queue for queue in waiting.values() if queue and not _waits(queue[0], waiting, order)]
@@ -72,9 +72,9 @@ def plan_motion(
         if alone is not None:
             subgoal = alone.pop(0)
             segments[subgoal.agent] += primitives.plan(subgoal, state, alone)
-            if not alone and make_room and subgoal.agent in make_room:
-                done = segments[subgoal.agent]
-                done += _draw_back(done, make_room[subgoal.agent], primitives, state)
+            done = segments[subgoal.agent]
+            if not alone and subgoal.agent in make_room and done and done[-1].primitive == "retreat":
+                done += _out_of_the_way(Subgoal(subgoal.agent, back), primitives, state)
             continue
         for segment in _joint_lift(_next_group(ready, lockstep, waiting), primitives, state):
             segments[segment.agent].append(segment)
@@ -92,21 +92,10 @@ def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
     return None
 
 
-def _draw_back(
-    done: list[Segment], joints: NDArray[np.float64], primitives: Primitives, state: State
-) -> list[Segment]:
-    if not done or done[-1].primitive != "retreat":
-        return []
-    return _moved_back(done[-1].agent, joints, primitives, state)
-
-
-def _moved_back(
-    agent: int, joints: NDArray[np.float64], primitives: Primitives, state: State
-) -> list[Segment]:
-    """To joints (7,) where a way is free; otherwise nowhere."""
-    verb = "aside" if np.array_equal(joints, ASIDE_QPOS) else "home"
+def _out_of_the_way(subgoal: Subgoal, primitives: Primitives, state: State) -> list[Segment]:
+    """Home or aside where a way is free; otherwise nowhere."""
     try:
-        return primitives.move(Subgoal(agent, verb), joints, state)
+        return primitives.leave(subgoal, state)
     except Unreachable:
         return []
 

@@ -115,16 +115,14 @@ class Primitives:
         )
         return [*segments, self._segment(subgoal, "press", points, state, touches)]
 
-    def _home(self, subgoal: Subgoal, state: State) -> list[Segment]:
-        return self.move(subgoal, np.array(self.task.robots[subgoal.agent - 1].rest_rad), state)
-
-    def _aside(self, subgoal: Subgoal, state: State) -> list[Segment]:
-        return self.move(subgoal, np.array(ASIDE_QPOS), state)
-
-    def move(self, subgoal: Subgoal, joints: NDArray[np.float64], state: State) -> list[Segment]:
-        """To joints (7,) on a free path."""
+    def leave(self, subgoal: Subgoal, state: State) -> list[Segment]:
+        """Home or aside, on a free path."""
+        rest = self.task.robots[subgoal.agent - 1].rest_rad
+        joints = np.array(ASIDE_QPOS if subgoal.verb == "aside" else rest)
         points = self.reach.freely(subgoal.agent, joints, state, f"go {subgoal.verb}")
         return [self._segment(subgoal, "move", points, state)]
+
+    _home = _aside = leave
 
     def _hold(self, subgoal: Subgoal, state: State) -> list[Segment]:
         return []
