@@ -39,13 +39,13 @@ def details(cell: Cell, unit: Unit) -> list[str]:
     """What belongs to our figure: interval with sample size, the rate without a violation, the rate by the
     paper's own criterion, the mean number of violations.
     """
-    loose, many, clean = cell.success_paper, cell.mean_violations, cell.clean
+    loose, many = cell.success_paper, cell.mean_violations
     by_paper = "" if loose in (None, cell.value) else f"paper's criterion {figure(loose, unit)}"
     average = "" if many is None else f"mean {many:.2f}"
-    unhurt = ""
-    if clean is not None and clean.value != cell.value:
-        unhurt = f"without a violation {figure(clean.value, unit)} {_range(clean.interval, unit)}"
-    return list(filter(None, [_spread(cell, unit), unhurt, by_paper, average]))
+    unmended = ""
+    if clean := cell.unmended:
+        unmended = f"without a violation {figure(clean.value, unit)} {_range(clean.interval, unit)}"
+    return list(filter(None, [_spread(cell, unit), unmended, by_paper, average]))
 
 
 def _spread(cell: Cell, unit: Unit) -> str:

@@ -58,11 +58,10 @@ def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
                 low, high = cell.interval or (cell.value, cell.value)
                 axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
                 axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
-            if cell.clean is not None and cell.clean.value != cell.value:
-                spread = [scale * end for end in cell.clean.interval]
-                axes.plot(spread, [place] * 2, color=OURS, lw=1.0)
-                unhurt: dict[str, Any] = {"mfc": "none", "mec": OURS, "mew": 1.6, "ms": 6}
-                axes.plot(scale * cell.clean.value, place, "o", label="no violation", **unhurt)
+            if clean := cell.unmended:
+                at = scale * clean.value
+                axes.plot([scale * end for end in clean.interval], [place] * 2, color=OURS, lw=1.0)
+                axes.plot(at, place, "o", mfc="none", mec=OURS, mew=1.6, ms=6, label="no violation")
             if cell.paper is not None:
                 axes.plot(scale * cell.paper, place, "D", mfc="none", mec=PAPER, mew=1.6, ms=6, label="paper")
         titles = [line.title for line in lines]

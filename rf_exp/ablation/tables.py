@@ -48,6 +48,11 @@ class Cell:
     clean: Estimate | None = None  # rate of strict success without a violation on the way
 
     @property
+    def unmended(self) -> Estimate | None:
+        """The rate without a violation, where it is another than the rate."""
+        return self.clean if self.clean is not None and self.clean.value != self.value else None
+
+    @property
     def estimate(self) -> Estimate | None:
         """The figure with its interval, where there is one."""
         if not isinstance(self.value, float) or self.interval is None:
