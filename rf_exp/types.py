@@ -209,6 +209,8 @@ class Rollout:
     success_paper: bool
     steps: int
     violations: int  # control steps with a violation, seen by the monitor
+    contacts: int  # control steps in which arms touched each other
+    reason: str  # why it failed; empty for a success
 
 
 @dataclass(frozen=True)

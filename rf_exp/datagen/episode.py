@@ -69,6 +69,8 @@ class Outcome:
     success_paper: bool
     steps: int
     attempts: int  # proposals that ended in a violation, plus the last one
+    violations: int  # proposals that ended in a violation
+    contacts: int  # control steps in which arms touched each other
     reason: str  # empty for a success
     wall_s: float
     episode: Episode | None = None
@@ -121,6 +123,7 @@ class EpisodeMaker:
         self._observer: Observer = observer or Nobody()
         self._frames: list[tuple[Scene, NDArray[np.float64], dict[str, NDArray[np.uint8]]]] = []
         self._rounds: list[dict[str, object]] = []
+        self._contacts = 0
 
     def make(self, seed: int) -> Outcome:
         """Runs the loop from the scene of `seed` to success or to the end of the budget."""
@@ -163,6 +166,8 @@ class EpisodeMaker:
             self._paper,
             len(self._frames),
             len(reasons) + int(success or len(reasons) < settings.attempts),
+            len(reasons),
+            self._contacts,
             "" if success else self._why(reasons),
             time.perf_counter() - began,
             self._episode(seed) if success else None,
@@ -292,6 +297,7 @@ class EpisodeMaker:
         self._frames.append((scene, action, pictures))
         self._observer.stepped(scene, action, pictures)
         scene = self._world.step(action)
+        self._contacts += bool(scene.arm_contacts)
         self._verdict = self._judge(scene)
         self._paper = self._paper or self._verdict.success_paper
         return scene

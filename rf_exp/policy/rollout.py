@@ -133,7 +133,7 @@ def rollout(
         actor.reset(seed)
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
-    success_paper, violations = False, 0
+    success_paper, violations, contacts, missing = False, 0, 0, ""
     for step in range(1, step_limit + 1):
         pictures = world.pictures() if any(actor.looks for actor in actors) else {}
         for actor in actors:
@@ -142,11 +142,14 @@ def rollout(
         verdict = judge(scene)
         success_paper |= verdict.success_paper
         violations += monitor is not None and monitor(scene) is not None
+        contacts += bool(scene.arm_contacts)
         if on_step is not None:
             on_step(scene)
         if verdict.success:
-            return Rollout(seed, True, success_paper, step, violations)
-    return Rollout(seed, False, success_paper, step_limit, violations)
+            return Rollout(seed, True, success_paper, step, violations, contacts, "")
+        missing = ", ".join(f"not {name}" for name, holds in verdict.evidence.items() if not holds)
+    reason = missing or "success was not held long enough"
+    return Rollout(seed, False, success_paper, step_limit, violations, contacts, reason)
 
 
 def _generator(seed: int, agent: int) -> torch.Generator:

@@ -74,7 +74,9 @@ def make_actor(policy_config: PolicyConfig):
 def test_every_architecture_commands_every_agent(arch, agents: int, make_actor) -> None:
     world = Table(agents)
     actors = [make_actor(view) for view in views(arch, agents)]
-    assert rollout(world, judge, actors, 3, 8) == Rollout(3, False, False, 8, 0)
+    assert rollout(world, judge, actors, 3, 8) == Rollout(
+        3, False, False, 8, 0, 0, "success was not held long enough"
+    )
     actions = np.stack(world.actions)  # (T, N, 8)
     assert actions.shape == (8, agents, 8)
     assert (np.ptp(actions[..., :7], axis=0).max(axis=1) > 0).all()  # every arm moved
@@ -148,7 +150,7 @@ def test_success_is_looked_at_after_every_step(make_actor) -> None:
         seen.append(scene.step)
         return Verdict(scene.step == 11, scene.step == 4, {})
 
-    assert rollout(world, at_eleven, actors, 0, 40) == Rollout(0, True, True, 11, 0)
+    assert rollout(world, at_eleven, actors, 0, 40) == Rollout(0, True, True, 11, 0, 0, "")
     assert seen == list(range(1, 12))
 
 
