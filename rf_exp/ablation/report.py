@@ -6,7 +6,6 @@ import io
 import json
 import platform
 import re
-import subprocess
 from collections import Counter
 from datetime import datetime
 from html import escape
@@ -21,6 +20,7 @@ from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
+from rf_exp.artifacts.provenance import commit
 from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
 
@@ -194,7 +194,7 @@ def _provenance(out: Path, results: Results) -> str:
     criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
     facts = [
         ["Written", datetime.now().astimezone().isoformat(" ", "seconds")],
-        ["Code", _commit()],
+        ["Code", commit() or "not from a git checkout"],
         ["Success criteria", criteria or "no rows"],
         ["Packages", ", ".join(f"{name} {version}" for name, version in _versions().items())],
         ["Machine", f"{platform.platform()}, {platform.machine()}"],
@@ -225,21 +225,6 @@ def _versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             continue
     return found
-
-
-def _commit() -> str:
-    """The commit of the code, and whether it was changed since."""
-    folder = Path(__file__).parent
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(folder), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-    try:
-        changed = " with local changes" if git("status", "--porcelain", "--", ".") else ""
-        return f"git {git('rev-parse', 'HEAD')}{changed}"
-    except (OSError, subprocess.SubprocessError):
-        return "not from a git checkout"
 
 
 def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:

@@ -4,8 +4,10 @@ from dataclasses import asdict, replace
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
+from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate
+from rf_exp.datagen.version import generator_version
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.progress import Progress, console
@@ -58,7 +60,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
                     if outcome.episode is not None:
                         store.append(outcome.episode)
                     if outcome.seed not in known:
-                        rows.append(rows_path, _row(task, row, settings.brain.name, outcome))
+                        rows.append(rows_path, generation_row(task, row, settings.brain.name, outcome))
                     tried.append(outcome.seed)
                     made += outcome.success
                     progress.advance(
@@ -99,7 +101,8 @@ def _record(experiment: Experiment, task: Task, row: Row, seeds: list[int]) -> N
     close_simulator()
 
 
-def _row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
+def generation_row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
+    """The row of one attempt under the constraints `row`."""
     return GenerationRow(
         task=task.name,
         constraints=row.name,
@@ -112,4 +115,8 @@ def _row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
         reason=outcome.reason,
         wall_s=round(outcome.wall_s, 3),
         version=task.version,
+        violations=outcome.violations,
+        contacts=outcome.contacts,
+        generator=generator_version(task),
+        commit=commit(),
     )

@@ -17,6 +17,7 @@ from joblib import delayed
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.artifacts.provenance import commit
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
@@ -196,4 +197,7 @@ def _row(
         violations=result.violations,
         wall_s=round(wall_s, 3),
         version=task.version,
+        contacts=result.contacts,
+        reason=result.reason,
+        commit=commit(),
     )

@@ -3,6 +3,7 @@
 A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.py` with
 
     VERSION                       of its success criteria, stamped on every result row
+    PLAN_VERSION                  of its plan and places: of what it does for the demonstrations
     places(scene, task)           optional: named places on the table
     plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
     conditions(scene, start, task)  strict success as named conditions, all of which must hold
@@ -144,6 +145,11 @@ class Task:
     def version(self) -> str:
         """Version of the success criteria; rows of different versions are never mixed."""
         return self.module.VERSION
+
+    @property
+    def plan_version(self) -> str:
+        """Version of plan and places; demonstrations of different versions are never mixed."""
+        return self.module.PLAN_VERSION
 
     def asset(self, name: str) -> assets.Asset:
         """The asset of an object of this task."""
