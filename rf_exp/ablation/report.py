@@ -1,7 +1,6 @@
 """The report: every table beside the paper's, plots, pictures and where it all came from, in one file."""
 
 import base64
-import importlib.metadata
 import io
 import json
 import platform
@@ -20,7 +19,7 @@ from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
-from rf_exp.artifacts.provenance import commit
+from rf_exp.artifacts.provenance import commit, installed
 from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
 
@@ -196,7 +195,7 @@ def _provenance(out: Path, results: Results) -> str:
         ["Written", datetime.now().astimezone().isoformat(" ", "seconds")],
         ["Code", commit() or "not from a git checkout"],
         ["Success criteria", criteria or "no rows"],
-        ["Packages", ", ".join(f"{name} {version}" for name, version in _versions().items())],
+        ["Packages", ", ".join(f"{name} {version}" for name, version in installed(PACKAGES).items())],
         ["Machine", f"{platform.platform()}, {platform.machine()}"],
         ["Made again by", f"python -m rf_exp.ablation --out {out.as_posix()}"],
     ]
@@ -215,16 +214,6 @@ def _provenance(out: Path, results: Results) -> str:
         for name, text in made.items()
     )
     return page.plain_table(["", ""], facts) + configurations
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:

@@ -1,8 +1,11 @@
 """Which code made an artifact."""
 
 import os
+import platform
 import subprocess
+from collections.abc import Iterable
 from functools import cache
+from importlib import metadata
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[2]
@@ -25,3 +28,14 @@ def commit(checkout: Path = CHECKOUT) -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return ran.stdout.strip()
+
+
+def installed(packages: Iterable[str]) -> dict[str, str]:
+    """The version of Python and of those packages that are installed."""
+    found = {"python": platform.python_version()}
+    for package in packages:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue  # not every machine has the simulator
+    return found
