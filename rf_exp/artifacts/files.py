@@ -26,7 +26,7 @@ def whole(path: Path) -> Iterator[Path]:
     Raises OSError where nothing can be written there.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    sweep(path.parent, path.name)
+    sweep(path.parent, glob.escape(path.name))
     folder, lock = _draft(path)
     try:
         draft = folder / path.name
@@ -56,9 +56,9 @@ def read_json(path: Path, remedy: str) -> Any:
         raise StageError(f"{path} is damaged: {what}; {remedy}") from error
 
 
-def sweep(folder: Path, name: str | None = None) -> None:
-    """Removes drafts that a kill left in `folder`: of `name`, or of all. Those of living processes stay."""
-    for leftover in folder.glob(f".{glob.escape(name) if name else '*'}.*.partial"):
+def sweep(folder: Path, names: str = "*") -> None:
+    """Removes drafts that a kill left in `folder`, of what is named so. Those of living processes stay."""
+    for leftover in folder.glob(f".{names}.*.partial"):
         try:
             lock = os.open(leftover, os.O_RDONLY | os.O_DIRECTORY)
         except OSError:

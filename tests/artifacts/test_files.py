@@ -65,8 +65,8 @@ def test_a_folder_can_be_written_too(tmp_path: Path) -> None:
     assert (tmp_path / "store/one").read_text() == "1"
 
 
-@pytest.mark.parametrize("name", ["model.bin", None])
-def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer, name: str | None) -> None:
+@pytest.mark.parametrize("name", ["model.bin", "*"])
+def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer, name: str) -> None:
     sweep(tmp_path, name)
     (draft,) = drafts(tmp_path)
     writer.send_signal(signal.SIGKILL)
