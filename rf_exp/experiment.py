@@ -141,6 +141,6 @@ def _refuse_demos_without_effect(experiment: Experiment) -> None:
         )
     if experiment.demos > experiment.episodes:
         raise ArgumentError(
-            f"{both}: {experiment.episodes} seeds cannot give {experiment.demos} demonstrations to learn from; "
+            f"{both}: {experiment.episodes} seeds cannot give {experiment.demos} demonstrations; "
             "give demos no more than episodes, or episodes=null"
         )

@@ -9,7 +9,9 @@ Tensors are written with a SHA-256 of all that is in their file, which is checke
 """
 
 import hashlib
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,8 @@ from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.views import Stream, View
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
-CHECKSUM = "sha256"  # in the metadata of a file of tensors
+SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
+CHECKSUM = "sha256"
 ANEW = "delete the folder and train again (stages=[train])"
 
 
@@ -43,21 +46,38 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[s
     """Replace a safetensors file in one go: a reader sees the old one or the new one."""
     kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with whole(path) as draft:
-        save_file(kept, draft, {**metadata, CHECKSUM: _checksum(kept, metadata)})
+        said = {**metadata, CHECKSUM: _checksum(kept, metadata)}
+        save_file(kept, draft, {SAID: json.dumps(said, sort_keys=True)})
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
     """Tensors and metadata of a file. Raises StageError when they are not what was written."""
+    with _opened(path) as file:
+        metadata = _said(file)
+        said = metadata.pop(CHECKSUM)
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no iterator
+        found = _checksum(tensors, metadata)
+    if said != found:
+        raise _damaged(path, "what is in it does not fit its checksum")
+    return tensors, metadata
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A safetensors file; whatever damaged bytes lead to is a StageError that names it."""
     try:
         with safe_open(path, "pt") as file:
-            metadata = dict(file.metadata() or {})
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no iterator
-    except Exception as error:  # whatever damaged bytes lead to
+            yield file
+    except Exception as error:
         raise _damaged(path, str(error)) from error
-    said = metadata.pop(CHECKSUM, None)
-    if said != _checksum(tensors, metadata):
-        raise _damaged(path, "what is in it does not fit its checksum" if said else "it has no checksum")
-    return tensors, metadata
+
+
+def _said(file: Any) -> dict[str, str]:
+    """The metadata of an open file, CHECKSUM included."""
+    said = json.loads((file.metadata() or {}).get(SAID, "{}"))
+    if CHECKSUM not in said:
+        raise ValueError("it has no checksum")
+    return said
 
 
 def _checksum(tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> str:
@@ -98,11 +118,8 @@ def expect(folder: Path, wanted: Mapping[str, Any]) -> None:
 def made_of(folder: Path) -> dict[str, Any]:
     """What a trained policy was made of, and the checksum of its weights. Raises StageError where none is."""
     _require_model(folder)
-    try:
-        with safe_open(folder / MODEL, "pt") as file:
-            weights = (file.metadata() or {}).get(CHECKSUM)
-    except Exception as error:  # whatever damaged bytes lead to
-        raise _damaged(folder / MODEL, str(error)) from error
+    with _opened(folder / MODEL) as file:
+        weights = _said(file)[CHECKSUM]
     return {**read_json(folder / CONFIG, ANEW), "weights": weights}
 
 
