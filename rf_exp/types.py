@@ -19,6 +19,9 @@ ARM_JOINTS = 7
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
 
 Kind = Literal["logical", "temporal", "spatial"]
+# What a violation is about: arms that hit each other; room for an arm; order and time; what an arm can reach;
+# where and how it takes hold; what it holds; whether it follows its path; the answer itself.
+Cause = Literal["contact", "space", "time", "reach", "interaction", "grip", "tracking", "answer"]
 Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
 
 
@@ -171,8 +174,9 @@ class Violation:
     """A check that failed, with the evidence. Agents from 1."""
 
     check: str  # e.g. ValidateSpatialOccupancy
-    agents: tuple[int, ...]
-    time_s: float
+    cause: Cause
+    agents: tuple[int, ...]  # those it is about: two that are in each other's way, one that cannot reach
+    time_s: float  # since the start of the episode
     value: float
     bound: float
     reason: str  # a sentence that a person and a model can act on
