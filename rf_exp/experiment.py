@@ -1,6 +1,6 @@
 """An experiment as plain, checked values: what `conf/` says, before any work begins."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -90,8 +90,11 @@ def register_all_tasks() -> None:
     ConfigStore.instance().store(group="task", name="all", node={"defaults": names})
 
 
-def read_experiment(node: Mapping[str, Any]) -> Experiment:
-    """The experiment in a resolved configuration. Raises ArgumentError that names the key."""
+def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Experiment:
+    """The experiment in a resolved configuration. Raises ArgumentError that names the key.
+
+    `given` is what the person said: of the overrides `key=value` that led to the configuration.
+    """
     for group in ("task", "constraints", "arch"):
         if not node.get(group):
             raise ArgumentError(f"no {group} chosen; use {group}=NAME or {group}=all")
@@ -118,6 +121,26 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
             "pictures": {**picture, "render": node["render"]},
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
         }
-        return dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
+        experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error
+    if any(override.startswith("demos=") for override in given):
+        _refuse_demos_without_effect(experiment)
+    return experiment
+
+
+def _refuse_demos_without_effect(experiment: Experiment) -> None:
+    """Where the seeds to try are counted, `demos` is for training alone, and must be among them."""
+    both = f"episodes={experiment.episodes} demos={experiment.demos}"
+    if experiment.episodes is None or "generate" not in experiment.stages:
+        return
+    if not {"train", "evaluate"} & set(experiment.stages):
+        raise ArgumentError(
+            f"{both}: episodes already says how much is generated, and nothing is trained; give only one: "
+            "episodes=N for N consecutive seeds, episodes=null demos=N for N successes"
+        )
+    if experiment.demos > experiment.episodes:
+        raise ArgumentError(
+            f"{both}: {experiment.episodes} seeds cannot give {experiment.demos} demonstrations; "
+            "give demos no more than episodes, or episodes=null"
+        )

@@ -320,8 +320,7 @@ class EpisodeMaker:
         physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
         if not reasons:
             return physical
-        # The first says what went wrong; the last, why that could not be mended any more. The tables read the
-        # number of violations from these words (GenerationRow.violations).
+        # The first says what went wrong; the last, why that could not be mended any more.
         last = f"; the last: {reasons[-1]}" if reasons[-1] != reasons[0] else ""
         return f"{physical}; the first violation of {len(reasons)}: {reasons[0]}{last}"
 

@@ -70,6 +70,7 @@ class ScriptedSpec:
     """`brain=scripted`."""
 
     name: ClassVar[str] = "scripted"
+    reads: ClassVar[bool] = False
 
     @property
     def identity(self) -> dict[str, object]:
