@@ -88,8 +88,8 @@ def _said(played: list[Played]) -> str:
     counts = {name: sum(each) for name, each in _columns(played).items()}
     deepest = max((each.depth_mm for each in played), default=0.0)
     return (
-        f"{counts['success']} of {len(played)} succeed again, {counts['same']} to the last bit; arms press "
-        f"on one another in {counts['pressed']}, overlap in {counts['overlapped']}, by {deepest:.1f} mm at most"
+        f"{counts['success']} of {len(played)} succeed again, {counts['same']} to the last bit; arms "
+        f"press on one another in {counts['pressed']}, overlap in {counts['overlapped']} (<= {deepest:.1f} mm)"
     )
 
 
