@@ -33,15 +33,30 @@ def touching(
     pairs: tuple[tuple[int, int], ...],
     may_touch: Mapping[int, frozenset[str]] | None = None,
 ) -> Evidence | None:
-    """The first pair of arms that touch: contact force from the simulator, or overlapping volume.
+    """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
+    return pressing(scene, pairs) or overlapping(task, scene, pairs, may_touch)
 
-    What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
-    gripper of an agent, and what it holds, may touch in the hands of another one.
-    """
+
+def pressing(scene: Scene, pairs: tuple[tuple[int, int], ...]) -> Evidence | None:
+    """The first pair of arms that the simulator sees press on one another."""
     for a, b, force_n in scene.arm_contacts:
         if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
             reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
             return Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S, (a, b))
+    return None
+
+
+def overlapping(
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]] | None = None,
+) -> Evidence | None:
+    """The first pair of arms whose exact volumes overlap, whatever the simulator says.
+
+    What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
+    gripper of an agent, and what it holds, may touch in the hands of another one.
+    """
     bodies = Bodies(task, scene)
 
     @cache

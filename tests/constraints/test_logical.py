@@ -232,11 +232,12 @@ def test_nothing_carried_has_no_height(grasp):
 
 def test_the_height_is_that_of_what_they_carry_together():
     """Agent_1 has lifted something else before, by a height of its own."""
-    task = replace(BAR, objects={**BAR.objects, "steak": FOOD.objects["steak"]})
+    task = replace(BAR, objects={**BAR.objects, "blue": real("stack_cube").objects["blue"]})
     together = lifting((0.15, 0.15), joined=None, task=task)
     first, second = together.trajectories
-    other = replace(first.segments[0], carries="steak", qpos=first.segments[0].qpos[::-1], joined=None)
-    back = replace(other, carries=None, tcp_from_object=None, qpos=first.segments[0].qpos[:1])
+    other = replace(first.segments[0], carries="blue", qpos=first.segments[0].qpos[::-1], joined=None)
+    short = {"qpos": other.qpos[-1:], "gripper": other.gripper[-1:]}
+    back = replace(other, carries=None, tcp_from_object=None, **short)
     alone = replace(first, start_qpos=first.segments[0].qpos[-1], segments=(other, back, *first.segments))
     plan = replace(together, trajectories=(alone, second), schedule=None)
     for agent, begin in ((1, 21), (2, 0)):
