@@ -1,11 +1,16 @@
 """What all tests share: the repository's configuration and the tasks in it."""
 
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
+from rf_exp.command import guarded
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
 
@@ -33,3 +38,20 @@ def lift_barrier() -> Task:
 @pytest.fixture
 def place_food() -> Task:
     return read_task("place_food")
+
+
+@pytest.fixture
+def command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess]:
+    """`python -m rf_exp.run` in this process: exit code, standard output, standard error."""
+    from rf_exp.run import main  # imports torch, which most tests do without
+
+    def call(*arguments: str) -> subprocess.CompletedProcess:
+        monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
+        GlobalHydra.instance().clear()
+        capsys.readouterr()
+        code = guarded(main)
+        return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
+
+    return call

@@ -7,10 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hydra.core.global_hydra import GlobalHydra
 
-from rf_exp.command import guarded
-from rf_exp.run import main
 from rf_exp.store import Store
 
 ROOT = Path(__file__).parents[1]
@@ -25,20 +22,6 @@ TINY = (
     "training.steps=3",
     "training.batch_size=8",
 )
-
-
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """The command in this process: exit code, standard output, standard error."""
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["rf_exp.run", *arguments])
-        GlobalHydra.instance().clear()
-        capsys.readouterr()
-        code = guarded(main)
-        return subprocess.CompletedProcess(arguments, code, *capsys.readouterr())
-
-    return call
 
 
 def run(*arguments, environment=None, timeout_s=600):
@@ -73,6 +56,12 @@ def run(*arguments, environment=None, timeout_s=600):
         (["occupancy=guess"], "unknown occupancy 'guess'; available: depth, state"),
         (["task.lift_barrier.objects.barrier.x_m=[0.2,-0.2]"], "the wrong way round; write [-0.2, 0.2]"),
         (["task.lift_barrier.objects.barrier.asset=lamp"], "unknown asset 'lamp'; available: barrier"),
+        (
+            ["episodes=3", "demos=5", "stages=[generate]"],
+            "episodes=3 demos=5: episodes already says how much",
+        ),
+        (["episodes=3", "demos=5"], "episodes=3 demos=5: 3 seeds cannot give 5 demonstrations"),
+        (["experiment=ablation", "demos=5"], "episodes=1000 demos=5: episodes already says"),
         (["demoz=3"], "demoz"),
         (["workers=many"], "workers"),
     ],
@@ -157,6 +146,18 @@ def test_two_workers_make_the_same_bytes_as_one(generated, tmp_path):
     for task in PAIR:
         one, two = (Store.open(folder / f"data/{task}/full/quick.zarr") for folder in (out, tmp_path))
         assert one.digest() == two.digest()
+
+
+@pytest.mark.slow
+def test_a_run_without_one_success_fails(command, tmp_path):
+    arguments = ["task=pick_meat", "brain=faulty", "brain.fault=missing_object", "attempts=1"]
+    arguments += ["render=false", "episodes=2", "workers=1"]
+    result = command(*arguments, "stages=[generate,report]", f"out={tmp_path}")
+    assert result.returncode == 1
+    assert result.stderr.strip().splitlines()[-1] == (
+        f"failed: no seed succeeded; the reasons are in {tmp_path}/results/generate"
+    )
+    assert (tmp_path / "report.html").exists(), "the attempts are told all the same"
 
 
 @pytest.mark.slow

@@ -1,14 +1,25 @@
-"""Generation: each seed a row, and what the rows say."""
+"""Generation: each seed a row, whatever is killed when, and what the rows say."""
 
 import json
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
 
+import pytest
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import GenerationRow
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.datagen.version import generator_version
 from rf_exp.sim.simulator import Simulator
 from rf_exp.stages.generation import generation_row
+from rf_exp.store import Store
 from rf_exp.tasks import Task
 from rf_exp.types import Row, Violation
+from tests.conftest import read_task
 
 FULL = Row("full")
 
@@ -51,3 +62,105 @@ def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
             row = generation_row(lift_barrier, FULL, "scripted", outcome)
             assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)
             assert (row.contacts, row.generator) == (outcome.contacts, generator_version(lift_barrier))
+
+
+ARGUMENTS = ("stages=[generate]", "task=pick_meat", "render=false", "workers=1")
+ROWS, DATA = "results/generate/pick_meat/full.jsonl", "data/pick_meat/full/quick.zarr"
+
+# The command, in a process that is killed where `{where}` is called for the seed 1.
+KILLED = """
+import os, signal, sys
+from rf_exp.command import guarded
+from rf_exp.run import main
+from rf_exp.stages import generation
+
+before = {where}
+def killed(*arguments):
+    if str(getattr(arguments[-1], "seed", arguments[-1])).endswith("1"):  # a row, an episode, "scene 1"
+        os.kill(os.getpid(), signal.SIGKILL)
+    return before(*arguments)
+{where} = killed
+sys.exit(guarded(main))
+"""
+
+
+def run_and_kill(where: str, *arguments: str) -> None:
+    code = KILLED.format(where=where)
+    ran = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, timeout=300)
+    assert ran.returncode == -signal.SIGKILL, ran.stderr
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seeds, made without being disturbed."""
+    out = tmp_path_factory.mktemp("whole")
+    command = [sys.executable, "-m", "rf_exp.run", *ARGUMENTS, "recordings=0", "episodes=2", f"out={out}"]
+    subprocess.run(command, check=True, capture_output=True, timeout=300)
+    return out
+
+
+def told(out: Path) -> list[GenerationRow]:
+    return [replace(row, wall_s=0.0) for row in rows.read(out / ROWS, GenerationRow)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("goal", ["episodes=2", "demos=2"])
+def test_a_kill_between_episode_and_row_loses_no_row(command, tmp_path, whole, goal) -> None:
+    """The last seed is stored when its row is not yet there; going on must find nothing but that to do."""
+    arguments = (*ARGUMENTS, "recordings=0", goal, f"out={tmp_path}")
+    run_and_kill("generation.rows.append", *arguments)
+    assert Store.open(tmp_path / DATA).seeds.tolist() == [0, 1]
+    assert [row.seed for row in told(tmp_path)] == [0]
+    for _ in range(2):
+        assert command(*arguments).returncode == 0
+        assert told(tmp_path) == told(whole)
+    one, two = Store.open(tmp_path / DATA), Store.open(whole / DATA)
+    assert one.digest() == two.digest() and one.certificates == two.certificates
+
+
+@pytest.mark.slow
+def test_a_kill_before_the_episode_is_stored_gives_the_same(command, tmp_path, whole) -> None:
+    arguments = (*ARGUMENTS, "recordings=0", "episodes=2", f"out={tmp_path}")
+    run_and_kill("generation.Store.append", *arguments)
+    assert command(*arguments).returncode == 0
+    assert told(tmp_path) == told(whole)
+    assert Store.open(tmp_path / DATA).digest() == Store.open(whole / DATA).digest()
+
+
+@pytest.mark.slow
+def test_a_removed_line_comes_back_from_the_store(command, tmp_path) -> None:
+    """As the message about a damaged line says."""
+    arguments = (*ARGUMENTS, "recordings=0", "episodes=2", f"out={tmp_path}")
+    assert command(*arguments).returncode == 0
+    before, path = told(tmp_path), tmp_path / ROWS
+    first, second = path.read_text().splitlines(keepends=True)
+    path.write_text(first.replace("pick_meat", "pick_neat") + second)
+    result = command(*arguments)
+    assert result.returncode == 1
+    assert f"{path}, line 1" in result.stderr and "remove that line and run the same command" in result.stderr
+    path.write_text(second)
+    assert command(*arguments).returncode == 0
+    assert sorted(told(tmp_path), key=lambda row: row.seed) == before
+
+
+@pytest.mark.slow
+def test_what_a_kill_left_half_written_is_removed(command, tmp_path) -> None:
+    arguments = (*ARGUMENTS, "recordings=2", "episodes=2", f"out={tmp_path}")
+    run_and_kill("generation.EpisodeRecorder", *arguments)  # the second recording is under way
+    assert len(list(tmp_path.rglob("*.partial"))) == 1
+    assert command(*arguments[:-2], "recordings=1", *arguments[-2:]).returncode == 0
+    assert not list(tmp_path.rglob("*.partial"))
+    assert [path.name for path in (tmp_path / "recordings").rglob("*.*")] == ["generate-0.rrd"]
+
+
+@pytest.mark.slow
+def test_rows_and_store_name_the_code_that_made_them(whole, pick_meat) -> None:
+    attrs = Store.open(whole / DATA).attrs
+    for row in told(whole):
+        assert (row.generator, row.commit) == (attrs["generator"], attrs["commit"])
+    assert attrs["generator"] == generator_version(pick_meat)
+
+
+@pytest.fixture
+def pick_meat() -> Task:
+    return read_task("pick_meat")

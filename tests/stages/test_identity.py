@@ -1,0 +1,149 @@
+"""What makes data and evaluations others, and what does not: content and versions, not words."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trimesh
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from rf_exp.artifacts.identity import differing
+from rf_exp.experiment import CONF, Experiment, read_experiment
+from rf_exp.stages.identity import evaluation_identity, generation_identity
+from rf_exp.tasks import assets, pick_meat
+from rf_exp.transforms import transform
+
+CUBE = "mesh: cube.obj\nmass_kg: {mass_kg}\n# {comment}\npoints_of: cube\n"
+
+
+def experiment(*overrides: str) -> Experiment:
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        node: Any = compose("config", ["task=pick_meat", "name=quick", *overrides])
+    return read_experiment(OmegaConf.to_container(node, resolve=True))  # pyright: ignore[reportArgumentType]
+
+
+def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of generation and of evaluation."""
+    made = experiment(*overrides)
+    (task,), (row,) = made.tasks, made.rows
+    return generation_identity(made, task, row), evaluation_identity(made, task, 100)
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("task.pick_meat.objects.steak.x_m=[-0.01,0.01]", "scene.objects.steak.x_m"),
+        ("task.pick_meat.success.hold_steps=4", "scene.success.hold_steps"),
+        ("randomisation.heavy=0.5", "scene.randomisation.heavy"),
+        ("task.pick_meat.objects.steak.asset=cube", "scene.objects.steak.asset"),
+        ("task.pick_meat.cameras.global.fov_deg=50", "scene.cameras.global.fov_deg"),
+        ("task.pick_meat.robots=[{x_m: -0.61, y_m: 0.0, yaw_deg: 0}]", "scene.robots"),
+    ],
+)
+def test_the_scene_decides_both(override: str, key: str) -> None:
+    for found, wanted in zip(identities(), identities(override), strict=True):
+        (difference,) = differing(found, wanted)
+        assert difference.startswith(f"{key}: found ")
+
+
+def test_what_decides_evaluation_alone() -> None:
+    for override, key in (
+        ("demos=7", "demos"),
+        ("picture.width=64", "pictures"),
+        ("policy.inference_diffusion_steps=7", "policy.inference_diffusion_steps"),
+        ("training.steps=7", "training.steps"),
+    ):
+        (old, before), (new, after) = identities(), identities(override)
+        assert old == new
+        assert any(line.startswith(f"{key}: found") for line in differing(before, after)), key
+    made = experiment()
+    assert evaluation_identity(made, made.tasks[0], 100) != evaluation_identity(made, made.tasks[0], 101)
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "task.pick_meat.title=Steak",
+        "task.pick_meat.description=Something",
+        "task.pick_meat.target_condition=Something",
+        "workers=1",
+        "training.device=cpu",
+    ],
+)
+def test_what_decides_nothing_stays_out(override: str) -> None:
+    assert identities() == identities(override)
+
+
+def test_words_decide_what_a_model_answers() -> None:
+    found, wanted = (
+        identities("brain=openai", "brain.model=m", f"task.pick_meat.description={text}")[0]
+        for text in ("one", "two")
+    )
+    assert [line.split(":")[0] for line in differing(found, wanted)] == ["told"]
+
+
+def test_pictures_decide_where_they_are_looked_at() -> None:
+    for width in (64, 128):
+        seen = identities("occupancy=depth", f"picture.width={width}")[0]["seen"]
+        assert seen["width"] == width
+
+
+@pytest.mark.parametrize(("constant", "key"), [("VERSION", "criteria"), ("PLAN_VERSION", "plan")])
+def test_versions_of_a_task_decide(monkeypatch: pytest.MonkeyPatch, constant: str, key: str) -> None:
+    before = identities()
+    monkeypatch.setattr(pick_meat, constant, "99")
+    for found, wanted in zip(before, identities(), strict=True):
+        assert f'scene.{key}: found "1", wanted "99"' in differing(found, wanted)
+
+
+def test_the_version_of_the_generator_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    (before, _) = identities()
+    monkeypatch.setattr("rf_exp.datagen.version.GENERATOR", "99")
+    assert [line.split(":")[0] for line in differing(before, identities()[0])] == ["generator"]
+
+
+def test_objects_in_another_order_are_drawn_otherwise() -> None:
+    task = experiment("task=place_food").tasks[0]
+    turned = replace(task, objects=dict(reversed(task.objects.items())))
+    assert [line.split(":")[0] for line in differing(task.identity, turned.identity)] == ["order"]
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Callable[..., str]:
+    """Writes an asset of a user's own and says what a task with it has for its identity."""
+
+    def write(size_m: float = 0.04, mass_kg: float = 0.1, comment: str = "a cube", name: str = "cube") -> str:
+        assets._load.cache_clear()  # as in the next process
+        mesh = trimesh.creation.box((size_m, size_m, size_m), transform((0, 0, size_m / 2)))
+        mesh.export(tmp_path / "cube.obj")
+        (tmp_path / f"{name}.yaml").write_text(CUBE.format(mass_kg=mass_kg, comment=comment))
+        made = experiment(f"task.pick_meat.objects.steak.asset={tmp_path / name}.yaml")
+        return made.tasks[0].identity["objects"]["steak"]["asset"]
+
+    return write
+
+
+def test_an_edited_asset_or_mesh_decides(own: Callable[..., str]) -> None:
+    before = own()
+    assert own() == before
+    assert own(comment="the same cube") == before
+    assert own(mass_kg=0.2) != before
+    assert own(size_m=0.041) != before
+
+
+def test_every_part_of_an_asset_is_content() -> None:
+    cube = assets.load("cube")
+    part, (name, point) = cube.parts[0], next(iter(cube.points.items()))
+    others = [
+        replace(cube, friction=0.5),
+        replace(cube, ghost=True),
+        replace(cube, parts=(replace(part, colour=(0.1, 0.2, 0.3)), *cube.parts[1:])),
+        replace(cube, parts=(replace(part, roughness=0.1), *cube.parts[1:])),
+        replace(cube, points={**cube.points, name: replace(point, width_m=0.033)}),
+        replace(cube, points={**cube.points, name: replace(point, object_from_tcp=transform((0, 0, 1)))}),
+    ]
+    assert len({cube.content, *(other.content for other in others)}) == len(others) + 1
+    assert replace(cube, name="another").content == cube.content

@@ -1,0 +1,73 @@
+"""Bytes change only together with a version: of the generator, of a task's plan, of its criteria."""
+
+import sys
+from typing import Any
+
+import pytest
+
+from rf_exp.datagen.motion import primitives
+from rf_exp.tasks import Task, pick_meat
+from tests import golden
+from tests.conftest import TASKS, read_task
+
+FULL = [row for row in golden.rows() if row.name == "full"]
+
+
+@pytest.mark.slow
+def test_the_first_seeds_are_as_recorded(task: Task) -> None:
+    problem = golden.complaint(task, golden.read().get(task.name), golden.of(task, golden.rows()))
+    assert not problem, problem
+
+
+def test_the_file_holds_every_task_and_row() -> None:
+    recorded = golden.read()
+    assert sorted(recorded) == sorted(TASKS)
+    assert all(list(one["rows"]) == [row.name for row in golden.rows()] for one in recorded.values())
+
+
+def said(task: Task, recorded: dict[str, Any]) -> str:
+    return golden.complaint(task, recorded, golden.of(task, FULL))
+
+
+@pytest.mark.slow
+def test_what_changed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plan, criteria and generator, each changed for real."""
+    task = read_task("pick_meat")
+    recorded = golden.of(task, FULL)
+    assert said(task, recorded) == ""
+    assert golden.complaint(task, None, recorded).startswith("pick_meat has no digests; then take")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pick_meat, "LIFT_M", 0.18)
+        assert (
+            "its plan changed, and its versions did not; raise PLAN_VERSION in rf_exp.tasks.pick_meat"
+            in said(task, recorded)
+        )
+        patch.setattr(pick_meat, "PLAN_VERSION", "2")
+        assert said(task, recorded).endswith("take its digests anew: python -m tests.golden pick_meat")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pick_meat, "still", lambda *_: True)  # solved earlier
+        assert "when it counts as solved (rows full) changed" in said(task, recorded)
+        assert "raise VERSION in rf_exp.tasks.pick_meat" in said(task, recorded)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(primitives, "GRIPPER_STEPS", 12)
+        assert "its bytes (rows full) changed" in said(task, recorded)
+        assert "raise GENERATOR in rf_exp.datagen.version, or PLAN_VERSION" in said(task, recorded)
+
+
+@pytest.mark.slow
+def test_digests_are_not_taken_under_the_same_versions(
+    monkeypatch: pytest.MonkeyPatch, tmp_path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(golden, "FILE", tmp_path / "golden.json")
+    monkeypatch.setattr(golden, "rows", lambda: FULL)
+    monkeypatch.setattr(sys, "argv", ["golden", "pick_meat"])
+    assert golden.main() == 0
+    before = golden.read()
+    monkeypatch.setattr(pick_meat, "LIFT_M", 0.18)
+    assert golden.main() == 1 and golden.read() == before
+    assert "raise PLAN_VERSION" in capsys.readouterr().err
+    monkeypatch.setattr(pick_meat, "PLAN_VERSION", "2")
+    assert golden.main() == 0 and golden.read() != before
