@@ -17,10 +17,11 @@ from joblib import delayed
 from numpy.typing import NDArray
 
 from rf_exp.constraints import PolicyMonitor
-from rf_exp.sim.pool import Pictures, in_order, simulator
+from rf_exp.sim.pool import in_order, simulator
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
 from rf_exp.tasks.configuration import load_task
+from rf_exp.types import Pictures
 
 
 def replay(

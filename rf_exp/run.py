@@ -11,9 +11,7 @@ from itertools import product
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import guarded
-from rf_exp.experiment import CONF, read_experiment, register_all_tasks
-from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
+from rf_exp.command import CONF, guarded, register_all_tasks
 
 register_all_tasks()
 
@@ -21,7 +19,12 @@ register_all_tasks()
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen row of constraints and architecture."""
+    # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
+    from rf_exp.experiment import read_experiment
+
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
+
     stages = set(experiment.stages)
 
     for task, row in product(experiment.tasks, experiment.rows):
@@ -41,5 +44,10 @@ def main(config: DictConfig) -> None:
         write_tables(experiment)
 
 
+def command() -> int:
+    """The console script `rf-exp`; its exit code."""
+    return guarded(main)
+
+
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(command())

@@ -27,7 +27,7 @@ from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim.pool import Pictures, close_simulator, in_order, simulator
+from rf_exp.sim.pool import close_simulator, in_order, simulator
 from rf_exp.stages.artifacts import (
     complete,
     data_path,
@@ -40,7 +40,7 @@ from rf_exp.stages.artifacts import (
 from rf_exp.stages.logs import Follower, curve_log
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
-from rf_exp.types import Arch, Rollout, Row, Scene
+from rf_exp.types import Arch, Pictures, Rollout, Row, Scene
 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import openai
 from pydantic import BaseModel, Field, ValidationError
 
 from rf_exp.datagen.brain import exchanges
 from rf_exp.datagen.brain.exchanges import Exchange, Message
 from rf_exp.datagen.brain.protocol import BadAnswer
-from rf_exp.datagen.brain.secrets import check_address, check_environment_name, without
 from rf_exp.errors import ArgumentError
+from rf_exp.secrets import check_address, check_environment_name, without
 
 _LONGEST_COMPLAINT = 300  # characters of a server's error or a model's refusal that are repeated
 _NO_KEY = "none"  # what a server that wants no key is sent
@@ -135,6 +134,8 @@ class OpenAIChat:
 
     async def _request(self, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """The body of the completion. The deadline also ends answers that trickle in for ever."""
+        import openai  # half a second; only who asks a model needs it
+
         settings = self._connection
         options: dict[str, Any] = {}
         if settings.structured:

@@ -2,6 +2,5 @@
 
 from rf_exp.datagen.motion.planner import Posture, plan_motion
 from rf_exp.datagen.motion.state import Unreachable
-from rf_exp.datagen.motion.timing import JointLimits
 
-__all__ = ["JointLimits", "Posture", "Unreachable", "plan_motion"]
+__all__ = ["Posture", "Unreachable", "plan_motion"]
