@@ -51,6 +51,19 @@ def _freeze_modules() -> None:
     gc.freeze()
 
 
+def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
+    """Lets the links of one arm pass through those of the same arm only, where its SRDF excuses them.
+
+    SAPIEN gives the two links of an excused pair a common bit in word 2 of their collision groups, and
+    PhysX then ignores every two shapes with a common bit and the same number in word 3. Every Panda gets
+    the same bits, and nobody sets the number: hands of different arms would pass through one another.
+    """
+    for link in robot.links:
+        for shape in link.collision_shapes:
+            layer, collides_with, excused, _ = shape.get_collision_groups()
+            shape.set_collision_groups([layer, collides_with, excused, agent])
+
+
 def _sapien_camera_pose(parent_from_camera: Matrix) -> sapien.Pose:
     """SAPIEN's cameras look along x with y to the left and z up."""
     opencv_from_sapien = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -121,6 +134,8 @@ class TableEnv(BaseEnv):
         self.start = self.task.start(int(self._episode_seed[0]))
         bases: Any = [objects.sapien_pose(robot.world_from_base) for robot in self.task.robots]
         super()._load_agent(options, bases)
+        for agent, arm in zip(self.task.agents, self.arms, strict=True):
+            _excuse_only_within(arm.robot._objs[0], agent)
 
     def _load_scene(self, options: dict) -> None:
         build_room(self.scene)

@@ -1,0 +1,101 @@
+"""Laws over every task: no link of one arm passes through another arm, nor a gripper through a thing."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+import pytest
+import sapien
+from sapien import physx
+
+from rf_exp.constraints.world import Bodies
+from rf_exp.robots import LINKS
+from rf_exp.robots.panda import hulls
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Task
+from tests.conftest import TASKS, read_task
+
+GRIPPER = ("panda_hand", "panda_leftfinger", "panda_rightfinger")
+
+
+@pytest.fixture(scope="module", params=TASKS)
+def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
+    with Simulator(read_task(request.param), render=False) as simulator:
+        yield simulator
+
+
+def link_of(robot: physx.PhysxArticulation, name: str) -> physx.PhysxArticulationLinkComponent:
+    return next(link for link in robot.links if link.name.endswith(name))
+
+
+def middle_m(link: physx.PhysxArticulationLinkComponent, name: str) -> np.ndarray:
+    """(3,) centre of mass of the hull of a link, world frame."""
+    pose = link.entity_pose.to_transformation_matrix()
+    return pose[:3, :3] @ hulls()[name].center_mass + pose[:3, 3]
+
+
+def collide(simulator: Simulator, agent: int, shift_m: np.ndarray, bodies: set) -> bool:
+    """Whether PhysX sees two bodies in one another a step after an arm was put elsewhere, base and all.
+
+    Of what may pass through one another it does not even report a contact.
+    """
+    robot, home = simulator._robots[agent - 1], simulator._robots[agent - 1].root_pose
+    robot.set_root_pose(sapien.Pose(home.p + shift_m, home.q))
+    simulator._physics.step()
+    found = [contact for contact in simulator._physics.get_contacts() if set(contact.bodies) == bodies]
+    robot.set_root_pose(home)
+    for arm, qpos in zip(simulator._robots, simulator._env.start.qpos, strict=True):  # what was hit flies off
+        arm.set_qpos(qpos.astype(np.float32))
+        arm.set_qvel(np.zeros(len(qpos), np.float32))
+    return any(point.separation < 0 for contact in found for point in contact.points)
+
+
+def test_every_two_links_of_two_arms_collide(simulator: Simulator) -> None:
+    """Set into one another, any two links press each other apart; only bolted bases never meet."""
+    through = []
+    for a, b in combinations(range(len(simulator.task.robots)), 2):
+        simulator.reset(0)
+        for name, other in product(LINKS, LINKS):
+            if (name, other) == (LINKS[0], LINKS[0]):
+                continue
+            robots = simulator._robots
+            fixed, moved = link_of(robots[a], name), link_of(robots[b], other)
+            shift_m = middle_m(fixed, name) - middle_m(moved, other)
+            if not collide(simulator, b + 1, shift_m, {fixed, moved}):
+                through.append(f"{name} of Agent_{a + 1} and {other} of Agent_{b + 1}")
+    assert not through
+
+
+def test_every_gripper_collides_with_every_thing(simulator: Simulator) -> None:
+    through = []
+    for agent, thing, name in product(simulator.task.agents, simulator.task.objects, GRIPPER):
+        asset = simulator.task.asset(thing)
+        if not asset.hulls:  # a mark on the table
+            continue
+        simulator.reset(0)
+        robot = simulator._robots[agent - 1]
+        link = link_of(robot, name)
+        body = simulator._bodies[thing].find_component_by_type(physx.PhysxRigidBaseComponent)
+        pose = simulator._bodies[thing].pose.to_transformation_matrix()
+        shift_m = pose[:3, :3] @ asset.hulls[0].center_mass + pose[:3, 3] - middle_m(link, name)
+        if not collide(simulator, agent, shift_m, {link, body}):
+            through.append(f"{name} of Agent_{agent} and {thing}")
+    assert not through
+
+
+def test_two_hands_driven_together_stop_at_each_other(lift_barrier: Task) -> None:
+    """Face to face, both arms lean forward until their hands meet, and go on pushing."""
+    facing = (replace(lift_barrier.robots[0], x_m=-0.68, y_m=0.0, yaw_deg=0.0),)
+    facing += (replace(lift_barrier.robots[1], x_m=0.68, y_m=0.0, yaw_deg=180.0),)
+    task = replace(lift_barrier, robots=facing)
+    with Simulator(task, render=False) as simulator:
+        scene, command = simulator.reset(0), simulator.command
+        hardest_n, deepest_m = 0.0, 0.0
+        for _ in range(80):
+            command[:, 3] += 0.01  # rad: the elbows stretch
+            scene = simulator.step(command)
+            hardest_n = max([hardest_n, *(force for _, _, force in scene.arm_contacts)])
+            deepest_m = min(deepest_m, Bodies(task, scene).between(1, 2).distance_m)
+    assert hardest_n > 20.0
+    assert deepest_m > -0.002
