@@ -12,6 +12,7 @@ from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import close_simulator, simulator
 from rf_exp.stages.artifacts import complete, data_path, generation_path, owned, plain, recording_path
+from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Task
 from rf_exp.types import Row
@@ -51,14 +52,19 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
         else:
             by_seed = experiment.episodes is not None
             unit, total = ("seeds", len(span)) if by_seed else ("demonstrations", enough)
-            with Progress(title, total, unit, len(tried) if by_seed else made) as progress:
+            with (
+                Progress(title, total, unit, len(tried) if by_seed else made) as progress,
+                rate_log(experiment, "generate", task, row, known=known.values()) as log,
+            ):
                 for outcome in generate(
                     settings, pictures, [s for s in span if s not in tried], experiment.workers
                 ):
                     if outcome.episode is not None:
                         store.append(outcome.episode)
                     if outcome.seed not in known:
-                        rows.append(rows_path, _row(task, row, settings.brain.name, outcome))
+                        result = _row(task, row, settings.brain.name, outcome)
+                        rows.append(rows_path, result)
+                        log(result)
                     tried.append(outcome.seed)
                     made += outcome.success
                     progress.advance(
