@@ -60,10 +60,10 @@ def test_the_report_stands_alone(out: Path) -> None:
 def test_the_widest_table_fits_1400_pixels(out: Path) -> None:
     """Every field of the table of tasks measured, for each of the paper's numbers of demonstrations."""
     for task in paper().levels:
-        for row in generation(task, "full", 190, 10, loose=3, violations=(0, 1, 3), first=1000, steps=1000):
+        for row in generation(task, "full", 16, 4, loose=3, violations=(0, 1, 3), first=1000, steps=1000):
             append(out / f"results/generate/{task}/full.jsonl", row)
         for demos in paper().demos:
-            for row in evaluation(task, "separate_local", demos, 60, 40, violations=(0, 170)):
+            for row in evaluation(task, "separate_local", demos, 12, 8, violations=(0, 170)):
                 append(out / f"results/evaluate/{task}/separate_local/full-{demos}.jsonl", row)
     wide = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth)"
     wider = f"{wide}.map(e => `${{e.closest('section').id}} ${{e.scrollWidth}} px`)"

@@ -478,9 +478,8 @@ def test_a_terminal_of_80_columns_holds_every_table(name: str) -> None:
     for line in table.lines:
         for index, after in table.compared:
             told = set(line.title.split()) | set(table.columns[index].title.split())
-            for cell, unit in [(line.cells[index], table.columns[index].unit)] + (
-                [(line.cells[after], "violations")] if after is not None else []
-            ):
+            for place in (index, *([] if after is None else [after])):
+                cell, unit = line.cells[place], table.columns[place].unit
                 told |= set(
                     " ".join([formats.figure(cell.value, unit), *formats.details(cell, unit)]).split()
                 )
