@@ -3,20 +3,24 @@
     python benchmarks/replay.py outputs/data [--episodes 50] [--workers 2]
 
 Plays every episode of every store below a folder, or the first ones of each, without pictures, and
-judges it by the strict criterion. The last line is JSON: episodes, successes, how many gave the stored
-joint positions to the last bit, and in how many one arm touched another: by contact force, or by the
-exact overlap of links, fingers and loads; a gripper may meet what another one holds.
+judges it by the strict criterion. Contact between arms is looked for twice at every control step, each way
+for itself: by force, as the simulator reports it, and by geometry, the exact overlap of links, fingers and
+loads, in which the simulator has no say (a gripper may meet what another one holds). The last line is JSON:
+episodes, successes, how many gave the stored joint positions to the last bit, in how many arms pressed on
+one another, in how many they overlapped, and the deepest overlap.
 """
 
 import argparse
 import json
+from itertools import combinations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from joblib import delayed
 from numpy.typing import NDArray
 
-from rf_exp.constraints import PolicyMonitor
+from rf_exp.constraints.spatial import overlapping, pressing
 from rf_exp.sim.pool import in_order, simulator
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
@@ -24,20 +28,34 @@ from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Pictures
 
 
-def replay(
-    task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]
-) -> tuple[bool, bool, bool]:
-    """(success, same joints, arms touched) of an episode with states (T, N, 9) and actions (T, N, 8)."""
+class Played(NamedTuple):
+    """What became of one episode."""
+
+    success: bool
+    same: bool  # joint positions, to the last bit
+    pressed: bool
+    overlapped: bool
+    depth_mm: float  # the deepest overlap
+
+
+def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> Played:
+    """Plays an episode with states (T, N, 9) and actions (T, N, 8)."""
     world = simulator(task, Pictures(render=False))
+    pairs, may_touch = (
+        tuple(combinations(task.agents, 2)),
+        dict.fromkeys(task.agents, frozenset(task.objects)),
+    )
     scene = world.reset(seed)
-    judge, monitor, same, touched = Judge(task, scene), PolicyMonitor(task), True, False
+    judge, same, pressed, depth_m = Judge(task, scene), True, False, 0.0
     verdict = judge(scene)
     for row, command in zip(qpos, action.astype(float), strict=True):
         same &= bool(np.array_equal(row, scene.qpos.astype(np.float32)))
         scene = world.step(command)
         verdict = judge(scene)
-        touched |= monitor(scene) is not None
-    return verdict.success, same, touched
+        pressed |= pressing(scene, pairs) is not None
+        found = overlapping(task, scene, pairs, may_touch)
+        depth_m = max(depth_m, 0.0 if found is None else -found.value)
+    return Played(verdict.success, same, pressed, depth_m > 0, 1000 * depth_m)
 
 
 def main() -> None:
@@ -48,22 +66,32 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, help="of each store; all unless given")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    total = np.zeros(4, dtype=int)
+    total: list[Played] = []
     for path in sorted(given.folder.glob("**/*.zarr")):
         with Store.open(path) as store:
-            task = load_task(store.identity["task"], store.identity["scene"])
+            task = load_task(store.attrs["task"], store.attrs["scene"])
             episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
         jobs = (delayed(replay)(task, each.seed, each.qpos, each.action) for each in episodes)
         results = list(in_order(jobs, given.workers))
-        counts = [len(results), *np.sum(results, axis=0).tolist()] if results else [0, 0, 0, 0]
-        print(
-            f"{path}: {counts[1]} of {counts[0]} succeed again, {counts[2]} to the last bit, arms touch in "
-            f"{counts[3]}",
-            flush=True,
-        )
-        total += counts
-    result = dict(zip(("episodes", "successes", "identical", "touched"), total.tolist(), strict=True))
+        total += results
+        print(f"{path}: {_said(results)}", flush=True)
+    deepest = round(max((each.depth_mm for each in total), default=0.0), 2)
+    counts = {name: sum(each) for name, each in _columns(total).items()}
+    result = {"episodes": len(total), **counts, "depth_mm": deepest}
     print(json.dumps({"benchmark": "replay", **result}))
+
+
+def _columns(played: list[Played]) -> dict[str, list[bool]]:
+    return {name: [getattr(each, name) for each in played] for name in Played._fields[:-1]}
+
+
+def _said(played: list[Played]) -> str:
+    counts = {name: sum(each) for name, each in _columns(played).items()}
+    deepest = max((each.depth_mm for each in played), default=0.0)
+    return (
+        f"{counts['success']} of {len(played)} succeed again, {counts['same']} to the last bit; arms "
+        f"press on one another in {counts['pressed']}, overlap in {counts['overlapped']} (<= {deepest:.1f} mm)"
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """An experiment as plain, checked values: what `conf/` says, before any work begins."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -84,8 +84,11 @@ class Experiment:
         return Settings(task, row, self.brain, self.limits, self.attempts, self.occupancy)
 
 
-def read_experiment(node: Mapping[str, Any]) -> Experiment:
-    """The experiment in a resolved configuration. Raises ArgumentError that names the key."""
+def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Experiment:
+    """The experiment in a resolved configuration. Raises ArgumentError that names the key.
+
+    `given` is what the person said: of the overrides `key=value` that led to the configuration.
+    """
     for group in ("task", "constraints", "arch"):
         if not node.get(group):
             raise ArgumentError(f"no {group} chosen; use {group}=NAME or {group}=all")
@@ -108,6 +111,8 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
         }
         experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
+        if any(override.startswith("demos=") for override in given):
+            _refuse_demos_without_effect(experiment)
         drawn = node["randomisation"]
         tasks = (  # last: their things are built, which takes longer than all the rest
             load_task(name, {**task, "randomisation": drawn | task.get("randomisation", {})})
@@ -116,3 +121,20 @@ def read_experiment(node: Mapping[str, Any]) -> Experiment:
         return replace(experiment, tasks=tuple(tasks))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error
+
+
+def _refuse_demos_without_effect(experiment: Experiment) -> None:
+    """Where the seeds to try are counted, `demos` is for training alone, and must be among them."""
+    both = f"episodes={experiment.episodes} demos={experiment.demos}"
+    if experiment.episodes is None or "generate" not in experiment.stages:
+        return
+    if not {"train", "evaluate"} & set(experiment.stages):
+        raise ArgumentError(
+            f"{both}: episodes already says how much is generated, and nothing is trained; give only one: "
+            "episodes=N for N consecutive seeds, episodes=null demos=N for N successes"
+        )
+    if experiment.demos > experiment.episodes:
+        raise ArgumentError(
+            f"{both}: {experiment.episodes} seeds cannot give {experiment.demos} demonstrations; "
+            "give demos no more than episodes, or episodes=null"
+        )

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints import RoboChecker
 from rf_exp.constraints.clearance import Mask
 from rf_exp.constraints.evidence import Check, Evidence
-from rf_exp.constraints.logical import ConsistentHeight
 from rf_exp.constraints.occupancy import centres_m, voxels
-from rf_exp.constraints.temporal import ShareSpace
 from rf_exp.constraints.timing import Demands
 from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.episode import Plan
@@ -29,13 +27,6 @@ from rf_exp.viz.text import CheckResult
 
 CAMERAS = "cameras"  # owner of the voxels that they see
 OCCUPANCY_EVERY = 2  # control steps
-UNITS = {
-    "ValidateInteraction": "m",
-    "ValidateDirection": "deg",
-    "ValidateSpatialOccupancy": "m",
-    "ValidateScheduling": "s",
-}
-ODD_UNITS: dict[type, str] = {ConsistentHeight: "m", ShareSpace: ""}  # a height, a share
 TABLE_M = (2.4, 2.4, 0.02)  # what is drawn of the table
 TABLE_COLOUR = (0.45, 0.40, 0.35)
 
@@ -188,7 +179,7 @@ def check_result(check: Check, evidence: Evidence) -> CheckResult:
         evidence.ok,
         evidence.value,
         evidence.bound,
-        ODD_UNITS.get(type(check), UNITS[check.name]),
+        check.unit,
         evidence.time_s,
         evidence.reason,
     )

@@ -9,9 +9,11 @@ import sys
 from itertools import product
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.command import CONF, guarded, register_all_tasks
+from rf_exp.errors import StageError
 
 register_all_tasks()
 
@@ -22,15 +24,17 @@ def main(config: DictConfig) -> None:
     # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
     from rf_exp.experiment import read_experiment
 
-    experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    given = HydraConfig.get().overrides.task
+    experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
     from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
 
     stages = set(experiment.stages)
+    demonstrations = 0
 
     for task, row in product(experiment.tasks, experiment.rows):
         # RoboBrain proposes, primitives move, RoboChecker checks; what passes becomes the data set.
         if "generate" in stages:
-            generate_data(experiment, task, row)
+            demonstrations += generate_data(experiment, task, row)
         # One view of the data set for each policy of an architecture, one diffusion policy for each view.
         for arch in experiment.archs:
             if "train" in stages:
@@ -42,6 +46,9 @@ def main(config: DictConfig) -> None:
     # All rows there are, beside the paper's figures.
     if "report" in stages:
         write_tables(experiment)
+
+    if "generate" in stages and not demonstrations:
+        raise StageError(f"no seed succeeded; the reasons are in {experiment.out / 'results' / 'generate'}")
 
 
 def command() -> int:

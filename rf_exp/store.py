@@ -21,13 +21,10 @@ import fcntl
 import hashlib
 import json
 import os
-import platform
 import shutil
-import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from importlib import metadata
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
@@ -37,6 +34,9 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
+from rf_exp.artifacts.files import whole
+from rf_exp.artifacts.identity import differing, plain
+from rf_exp.artifacts.provenance import commit, installed
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.types import CONTROL_HZ, Episode
 
@@ -71,12 +71,15 @@ class Store:
         cameras: Sequence[str],
         height: int,
         width: int,
+        scene: Mapping[str, object] | None = None,
     ) -> "Store":
         """A new, empty store, opened for writing.
 
-        `identity` is the configuration that makes the data, as plain JSON values; `task` and
-        `version` (of the success criteria) in it become attributes of their own. Pictures are
-        (height, width, 3); without cameras both may be 0.
+        `identity` is the configuration that makes the data, as plain JSON values; `task`, `version`
+        (of the success criteria) and `generator` (version of the code) in it become attributes of
+        their own, beside the commit of the code. Pictures are (height, width, 3); without cameras
+        both may be 0. `scene` is the task as configured, for those who want to load it again; it
+        is not part of the identity.
 
         Raises StageError when `path` exists or the disk is full, ArgumentError when nothing can be
         created there.
@@ -84,39 +87,26 @@ class Store:
         path = Path(path)
         if path.exists():
             raise StageError(f"{path} exists already; open it, delete it, or choose another `out`")
-        configuration = _plain(identity)
+        configuration = plain(identity)
         attributes = {
             "format": FORMAT,
             "task": configuration.get("task"),
             "criteria_version": configuration.get("version"),
+            "generator": configuration.get("generator"),
+            "commit": commit(),
             "identity": configuration,
+            "scene": plain(scene or {}),
             "control_hz": CONTROL_HZ,
             "agents": agents,
             "cameras": list(cameras),
             "height": height,
             "width": width,
-            "versions": _versions(),
+            "versions": installed(PACKAGES),
         }
-        # Made under another name and moved, so that half a store never carries the real one.
-        draft = path.with_name(f"{path.name}.{uuid.uuid4().hex}.partial")
         try:
-            draft.parent.mkdir(parents=True, exist_ok=True)
-            group = zarr.create_group(draft, attributes=attributes)
-            for name, (shape, dtype) in _layout(attributes).items():
-                picture = name.startswith("data/rgb_")
-                rows = PICTURE_CHUNK if picture else META_CHUNK if name.startswith("meta/") else STATE_CHUNK
-                group.create_array(
-                    name,
-                    shape=(0, *shape),
-                    dtype=dtype,
-                    chunks=(rows, *shape),
-                    shards=(PICTURE_SHARD, *shape) if picture else None,
-                    filters=None,
-                    compressors=ZstdCodec(level=3, checksum=True),
-                )
-            draft.rename(path)
+            with whole(path) as draft:
+                _create(draft, attributes)
         except OSError as error:
-            shutil.rmtree(draft, ignore_errors=True)
             if path.exists():
                 raise StageError(f"{path} was made by another process meanwhile; run again") from error
             if error.errno in DISK_FULL:
@@ -147,7 +137,7 @@ class Store:
         try:
             store._check_attributes()
             if identity is not None:
-                store._check_identity(_plain(identity))
+                store._check_identity(plain(identity))
             store._check_rows()
             if writable:
                 store._cut()
@@ -330,7 +320,7 @@ class Store:
                 )
             if dtype == "float32" and not np.isfinite(values).all():
                 raise StageError(f"{name} of the {label} holds values that are not finite numbers")
-        certificate = json.dumps(_plain(episode.certificate), sort_keys=True)
+        certificate = json.dumps(plain(episode.certificate), sort_keys=True)
         return data | {
             "meta/seed": np.array([episode.seed], np.int64),
             "meta/certificate": np.array([certificate], np.dtypes.StringDType()),
@@ -369,16 +359,10 @@ class Store:
                     "generate the data again"
                 )
 
-    def _check_identity(self, asked: Mapping[str, Any]) -> None:
-        stored, wanted = _flat(self.identity), _flat(asked)
-        differing = [
-            f"{key}: stored {stored.get(key, 'nothing')}, asked {wanted.get(key, 'nothing')}"
-            for key in sorted(stored.keys() | wanted.keys())
-            if stored.get(key) != wanted.get(key)
-        ]
-        if differing:
+    def _check_identity(self, asked: Mapping[str, object]) -> None:
+        if differences := differing(self.identity, asked):
             raise StageError(
-                f"{self.path} was made from another configuration ({'; '.join(differing)}); "
+                f"{self.path} was made from another configuration ({'; '.join(differences)}); "
                 "delete it or choose another `out`"
             )
 
@@ -439,6 +423,23 @@ def _layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], A
     }
 
 
+def _create(path: Path, attributes: dict[str, Any]) -> None:
+    """A new folder with all arrays of the layout, empty."""
+    group = zarr.create_group(path, attributes=attributes)
+    for name, (shape, dtype) in _layout(attributes).items():
+        picture = name.startswith("data/rgb_")
+        rows = PICTURE_CHUNK if picture else META_CHUNK if name.startswith("meta/") else STATE_CHUNK
+        group.create_array(
+            name,
+            shape=(0, *shape),
+            dtype=dtype,
+            chunks=(rows, *shape),
+            shards=(PICTURE_SHARD, *shape) if picture else None,
+            filters=None,
+            compressors=ZstdCodec(level=3, checksum=True),
+        )
+
+
 def _view(array: zarr.Array[Any], rows: int) -> zarr.Array[Any]:
     """The array as if it had that many rows; the stored shape stays."""
     shaped = array.metadata.update_shape((rows, *array.shape[1:]))
@@ -485,47 +486,3 @@ def _lock(path: Path) -> int:
         os.close(descriptor)
         raise StageError(f"{path} is being written by another process; wait for it or stop it") from error
     return descriptor
-
-
-def _plain(value: object) -> Any:
-    """The value as it comes back from JSON: tuples as lists, numpy as plain numbers.
-
-    Raises ArgumentError for what JSON cannot hold, NaN and infinity included.
-    """
-
-    def simplify(item: object) -> object:
-        if isinstance(item, np.generic | np.ndarray):
-            return item.tolist()
-        if isinstance(item, Mapping):
-            return dict(item)
-        if isinstance(item, set | frozenset):
-            return sorted(item)
-        if isinstance(item, Path):
-            return str(item)
-        raise TypeError(f"a value of type {type(item).__name__}")
-
-    try:
-        return json.loads(json.dumps(value, default=simplify, allow_nan=False))
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(f"a store keeps plain JSON values only; found {error}") from error
-
-
-def _flat(value: Any, prefix: str = "") -> dict[str, str]:
-    """Nested mappings as one: dotted key -> JSON text."""
-    if isinstance(value, Mapping) and (value or not prefix):
-        return {
-            key: text
-            for name, item in value.items()
-            for key, text in _flat(item, f"{prefix}.{name}" if prefix else str(name)).items()
-        }
-    return {prefix: json.dumps(value, sort_keys=True)}
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue  # not every machine has the simulator
-    return found

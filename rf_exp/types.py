@@ -22,6 +22,9 @@ COLLISION = "Collision"  # the check that arms fail which have hit something
 MOTION = "Motion"  # the check that a proposal fails for which no motion was found
 
 Kind = Literal["logical", "temporal", "spatial"]
+# What a violation is about: arms that hit each other; room for an arm; order and time; what an arm can reach;
+# where and how it takes hold; what it holds; whether it follows its path; the answer itself.
+Cause = Literal["contact", "space", "time", "reach", "interaction", "grip", "tracking", "answer"]
 Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
 
 
@@ -196,8 +199,9 @@ class Violation:
     """A check that failed, with the evidence. Agents from 1."""
 
     check: str  # e.g. ValidateSpatialOccupancy
-    agents: tuple[int, ...]
-    time_s: float
+    cause: Cause
+    agents: tuple[int, ...]  # those it is about: two that are in each other's way, one that cannot reach
+    time_s: float  # since the start of the episode
     value: float
     bound: float
     reason: str  # a sentence that a person and a model can act on

@@ -105,7 +105,7 @@ draws() {
 add_backports() { # Debian 12's own Mesa is too old
     apt-get indextargets --format '$(RELEASE)' | grep -qx bookworm-backports && return
     local mirror
-    mirror=$(apt-get indextargets --format '$(RELEASE) $(SITE)' | awk '$1 == "bookworm" {print $2; exit}')
+    mirror=$(apt-get indextargets --format '$(RELEASE) $(SITE)' | awk '$1 == "bookworm" {print $2; exit}') || mirror=""
     local line="deb ${mirror:?no source of bookworm among those of apt} bookworm-backports main"
     say "apt source of bookworm-backports"
     echo "$line" | as_root tee /etc/apt/sources.list.d/rf_exp-backports.list ||

@@ -71,10 +71,10 @@ def test_subgoals_that_begin_together_are_one_phase():
         second = np.clip(np.arange(51) - wait_steps, 0, 20)
         schedule = Schedule(np.column_stack([np.minimum(np.arange(51), 30), second]), 30)
         plan = Plan(Proposal((), ()), None, TWO, schedule)  # pyright: ignore[reportArgumentType]
-        return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan)]
+        return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan, 2.0)]
 
-    assert begin(0) == begin(10) == [(0.0, [1, 2])]
-    assert begin(11) == [(0.0, [1]), (pytest.approx(0.55), [2])]
+    assert begin(0) == begin(10) == [(2.0, [1, 2])]
+    assert begin(11) == [(2.0, [1]), (pytest.approx(2.55), [2])]
 
 
 def command(monkeypatch, *arguments: str) -> int:

@@ -44,7 +44,7 @@ def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
         recorder.plans = []
         settings = Settings(task, FULL, FaultySpec("wrong_direction"))
         outcome = EpisodeMaker(settings, world, settings.make_brain(0), recorder).make(0)
-        recorder.rejected(Violation("Tracking", (2,), 7.0, 0.2, 0.15, "something is in its way"))
+        recorder.rejected(Violation("Tracking", "tracking", (2,), 7.0, 0.2, 0.15, "something is in its way"))
     return Content(path), recorder, outcome
 
 

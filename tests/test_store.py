@@ -16,11 +16,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rf_exp.store as store_module
+from rf_exp.artifacts.provenance import commit
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
-IDENTITY = {"task": "lift_barrier", "version": "1", "seed": 100, "ranges": {"x_m": (-0.1, 0.1)}}
+IDENTITY = {
+    "task": "lift_barrier",
+    "version": "1",
+    "generator": "1.1",
+    "seed": 100,
+    "ranges": {"x_m": (-0.1, 0.1)},
+}
 AGENTS, CAMERAS, HEIGHT, WIDTH = 2, ("global", "agent1", "agent2"), 6, 8
 
 
@@ -112,6 +119,7 @@ def test_attributes_say_where_the_data_came_from(tmp_path: Path) -> None:
     attrs = Store.open(make_store(tmp_path / "s.zarr", [])).attrs
     assert attrs["task"] == "lift_barrier"
     assert attrs["criteria_version"] == "1"
+    assert (attrs["generator"], attrs["commit"]) == ("1.1", commit())
     assert attrs["control_hz"] == 20
     assert attrs["identity"]["ranges"] == {"x_m": [-0.1, 0.1]}
     assert {"python", "numpy", "zarr"} <= set(attrs["versions"])
@@ -226,7 +234,7 @@ def test_a_disk_that_fills_up(tmp_path: Path) -> None:
         with pytest.raises(StageError, match="no space left while creating the store"):
             for copy in range(100):
                 Store.create(disk / f"{copy}.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH).close()
-        assert not list(disk.glob("*.partial"))
+        assert not list(disk.glob(".*"))
     finally:
         subprocess.run(["umount", "-l", disk], check=True)
 
@@ -258,14 +266,20 @@ def test_an_existing_store_is_never_overwritten(tmp_path: Path) -> None:
 
 def test_a_foreign_configuration_is_named_key_by_key(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
-    asked = {"task": "lift_barrier", "version": "2", "ranges": {"x_m": [-0.1, 0.2]}, "light": 0.1}
+    asked = {
+        "task": "lift_barrier",
+        "version": "2",
+        "generator": "1.1",
+        "ranges": {"x_m": [-0.1, 0.2]},
+        "light": 0.1,
+    }
     with pytest.raises(StageError) as caught:
         Store.open(path, asked)
     for part in (
-        "light: stored nothing, asked 0.1",
-        "ranges.x_m: stored [-0.1, 0.1], asked [-0.1, 0.2]",
-        "seed: stored 100, asked nothing",
-        'version: stored "1", asked "2"',
+        "light: found nothing, wanted 0.1",
+        "ranges.x_m: found [-0.1, 0.1], wanted [-0.1, 0.2]",
+        "seed: found 100, wanted nothing",
+        'version: found "1", wanted "2"',
         "delete it or choose another `out`",
     ):
         assert part in str(caught.value)
@@ -274,7 +288,7 @@ def test_a_foreign_configuration_is_named_key_by_key(tmp_path: Path) -> None:
 
 
 def test_identity_holds_plain_values_only(tmp_path: Path) -> None:
-    with pytest.raises(ArgumentError, match="plain JSON values only; found a value of type object"):
+    with pytest.raises(ArgumentError, match="described by plain JSON values; found a value of type object"):
         Store.create(tmp_path / "s.zarr", {"x": object()}, AGENTS, CAMERAS, HEIGHT, WIDTH)
 
 

@@ -162,8 +162,10 @@ def test_the_camera_sees_what_its_model_says(path):
 
 
 def test_verdicts_and_violations_say_why(path):
-    clash = Violation("ValidateSpatialOccupancy", (1, 2), 1.35, 0.031, 0.05, "the arms share 3 voxels")
-    refused = Violation("Motion", (), 0.2, 0.0, 0.0, "no free path")
+    clash = Violation(
+        "ValidateSpatialOccupancy", "space", (1, 2), 1.35, 0.031, 0.05, "the arms share 3 voxels"
+    )
+    refused = Violation("Motion", "space", (), 0.2, 0.0, 0.0, "no free path")
     with open_recorder(path) as recorder:
         recorder.violation(clash, [(0.0, 0.1, 0.3), (0.0, -0.1, 0.3)])
         recorder.violation(clash, [(0.0, 0.2, 0.3)])
@@ -211,7 +213,7 @@ RESULTS = (
 
 def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(path):
     with open_recorder(path) as recorder:
-        recorder.violation(Violation("Motion", (), 0.0, 0.0, 0.0, "no free path"))
+        recorder.violation(Violation("Motion", "space", (), 0.0, 0.0, 0.0, "no free path"))
         recorder.checked(RESULTS)
         recorder.step(5, poses=POSES, qpos=QPOS)
         recorder.checked(RESULTS[:1])
@@ -236,7 +238,7 @@ def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(
 
 
 def test_the_mark_of_a_violation_leaves_after_half_a_second(path):
-    clash = Violation("ValidateSpatialOccupancy", (1, 2), 0.0, 0.031, 0.05, "too close")
+    clash = Violation("ValidateSpatialOccupancy", "space", (1, 2), 0.0, 0.031, 0.05, "too close")
     with open_recorder(path) as recorder:
         recorder.violation(clash, [(0.0, 0.1, 0.3)])
         for step in (5, 9, 10, 11):
@@ -463,7 +465,7 @@ def test_other_wrong_values_are_named(path):
         with pytest.raises(ArgumentError, match="centres_m of agent1 has shape 4x2; expected 4x3"):
             recorder.occupancy("agent1", np.zeros((4, 2)))
         with pytest.raises(ArgumentError, match="places_m has shape 1x2; expected 1x3"):
-            recorder.violation(Violation("Check", (1,), 0.0, 1.0, 0.0, "why"), [(0.0, 1.0)])
+            recorder.violation(Violation("Check", "time", (1,), 0.0, 1.0, 0.0, "why"), [(0.0, 1.0)])
         with pytest.raises(ArgumentError, match="unknown agent 'agent0'; available: agent1, agent2"):
             recorder.motion(0, "home", "move")
 

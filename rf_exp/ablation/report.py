@@ -1,12 +1,10 @@
 """The report: every table beside the paper's, plots, pictures and where it all came from, in one file."""
 
 import base64
-import importlib.metadata
 import io
 import json
 import platform
 import re
-import subprocess
 from collections import Counter
 from datetime import datetime
 from html import escape
@@ -21,6 +19,7 @@ from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
+from rf_exp.artifacts.provenance import commit, installed
 from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
 
@@ -194,9 +193,9 @@ def _provenance(out: Path, results: Results) -> str:
     criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
     facts = [
         ["Written", datetime.now().astimezone().isoformat(" ", "seconds")],
-        ["Code", _commit()],
+        ["Code", commit() or "not from a git checkout"],
         ["Success criteria", criteria or "no rows"],
-        ["Packages", ", ".join(f"{name} {version}" for name, version in _versions().items())],
+        ["Packages", ", ".join(f"{name} {version}" for name, version in installed(PACKAGES).items())],
         ["Machine", f"{platform.platform()}, {platform.machine()}"],
         ["Made again by", f"python -m rf_exp.ablation --out {out.as_posix()}"],
     ]
@@ -215,31 +214,6 @@ def _provenance(out: Path, results: Results) -> str:
         for name, text in made.items()
     )
     return page.plain_table(["", ""], facts) + configurations
-
-
-def _versions() -> dict[str, str]:
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def _commit() -> str:
-    """The commit of the code, and whether it was changed since."""
-    folder = Path(__file__).parent
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(folder), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-
-    try:
-        changed = " with local changes" if git("status", "--porcelain", "--", ".") else ""
-        return f"git {git('rev-parse', 'HEAD')}{changed}"
-    except (OSError, subprocess.SubprocessError):
-        return "not from a git checkout"
 
 
 def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:

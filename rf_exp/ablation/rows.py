@@ -2,6 +2,13 @@
 
 results/generate/<task>/<constraints>.jsonl                  GenerationRow
 results/evaluate/<task>/<arch>/<constraints>-<demos>.jsonl   EvaluationRow
+
+A line holds the fields of its row, in their order, and behind them `crc32`: eight hexadecimal digits, the
+CRC-32 of the fields as canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not
+fit its checksum is told its file and number.
+
+Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
+known any more, so they are refused by name and have to be made again.
 """
 
 import fcntl
@@ -9,11 +16,11 @@ import json
 import logging
 import math
 import os
-import re
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -21,8 +28,8 @@ from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
 
-# How the reason of a failed generation counts its violations, where it had any.
-_COUNTED = re.compile(r"violation of (\d+):")
+SCHEMA = 2
+CHECKSUM = "crc32"  # key of a line, not a field of its row
 
 
 @dataclass(frozen=True)
@@ -71,15 +78,11 @@ class GenerationRow(_Row):
     reason: str  # why it failed; empty when it did not
     wall_s: float
     version: str  # of the success criteria
-
-    @property
-    def violations(self) -> int:
-        """Proposals that ended in a violation.
-
-        The last proposal of a failed attempt may or may not be one of them: only the reason tells.
-        """
-        counted = _COUNTED.search(self.reason)
-        return int(counted[1]) if counted else max(self.attempts - 1, 0)
+    violations: int  # proposals that ended in a violation
+    contacts: int  # control steps in which arms touched each other
+    generator: str  # version of the code that decides the bytes of the episode
+    commit: str  # git commit of that code, with a + where it was changed since; empty outside of a checkout
+    schema: int = SCHEMA
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,10 @@ class EvaluationRow(_Row):
     violations: int  # control steps with a violation
     wall_s: float
     version: str  # of the success criteria
+    contacts: int  # control steps in which arms touched each other
+    reason: str  # why it failed; empty when it did not
+    commit: str  # git commit of the code, with a + where it was changed since; empty outside of a checkout
+    schema: int = SCHEMA
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
@@ -125,7 +132,7 @@ def append(path: Path, row: GenerationRow | EvaluationRow) -> None:
         with open(path, "a+b", buffering=0) as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             _mend(file.fileno())
-            line = json.dumps(asdict(row), ensure_ascii=False).encode() + b"\n"
+            line = _line(row)
             if (written := os.write(file.fileno(), line)) != len(line):  # a full disk, part way
                 raise OSError(f"only {written} of {len(line)} bytes were written")
             os.fsync(file.fileno())
@@ -203,28 +210,67 @@ def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
         try:
             rows.append(_parse(line, kind))
         except (ValueError, ArgumentError) as error:
-            raise StageError(
-                f"{path}, line {number}: no {kind.__name__}: {error}; mend or remove that line"
-            ) from error
+            raise _bad(path, number, kind.__name__, error) from error
     if not tail:
         return tuple(rows), ""
+    if _torn(tail):
+        return tuple(rows), f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted"
     try:
         return (*rows, _parse(tail, kind)), ""  # whole, only its line end is missing
-    except (ValueError, ArgumentError):
-        return tuple(rows), f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted"
+    except (ValueError, ArgumentError) as error:
+        raise _bad(path, len(lines) + 1, kind.__name__, error) from error
+
+
+def _bad(path: Path, number: int, kind: str, error: Exception) -> StageError:
+    return StageError(
+        f"{path}, line {number}: no {kind}: {error}; remove that line and run the same command again, which "
+        "makes its row anew"
+    )
+
+
+def _line(row: GenerationRow | EvaluationRow) -> bytes:
+    values = asdict(row)
+    return (
+        json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False).encode(errors="surrogatepass")
+        + b"\n"
+    )
+
+
+def _checksum(values: Mapping[str, Any]) -> str:
+    canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
+    return f"{zlib.crc32(canonical.encode(errors='surrogatepass')):08x}"
 
 
 def _parse(line: bytes, kind: type[R]) -> R:
-    """Raises ValueError or ArgumentError for anything but exactly the fields of the row."""
+    """Raises ValueError or ArgumentError for anything but exactly the fields of the row, undamaged."""
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError(f"found {type(value).__name__}, expected an object")
-    expected = {item.name for item in fields(kind)}
+    names = [item.name for item in fields(kind)]
+    if value.keys() == set(names[: names.index("version") + 1]):
+        raise ValueError(f"a row of schema 1; this version reads schema {SCHEMA}")
+    expected = {*names, CHECKSUM}
     if missing := sorted(expected - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
         raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")
+    said = value.pop(CHECKSUM)
+    if said != (found := _checksum(value)):
+        raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
+    if value["schema"] != SCHEMA:
+        raise ValueError(f"a row of schema {value['schema']}; this version reads schema {SCHEMA}")
     return kind(**value)
+
+
+def _torn(tail: bytes) -> bool:
+    """Whether a last line without its end is the beginning of one, and not a whole one with a damaged end."""
+    for end in (len(tail), -1):
+        try:
+            json.loads(tail[:end])
+            return False
+        except ValueError:
+            continue
+    return True
 
 
 def _mend(descriptor: int) -> None:
@@ -234,8 +280,7 @@ def _mend(descriptor: int) -> None:
         return
     content = os.pread(descriptor, size, 0)
     tail_start = content.rfind(b"\n") + 1
-    try:
-        json.loads(content[tail_start:])
-        os.write(descriptor, b"\n")
-    except ValueError:
+    if _torn(content[tail_start:]):
         os.ftruncate(descriptor, tail_start)
+    else:  # damaged or not, that is for the reader to say
+        os.write(descriptor, b"\n")

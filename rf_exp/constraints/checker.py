@@ -5,7 +5,7 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -116,7 +116,8 @@ class Checker:
         if not self._row.temporal:
             order = self._proposal or Proposal(tuple(s.subgoal for t in trajectories for s in t.segments), ())
             return serial(trajectories, order)
-        return schedule(trajectories, plan.diagrams if self._row.spatial else {}, self.rules)
+        timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, self.rules)
+        return replace(timed, time_s=plan.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
 
     def check(self, trajectories: Sequence[Trajectory], timed: Schedule, scene: Scene) -> list[Violation]:
         """All checks on a plan before anything moves: the violations, earliest first."""
@@ -203,7 +204,7 @@ class Checker:
         force_n, agents, what = max(hits)
         doings = ", and ".join(f"{agent_name(agent)}, {doing(now(agent))}" for agent in agents)
         reason = f"{doings}, {what} with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
-        return Violation(COLLISION, agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
+        return Violation(COLLISION, "contact", agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
 
     def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""
@@ -219,7 +220,7 @@ class Checker:
                 value = self._lost[agent] * CONTROL_DT_S
                 bound = LOST_STEPS * CONTROL_DT_S
                 return Violation(
-                    "ValidateInteraction", (agent,), scene.step * CONTROL_DT_S, value, bound, reason
+                    "ValidateInteraction", "grip", (agent,), scene.step * CONTROL_DT_S, value, bound, reason
                 )
         return None
 
@@ -238,7 +239,8 @@ class Checker:
                     f"{agent_name(agent)}, {doing(segment)}, is {error:.2f} rad off its path "
                     f"(allowed {TRACKING_RAD} rad): something is in its way"
                 )
-                return Violation("Tracking", (agent,), scene.step * CONTROL_DT_S, error, TRACKING_RAD, reason)
+                now_s = scene.step * CONTROL_DT_S
+                return Violation("Tracking", "tracking", (agent,), now_s, error, TRACKING_RAD, reason)
         return None
 
 
@@ -246,15 +248,16 @@ class RoboChecker(Checker):
     """The checker of a proposal, compiled from its own constraints.
 
     `code` is the check code, or the Violation that says which constraint was not understood; then
-    nothing is checked but what the row implies.
+    nothing is checked but what the row implies. `begins_s` is when it is asked, on the clock of the episode.
     """
 
-    def __init__(self, task: Task, proposal: Proposal, row: Row) -> None:
+    def __init__(self, task: Task, proposal: Proposal, row: Row, begins_s: float = 0.0) -> None:
         self.code: CheckCode | Violation
         try:
             self.code = code = compile(proposal.constraints, task, proposal)
         except ArgumentError as error:
-            self.code, code = Violation("CheckCode", (), 0.0, 0.0, 0.0, str(error)), CheckCode(())
+            self.code = Violation("CheckCode", "answer", (), begins_s, 0.0, 0.0, str(error))
+            code = CheckCode(())
         super().__init__(task, code, row, proposal)
 
 

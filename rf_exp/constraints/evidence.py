@@ -12,8 +12,20 @@ from rf_exp.constraints.clearance import Mask, Swept, closer_than
 from rf_exp.constraints.seen import Seen, together
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Row, Scene, Schedule, Segment, Trajectory, Violation
+from rf_exp.types import (
+    ARM_JOINTS,
+    CONTROL_DT_S,
+    Cause,
+    Kind,
+    Row,
+    Scene,
+    Schedule,
+    Segment,
+    Trajectory,
+    Violation,
+)
 
+CAUSES: Mapping[Kind, Cause] = {"logical": "interaction", "temporal": "time", "spatial": "space"}
 FINER = 8  # steps of the second look in one control step
 
 
@@ -25,7 +37,8 @@ class Evidence:
     value: float  # what was found, in the unit of the check
     bound: float  # what is allowed
     reason: str  # a sentence that a person and a model can act on
-    time_s: float = 0.0  # since the start of the plan
+    time_s: float = 0.0  # since the start of the episode
+    agents: tuple[int, ...] = ()  # those it is about, where these are not all agents of the check
 
 
 class Check(Protocol):
@@ -33,6 +46,7 @@ class Check(Protocol):
 
     kind: ClassVar[Kind]
     name: ClassVar[str]  # of the paper's validation function
+    unit: ClassVar[str]  # of value and bound; empty for a share
 
     @property
     def agents(self) -> tuple[int, ...]: ...
@@ -54,7 +68,13 @@ class Check(Protocol):
 def violation(check: Check, evidence: Evidence) -> Violation:
     """The failed check as feedback."""
     return Violation(
-        check.name, check.agents, evidence.time_s, evidence.value, evidence.bound, evidence.reason
+        check.name,
+        CAUSES[check.kind],
+        evidence.agents or check.agents,
+        evidence.time_s,
+        evidence.value,
+        evidence.bound,
+        evidence.reason,
     )
 
 
@@ -140,9 +160,14 @@ class Plan:
         positions = self.positions(agent)
         return int(positions[np.clip(scene.step - self.scene.step, 0, len(positions) - 1)])
 
+    @property
+    def begins_s(self) -> float:
+        """When the plan begins, on the clock of the episode."""
+        return self.scene.step * CONTROL_DT_S
+
     def time_s(self, agent: int, position: int) -> float:
-        """When an agent first is at a path position."""
-        return float(np.searchsorted(self.positions(agent), position)) * CONTROL_DT_S
+        """When an agent first is at a path position, on the clock of the episode."""
+        return self.begins_s + float(np.searchsorted(self.positions(agent), position)) * CONTROL_DT_S
 
     def segment_at(self, agent: int, position: int) -> Segment | None:
         """The segment that ends at or after a path position; None without segments."""

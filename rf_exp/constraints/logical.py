@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.constraints.evidence import Evidence, Plan, agent_name, names
 from rf_exp.tasks.assets import InteractionPoint
@@ -108,6 +109,7 @@ class ValidateInteraction:
 
     kind: ClassVar[Kind] = "logical"
     name: ClassVar[str] = "ValidateInteraction"
+    unit: ClassVar[str] = "m"
 
     agent: int
     object: str
@@ -193,6 +195,7 @@ class ValidateDirection:
 
     kind: ClassVar[Kind] = "logical"
     name: ClassVar[str] = "ValidateDirection"
+    unit: ClassVar[str] = "deg"
 
     agent: int
     object: str
@@ -270,13 +273,14 @@ class ValidateDirection:
 
 @dataclass(frozen=True)
 class ConsistentHeight:
-    """Agents that carry something raise it by the same height. Value and bound in metres.
+    """Agents that carry one thing together raise it by the same height. Value and bound in metres.
 
     With a model of time at every control step of the schedule, otherwise at the end of the plan.
     """
 
     kind: ClassVar[Kind] = "logical"
     name: ClassVar[str] = "ValidateDirection"
+    unit: ClassVar[str] = "m"
 
     agents: tuple[int, ...]
     text: str = ""
@@ -285,46 +289,47 @@ class ConsistentHeight:
         return f"VD({names(self.agents)}, consistent height)"
 
     def planned(self, plan: Plan) -> Evidence:
-        found = {agent: self._carry_start(plan, agent) for agent in self.agents}
-        starts = {agent: start for agent, start in found.items() if start is not None}
-        if len(starts) < len(found):
-            return Evidence(
-                True, 0.0, HEIGHT_M, f"{names(self.agents)} carry nothing at the same time in this plan"
-            )
-        rises = []  # (T + 1,) metres, of each agent
-        for agent in self.agents:
-            trajectory = plan.trajectory(agent)
-            height = plan.bodies.arms[agent - 1].tcp(trajectory.path())[:, 2, 3]
-            positions = plan.positions(agent) if plan.row.temporal else np.array([len(trajectory)])
-            rises.append(np.where(positions < starts[agent], 0.0, height[positions] - height[starts[agent]]))
-        spread = np.ptp(np.stack(rises), axis=0)
-        worst = int(np.argmax(spread))
-        time_s = worst * CONTROL_DT_S if plan.row.temporal else 0.0
-        return self._evidence(float(spread[worst]), HEIGHT_M, time_s)
+        worst = Evidence(True, 0.0, HEIGHT_M, f"{names(self.agents)} carry nothing together in this plan")
+        for name in self._together(plan):
+            rises = np.stack([self._rise_m(plan, agent, name) for agent in self.agents])  # (agents, T + 1)
+            spread = np.ptp(rises, axis=0)
+            at = int(np.argmax(spread))
+            if spread[at] >= worst.value:
+                time_s = plan.begins_s + (at * CONTROL_DT_S if plan.row.temporal else 0.0)
+                worst = self._evidence(float(spread[at]), HEIGHT_M, time_s)
+        return worst
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         held = {scene.held[agent - 1] for agent in self.agents}
-        if not plan.row.temporal or len(held) != 1 or None in held:
+        name = next(iter(held))
+        if not plan.row.temporal or len(held) != 1 or name is None or name not in self._together(plan):
             return None
         rises = []
         for agent in self.agents:
-            start = self._carry_start(plan, agent)
-            if start is None or plan.position_now(agent, scene) <= start:
+            begin, _ = _carried(plan, agent, name)
+            if plan.position_now(agent, scene) <= begin:
                 return None
             arm = plan.bodies.arms[agent - 1]
             rises.append(
-                arm.tcp(scene.qpos[agent - 1])[2, 3] - arm.tcp(plan.trajectory(agent).path()[start])[2, 3]
+                arm.tcp(scene.qpos[agent - 1])[2, 3] - arm.tcp(plan.trajectory(agent).path()[begin])[2, 3]
             )
         return self._evidence(float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S)
 
+    def _together(self, plan: Plan) -> list[str]:
+        """The things that all of them carry in this plan."""
+        carried = [
+            {segment.carries for segment in plan.trajectory(agent).segments} - {None} for agent in self.agents
+        ]
+        return sorted(name for name in set.intersection(*carried) if name)
+
     @staticmethod
-    def _carry_start(plan: Plan, agent: int) -> int | None:
-        """Path position at which the agent begins to carry something."""
+    def _rise_m(plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
+        """How far an agent has raised a thing: (T + 1,), or (1,) at the end without a model of time."""
         trajectory = plan.trajectory(agent)
-        for segment, begin in zip(trajectory.segments, trajectory.knots, strict=False):
-            if segment.carries is not None:
-                return begin
-        return None
+        height = plan.bodies.arms[agent - 1].tcp(trajectory.path())[:, 2, 3]
+        positions = plan.positions(agent) if plan.row.temporal else np.array([len(trajectory)])
+        begin, end = _carried(plan, agent, name)
+        return height[np.clip(positions, begin, end)] - height[begin]
 
     def _evidence(self, value: float, bound_m: float, time_s: float) -> Evidence:
         reason = (
@@ -332,3 +337,18 @@ class ConsistentHeight:
             f"(allowed {bound_m * 100:.1f} cm)"
         )
         return Evidence(value <= bound_m, value, bound_m, reason, time_s)
+
+
+def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
+    """Path positions between which an agent carries a thing, for the first time."""
+    trajectory = plan.trajectory(agent)
+    begin = end = None
+    for segment, start, stop in zip(
+        trajectory.segments, trajectory.knots[:-1], trajectory.knots[1:], strict=True
+    ):
+        if segment.carries == name:
+            begin, end = start if begin is None else begin, stop
+        elif begin is not None:
+            break
+    assert begin is not None and end is not None  # asked of what is carried only
+    return begin, end

@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 
 from rf_exp.constraints.clearance import Nearest, Swept, closer_than, nearest, overlap
-from rf_exp.constraints.evidence import Evidence, Plan, agent_name, doing, names
+from rf_exp.constraints.evidence import Evidence, Plan, agent_name, doing, names, violation
 from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
 from rf_exp.tasks import Task
@@ -32,16 +32,31 @@ def touching(
     scene: Scene,
     pairs: tuple[tuple[int, int], ...],
     may_touch: Mapping[int, frozenset[str]] | None = None,
-) -> tuple[tuple[int, int], Evidence] | None:
-    """The first pair of arms that touch: contact force from the simulator, or overlapping volume.
+) -> Evidence | None:
+    """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
+    return pressing(scene, pairs) or overlapping(task, scene, pairs, may_touch)
+
+
+def pressing(scene: Scene, pairs: tuple[tuple[int, int], ...]) -> Evidence | None:
+    """The first pair of arms that the simulator sees press on one another."""
+    for a, b, force_n in scene.arm_contacts:
+        if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
+            reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
+            return Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S, (a, b))
+    return None
+
+
+def overlapping(
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]] | None = None,
+) -> Evidence | None:
+    """The first pair of arms whose exact volumes overlap, whatever the simulator says.
 
     What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
     gripper of an agent, and what it holds, may touch in the hands of another one.
     """
-    for a, b, force_n in scene.arm_contacts:
-        if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
-            reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
-            return (a, b), Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S)
     bodies = Bodies(task, scene)
 
     @cache
@@ -58,7 +73,7 @@ def touching(
                 f"{agent_name(a)} and {agent_name(b)} overlap by {-gap.distance_m * 1000:.0f} mm "
                 f"({gap.a} with {gap.b})"
             )
-            return (a, b), Evidence(False, gap.distance_m, 0.0, reason, scene.step * CONTROL_DT_S)
+            return Evidence(False, gap.distance_m, 0.0, reason, scene.step * CONTROL_DT_S, (a, b))
     return None
 
 
@@ -76,6 +91,7 @@ class AvoidAgents:
 
     kind: ClassVar[Kind] = "spatial"
     name: ClassVar[str] = "ValidateSpatialOccupancy"
+    unit: ClassVar[str] = "m"
 
     agents: tuple[int, ...]
     text: str = ""
@@ -100,24 +116,25 @@ class AvoidAgents:
             assert gap is not None  # links must always keep apart
             if len(hits):
                 row, column = (int(position) for position in cells[0])
-                time_s = float(hits[0]) * CONTROL_DT_S
+                time_s = plan.begins_s + float(hits[0]) * CONTROL_DT_S
                 return Evidence(
                     False, gap.distance_m, AGENT_MARGIN_M,
                     f"at {time_s:.2f} s {agent_name(i)}, {doing(plan.segment_at(i, row))}, comes within "
                     f"{gap.distance_m * 100:.1f} cm of {agent_name(j)}, {doing(plan.segment_at(j, column))} "
                     f"({gap.a} near {gap.b})",
                     time_s,
+                    (i, j),
                 )  # fmt: skip
             if gap.distance_m < least.value:
                 when = int(np.flatnonzero((at == gap.at).all(axis=1))[0])
                 reason = f"{agent_name(i)} and {agent_name(j)} stay {gap.distance_m * 100:.1f} cm apart"
-                least = Evidence(True, gap.distance_m, AGENT_MARGIN_M, reason, when * CONTROL_DT_S)
+                time_s = plan.begins_s + when * CONTROL_DT_S
+                least = Evidence(True, gap.distance_m, AGENT_MARGIN_M, reason, time_s, (i, j))
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         may_touch = {agent: _about(plan, agent, scene) for agent in plan.task.agents}
-        found = touching(plan.task, scene, self.pairs(plan.task), may_touch)
-        return None if found is None else found[1]
+        return touching(plan.task, scene, self.pairs(plan.task), may_touch)
 
 
 def _about(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
@@ -135,6 +152,7 @@ class AvoidObjects:
 
     kind: ClassVar[Kind] = "spatial"
     name: ClassVar[str] = "ValidateSpatialOccupancy"
+    unit: ClassVar[str] = "m"
 
     agents: tuple[int, ...]
     text: str = ""
@@ -169,7 +187,7 @@ class AvoidObjects:
             f"at {time_s:.2f} s {agent_name(agent)}, {doing(plan.segment_at(agent, position))}, comes within "
             f"{value * 100:.1f} cm of {thing} ({part}), which it may not touch"
         )
-        return Evidence(False, value, OBJECT_MARGIN_M, reason, time_s)
+        return Evidence(False, value, OBJECT_MARGIN_M, reason, time_s, (agent,))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         return None  # contacts with objects are wanted and unwanted ones alike; see the monitor's tracking
@@ -181,6 +199,7 @@ class StayOut:
 
     kind: ClassVar[Kind] = "spatial"
     name: ClassVar[str] = "ValidateSpatialOccupancy"
+    unit: ClassVar[str] = "m"
 
     agent: int
     low_m: tuple[float, float, float]
@@ -210,7 +229,8 @@ class StayOut:
         return self._evidence(gap, not len(hits), time_s, doing(plan.segment_at(self.agent, gap.at[0])))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        gap = nearest(plan.bodies.arm(self.agent, scene.qpos[self.agent - 1]), self._zone())
+        held = scene.held[self.agent - 1]
+        gap = nearest(_with_load(Bodies(plan.task, scene), self.agent, held, frozenset()), self._zone())
         assert gap is not None
         return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, "as measured")
 
@@ -235,7 +255,4 @@ class PolicyMonitor:
         found = touching(self._task, scene, self._pairs, self._may_touch)
         if found is None:
             return None
-        agents, evidence = found
-        return Violation(
-            AvoidAgents.name, agents, evidence.time_s, evidence.value, evidence.bound, evidence.reason
-        )
+        return violation(AvoidAgents(found.agents), found)

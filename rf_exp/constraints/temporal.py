@@ -42,7 +42,7 @@ class Step:
         return (found[0], found[-1]) if found else None
 
     def times_s(self, plan: Plan) -> tuple[float, float] | None:
-        """When this part makes its first step in the schedule, and when it has made its last."""
+        """When this part makes its first step and when it has made its last, since the start of the plan."""
         span = self.span(plan.trajectory(self.agent))
         if span is None:
             return None
@@ -62,6 +62,7 @@ class _Temporal:
 
     kind: ClassVar[Kind] = "temporal"
     name: ClassVar[str] = "ValidateScheduling"
+    unit: ClassVar[str] = "s"
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         return None  # commands follow the schedule step by step; lagging behind is the monitor's tracking
@@ -103,7 +104,7 @@ class Sequential(_Temporal):
             f"{self.then.text} begins {pause_s:.2f} s after {self.first.text} has ended "
             f"(at least {self.wait_s:g} s)"
         )
-        return Evidence(pause_s >= self.wait_s - 1e-9, pause_s, self.wait_s, reason, then[0])
+        return Evidence(pause_s >= self.wait_s - 1e-9, pause_s, self.wait_s, reason, plan.begins_s + then[0])
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,8 @@ class Simultaneous(_Temporal):
         apart_s = max(begins) - min(begins)
         what = f"{self.steps[0].verb} {self.steps[0].object}" if self.steps[0].verb else "their tasks"
         reason = f"{names(self.agents)} begin {what} {apart_s:.2f} s apart (allowed {self.within_s:g} s)"
-        return Evidence(apart_s <= self.within_s + 1e-9, apart_s, self.within_s, reason, max(begins))
+        last_s = plan.begins_s + max(begins)
+        return Evidence(apart_s <= self.within_s + 1e-9, apart_s, self.within_s, reason, last_s)
 
 
 @dataclass(frozen=True)
@@ -163,8 +165,9 @@ class Deadline(_Temporal):
         times = self.step.times_s(plan)
         if times is None:
             return Evidence(True, 0.0, self.within_s, f"{self.step.text} does not move in this plan")
-        reason = f"{self.step.text} ends at {times[1]:.2f} s (allowed {self.within_s:g} s)"
-        return Evidence(times[1] <= self.within_s + 1e-9, times[1], self.within_s, reason, times[1])
+        reason = f"{self.step.text} ends {times[1]:.2f} s after the start (allowed {self.within_s:g} s)"
+        ended_s = plan.begins_s + times[1]
+        return Evidence(times[1] <= self.within_s + 1e-9, times[1], self.within_s, reason, ended_s)
 
 
 @dataclass(frozen=True)
@@ -174,6 +177,8 @@ class ShareSpace(_Temporal):
     That they are never there at the same time is what the diagrams of the spatial checks forbid; the
     value reported is the share of pairs of path positions that timing has to keep apart.
     """
+
+    unit: ClassVar[str] = ""  # a share
 
     agents: tuple[int, ...]
     text: str = ""

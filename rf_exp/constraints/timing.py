@@ -134,7 +134,7 @@ def schedule(
                     f"Agent_{a} and Agent_{b} do {label!r} together but plan {seconds}; plan it as one motion"
                 )
                 apart_s = abs(length_a - length_b) * CONTROL_DT_S
-                return Violation(CHECK, (a, b), 0.0, apart_s, 0.0, reason)
+                return Violation(CHECK, "time", (a, b), 0.0, apart_s, 0.0, reason)
             demands.lockstep(a, start_a, b, start_b, length_a)
     problem, real = _problem(demands, diagrams)
     answer = search.solve(problem, budget)
@@ -254,8 +254,8 @@ def _explain(
     """Why there is no schedule, and what would help."""
     everyone = tuple(trajectory.agent for trajectory in demands.trajectories)
     if not answer.proven:
-        return Violation(CHECK, everyone, 0.0, 0.0, 0.0, "no schedule was found within the search budget; "
-                         "plan fewer subgoals at once or in turns")  # fmt: skip
+        reason = "no schedule was found within the search budget; plan fewer subgoals at once or in turns"
+        return Violation(CHECK, "time", everyone, 0.0, 0.0, 0.0, reason)
     if answer.pair is not None:
         i, j = answer.pair[0] + 1, answer.pair[1] + 1
         a, b = demands.trajectory(i), demands.trajectory(j)
@@ -263,13 +263,13 @@ def _explain(
         if collision is not None:
             reason = _collision_reason(a, b, collision)
             if reason is not None:
-                return Violation(CHECK, (i, j), 0.0, float(collision.mean()), 0.0, reason)
+                return Violation(CHECK, "space", (i, j), 0.0, float(collision.mean()), 0.0, reason)
         row, column = search.blocked_region(
             problem.diagrams[answer.pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
         )
         where = f"Agent_{i} {_at(a, int(real[i - 1][row]))} and Agent_{j} {_at(b, int(real[j - 1][column]))}"
         return Violation(
-            CHECK, (i, j), 0.0, 0.0, 0.0,
+            CHECK, "time", (i, j), 0.0, 0.0, 0.0,
             f"the constraints on the order of Agent_{i} and Agent_{j} contradict one another"
             f"{' or their way past each other' if collision is not None and collision.any() else ''}: "
             f"they get no further than {where}; drop or change one of them",
@@ -283,12 +283,12 @@ def _explain(
                 late.append((reached - latest, agent + 1, reached * CONTROL_DT_S, latest * CONTROL_DT_S))
             _, agent, needed_s, allowed_s = max(late)
             return Violation(
-                CHECK, (agent,), needed_s, needed_s, allowed_s,
+                CHECK, "time", (agent,), needed_s, needed_s, allowed_s,
                 f"Agent_{agent} cannot be done within {allowed_s:g} s; "
                 f"the shortest schedule needs {needed_s:g} s",
             )  # fmt: skip
     return Violation(
-        CHECK, everyone, 0.0, 0.0, 0.0,
+        CHECK, "time", everyone, 0.0, 0.0, 0.0,
         "every pair of agents could pass, but not all together; let some of them finish first",
     )  # fmt: skip
 

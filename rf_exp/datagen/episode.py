@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints import Bodies, CheckCode, RoboChecker, actions
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
-from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
+from rf_exp.datagen.motion import Posture, Unreachable, come_to_rest, let_off, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Judge, Task
@@ -25,6 +25,7 @@ from rf_exp.types import (
     COLLISION,
     CONTROL_DT_S,
     MOTION,
+    Cause,
     Episode,
     JointLimits,
     Occupancy,
@@ -39,7 +40,6 @@ from rf_exp.types import (
 )
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
-_GIVE_WAY_STEPS = 5  # after a hit
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
 
 
@@ -184,10 +184,10 @@ class EpisodeMaker:
         try:
             proposal = from_json(self._brain.answer(question), task)
         except BadAnswer as error:
-            return _refused("RoboBrain", scene, str(error))
+            return _refused("RoboBrain", "answer", (), scene, str(error))
         if not proposal.subgoals:
             return None
-        checker = RoboChecker(task, proposal, row)
+        checker = RoboChecker(task, proposal, row, scene.step * CONTROL_DT_S)
         if isinstance(checker.code, Violation):
             return checker.code
         violation: Violation | None = None
@@ -236,7 +236,7 @@ class EpisodeMaker:
                 rng=rng,
             )
         except Unreachable as error:
-            return _refused(MOTION, scene, str(error))
+            return _refused(MOTION, error.cause, error.agents, scene, str(error))
         schedule = checker.schedule(trajectories, scene)
         if isinstance(schedule, Violation):
             return schedule
@@ -264,38 +264,42 @@ class EpisodeMaker:
     # -- execution -------------------------------------------------------------------------------
 
     def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
-        # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
-        for action in actions(plan.trajectories, plan.schedule).astype(np.float32).astype(float):
-            scene = self._step(scene, action)
+        start = np.stack([trajectory.path()[0] for trajectory in plan.trajectories])
+        commands = np.concatenate([start[None], actions(plan.trajectories, plan.schedule)])
+        for now in range(1, len(commands)):
+            scene = self._step(scene, commands[now])
             if self._verdict.success:
                 break
             violation = self._checker.monitor(scene)
             if violation is not None:
-                return self._give_way(scene, violation), violation
+                return self._stop(scene, commands, now, violation), violation
         return scene, None
 
-    def _give_way(self, scene: Scene, violation: Violation) -> Scene:
-        """Arms that have hit each other hold where they are, so that they no longer push."""
+    def _stop(self, scene: Scene, commands: NDArray[np.float64], now: int, violation: Violation) -> Scene:
+        """Everybody comes to rest along the plan; arms that have hit something then no longer push."""
+        limits = self._settings.limits
+        scene = self._follow(scene, come_to_rest(commands, now, limits))
         if violation.check == COLLISION:
-            for _ in range(_GIVE_WAY_STEPS):
-                action = self._frames[-1][1].copy()
-                for agent in violation.agents:
-                    action[agent - 1, :ARM_JOINTS] = scene.qpos[agent - 1, :ARM_JOINTS].astype(np.float32)
-                scene = self._step(scene, action)
+            scene = self._follow(scene, let_off(self._frames[-1][1], scene.qpos, violation.agents, limits))
+        return scene
+
+    def _follow(self, scene: Scene, commands: NDArray[np.float64]) -> Scene:
+        """Carries out commands (K, N, 8) unless success comes before."""
+        for command in commands:
+            if self._verdict.success:
+                break
+            scene = self._step(scene, command)
         return scene
 
     def _settle(self, scene: Scene) -> Scene:
         """Holds still for a while: what was put down may need a moment to come to rest."""
         if not self._frames:
             return scene
-        action = self._frames[-1][1]
-        for _ in range(_SETTLE_STEPS):
-            if self._verdict.success:
-                break
-            scene = self._step(scene, action)
-        return scene
+        return self._follow(scene, np.tile(self._frames[-1][1], (_SETTLE_STEPS, 1, 1)))
 
     def _step(self, scene: Scene, action: NDArray[np.float64]) -> Scene:
+        # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
+        action = action.astype(np.float32).astype(float)
         pictures = self._world.pictures() if self._world.cameras else {}
         self._frames.append((scene, action, pictures))
         self._observer.stepped(scene, action, pictures)
@@ -312,8 +316,7 @@ class EpisodeMaker:
         physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
         if not reasons:
             return physical
-        # The first says what went wrong; the last, why that could not be mended any more. The tables read the
-        # number of violations from these words (GenerationRow.violations).
+        # The first says what went wrong; the last, why that could not be mended any more.
         last = f"; the last: {reasons[-1]}" if reasons[-1] != reasons[0] else ""
         return f"{physical}; the first violation of {len(reasons)}: {reasons[0]}{last}"
 
@@ -351,6 +354,7 @@ def _ways(row: Row) -> Sequence[_Way]:
 def _violation_json(violation: Violation) -> dict[str, object]:
     return {
         "check": violation.check,
+        "cause": violation.cause,
         "agents": list(violation.agents),
         "time_s": violation.time_s,
         "value": violation.value,
@@ -359,5 +363,5 @@ def _violation_json(violation: Violation) -> dict[str, object]:
     }
 
 
-def _refused(check: str, scene: Scene, reason: str) -> Violation:
-    return Violation(check, (), scene.step * CONTROL_DT_S, 0.0, 0.0, reason)
+def _refused(check: str, cause: Cause, agents: tuple[int, ...], scene: Scene, reason: str) -> Violation:
+    return Violation(check, cause, agents, scene.step * CONTROL_DT_S, 0.0, 0.0, reason)

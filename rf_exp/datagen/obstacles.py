@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints.clearance import Swept, closer_than, folded
 from rf_exp.constraints.seen import SEEN, Seen
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
-from rf_exp.datagen.motion.state import Blocked, State
+from rf_exp.datagen.motion.state import Blocked, Obstacle, State
 from rf_exp.robots.panda import self_pairs
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
@@ -37,16 +37,16 @@ class Obstacles:
             touches: frozenset[str],
             *,
             between: bool = False,
-        ) -> str | None:
+        ) -> Obstacle | None:
             bodies = self._bodies(state)
             body = self._body(bodies, agent, points, state, touches)
             if folded(body, self_pairs()).any():
                 return "the arm itself"
             hit = bodies.below_table(body)
-            for name, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
+            for obstacle, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
                 near = closer_than(body, other, margin_m, between=between)[:, 0]
                 if near.any():
-                    return name
+                    return obstacle
             return "the table" if hit.any() else None
 
         return test
@@ -66,7 +66,7 @@ class Obstacles:
 
     def _others(
         self, bodies: Bodies, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
-    ) -> Iterator[tuple[str, Swept, float]]:
+    ) -> Iterator[tuple[Obstacle, Swept, float]]:
         carries = state.held[agent][0] if agent in state.held else None
         names: Collection[str] = self._task.objects if self._row.spatial else sorted(state.targets)
         if self._seen is not None and self._row.spatial:
@@ -78,7 +78,7 @@ class Obstacles:
                 yield name, bodies.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._row.spatial else ():
             if other != agent:
-                yield f"Agent_{other}", bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M
+                yield other, bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
         """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""

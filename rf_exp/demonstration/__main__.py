@@ -10,6 +10,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
+from rf_exp.artifacts.files import whole
 from rf_exp.command import CONF, guarded
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.demonstration.notes import Notes, Overheard, Together
@@ -19,7 +20,6 @@ from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import close_simulator, simulator
-from rf_exp.stages.artifacts import complete
 from rf_exp.types import Pictures
 
 SEEDS = 20  # tried for one success
@@ -53,7 +53,7 @@ def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path)
     world, notes = simulator(task, pictures), Notes(task, row)
     page = folder / f"{task.name}-{seed}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
-    with complete(page.with_suffix(".rrd")) as draft:
+    with whole(page.with_suffix(".rrd")) as draft:
         title = f"{task.title}, {row.name}, scene {seed}"
         with EpisodeRecorder(draft, task, world, title) as recorder:
             brain = Overheard(settings.make_brain(seed), notes)

@@ -1,7 +1,7 @@
 """What is noted down while an episode is made: rounds, their phases, and what was checked."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
 class Phase:
     """From the moment some subgoals begin until the next ones do."""
 
-    begins_s: float  # since the start of the plan
+    begins_s: float  # since the start of the episode
     goals: tuple[Subgoal, ...]
     reached: bool = False
     picture: Picture | None = None  # when it begins
@@ -80,7 +80,7 @@ class Notes:
     def planned(self, plan: Plan, checker: RoboChecker) -> None:
         now, self._checker = self.rounds[-1], checker
         now.results = check_results(checker)
-        now.phases = phases(plan)
+        now.phases = phases(plan, now.begins_s)
         now.figures["lanes"] = lanes(plan.trajectories, plan.schedule)
         if checker.plan is not None and checker.plan.diagrams:
             diagrams = coordination(
@@ -96,9 +96,9 @@ class Notes:
         if self._checker is None:
             return
         now = self.rounds[-1]
-        since_s = scene.step * CONTROL_DT_S - now.begins_s
+        now_s = scene.step * CONTROL_DT_S
         for phase in now.phases:
-            if not phase.reached and since_s >= phase.begins_s - 1e-9:
+            if not phase.reached and now_s >= phase.begins_s - 1e-9:
                 phase.reached, phase.picture = True, pictures.get("global")
         self._measure(self._checker, scene, now)
 
@@ -111,8 +111,7 @@ class Notes:
                 continue
             known = now.measured.get(repr(check))
             if known is None or (known.ok and evidence.value > known.value):
-                since = replace(evidence, time_s=evidence.time_s - now.begins_s)
-                now.measured[repr(check)] = check_result(check, since)
+                now.measured[repr(check)] = check_result(check, evidence)
 
 
 class Overheard:
@@ -148,8 +147,11 @@ class Together:
             observer.stepped(scene, action, pictures)
 
 
-def phases(plan: Plan) -> tuple[Phase, ...]:
-    """The subgoals of a plan in groups that begin together, in the order of their beginning."""
+def phases(plan: Plan, begins_s: float) -> tuple[Phase, ...]:
+    """The subgoals of a plan in groups that begin together, in the order of their beginning.
+
+    `begins_s` is when the plan begins, on the clock of the episode.
+    """
     begins: list[tuple[int, Subgoal]] = []
     for trajectory in plan.trajectories:
         position, positions = 0, plan.schedule.positions[:, trajectory.agent - 1]
@@ -162,4 +164,4 @@ def phases(plan: Plan) -> tuple[Phase, ...]:
             groups[-1][1].append(goal)
         else:
             groups.append((step, [goal]))
-    return tuple(Phase(step * CONTROL_DT_S, tuple(goals)) for step, goals in groups)
+    return tuple(Phase(begins_s + step * CONTROL_DT_S, tuple(goals)) for step, goals in groups)

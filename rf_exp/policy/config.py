@@ -4,7 +4,7 @@ Defaults are the paper's (section 4, supplementary "Implementation details") whe
 the authors' release where it does not. `compact()` of both makes the small ones for two CPU cores.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from rf_exp.errors import ArgumentError, choices
@@ -12,6 +12,7 @@ from rf_exp.errors import ArgumentError, choices
 ENCODERS = ("resnet18", "compact")
 SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
+HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 
 def _require(holds: bool, field: str, got: object, expected: str) -> None:
@@ -121,6 +122,11 @@ class TrainConfig:
         _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
         _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")
         _one_of(self, "device", ("auto", "cpu", "cuda"))
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The fields that decide what comes out; the others say how it is done."""
+        return {name: value for name, value in asdict(self).items() if name not in HOW}
 
     @classmethod
     def compact(cls, **changes: Any) -> "TrainConfig":

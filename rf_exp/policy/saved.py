@@ -1,27 +1,36 @@
 """The folder of a policy: configuration, weights with normaliser, curves; never a pickle.
 
 config.json         policy, view, train, data: what made it; written before training starts
-model.safetensors   averaged weights and normaliser; there once training is finished
+model.safetensors   averaged weights and normaliser, and the digest of config.json; there once finished
 curves.csv          loss and learning rate over the steps
 state.safetensors   what an interrupted training goes on from; removed at the end
+
+Tensors are written with a SHA-256 of all that is in their file, which is checked when they are read.
 """
 
+import hashlib
 import json
-import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors import safe_open
+from safetensors.torch import save_file
 from torch import Tensor
 
+from rf_exp.artifacts.files import read_json, sweep, whole, write_json
+from rf_exp.artifacts.identity import differing, digest, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.views import Stream, View
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
+SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
+CHECKSUM = "sha256"
+ANEW = "delete the folder and train again (stages=[train])"
 
 
 def device_of(name: str) -> torch.device:
@@ -35,9 +44,52 @@ def device_of(name: str) -> torch.device:
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
     """Replace a safetensors file in one go: a reader sees the old one or the new one."""
-    partial = path.with_suffix(".partial")
-    save_file({k: v.detach().contiguous() for k, v in tensors.items()}, partial, dict(metadata))
-    os.replace(partial, path)
+    kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    with whole(path) as draft:
+        said = {**metadata, CHECKSUM: _checksum(kept, metadata)}
+        save_file(kept, draft, {SAID: json.dumps(said, sort_keys=True)})
+
+
+def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors and metadata of a file. Raises StageError when they are not what was written."""
+    with _opened(path) as file:
+        metadata = _said(file)
+        said = metadata.pop(CHECKSUM)
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - no iterator
+        found = _checksum(tensors, metadata)
+    if said != found:
+        raise _damaged(path, "what is in it does not fit its checksum")
+    return tensors, metadata
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A safetensors file; whatever damaged bytes lead to is a StageError that names it."""
+    try:
+        with safe_open(path, "pt") as file:
+            yield file
+    except Exception as error:
+        raise _damaged(path, str(error)) from error
+
+
+def _said(file: Any) -> dict[str, str]:
+    """The metadata of an open file, CHECKSUM included."""
+    said = json.loads((file.metadata() or {}).get(SAID, "{}"))
+    if CHECKSUM not in said:
+        raise ValueError("it has no checksum")
+    return said
+
+
+def _checksum(tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> str:
+    sha = hashlib.sha256(repr(sorted(metadata.items())).encode())
+    for name, value in sorted(tensors.items()):
+        sha.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+        sha.update(value.reshape(-1).view(torch.uint8).numpy().data)
+    return sha.hexdigest()
+
+
+def _damaged(path: Path, what: str) -> StageError:
+    return StageError(f"{path} is damaged: {what}; delete it and train again (stages=[train])")
 
 
 def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
@@ -45,46 +97,48 @@ def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
 
     Raises StageError naming the keys that differ when the folder holds another training.
     """
-    wanted = json.loads(json.dumps(made_of))
-    path = folder / CONFIG
-    if path.exists():
-        differing = _differences(json.loads(path.read_text()), wanted)
-        if differing:
-            raise StageError(
-                f"{folder} holds a policy of another configuration; differing: {'; '.join(differing)}; "
-                "delete the folder or choose another `out`"
-            )
+    sweep(folder)
+    if (folder / CONFIG).exists():
+        expect(folder, made_of)
     else:
-        folder.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(wanted, indent=2) + "\n")
-        os.replace(partial, path)
+        write_json(folder / CONFIG, plain(made_of))
     return (folder / MODEL).exists()
+
+
+def expect(folder: Path, wanted: Mapping[str, Any]) -> None:
+    """Raises StageError naming what differs unless the policy of a folder is made of these values."""
+    found = read_json(folder / CONFIG, ANEW)
+    if differences := differing({key: found.get(key) for key in wanted}, wanted):
+        raise StageError(
+            f"{folder} holds a policy of another configuration; differing: {'; '.join(differences)}; "
+            "delete the folder or choose another `out`"
+        )
+
+
+def made_of(folder: Path) -> dict[str, Any]:
+    """What a trained policy was made of, and the checksum of its weights. Raises StageError where none is."""
+    _require_model(folder)
+    with _opened(folder / MODEL) as file:
+        weights = _said(file)[CHECKSUM]
+    return {**read_json(folder / CONFIG, ANEW), "weights": weights}
 
 
 def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, View]:
     """A trained policy, ready to act, and the view it commands. Raises StageError where none is."""
+    _require_model(folder)
+    tensors, metadata = read_tensors(folder / MODEL)
+    said = read_json(folder / CONFIG, ANEW)
+    if metadata.get("config") != digest(said):
+        raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
+    streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in said["view"]["streams"])
+    view = View(said["view"]["name"], tuple(streams))
+    policy = DiffusionPolicy(PolicyConfig(**said["policy"]), view.proprio_size, view.action_size)
+    policy.load_state_dict(tensors)
+    return policy.to(device_of(device)).eval(), view
+
+
+def _require_model(folder: Path) -> None:
     if not (folder / MODEL).exists():
         raise StageError(
             f"no trained policy in {folder}: {MODEL} is missing; train it first (stages=[train])"
         )
-    made_of = json.loads((folder / CONFIG).read_text())
-    streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in made_of["view"]["streams"])
-    view = View(made_of["view"]["name"], tuple(streams))
-    policy = DiffusionPolicy(PolicyConfig(**made_of["policy"]), view.proprio_size, view.action_size)
-    policy.load_state_dict(load_file(folder / MODEL))
-    return policy.to(device_of(device)).eval(), view
-
-
-def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
-    """`key: found x, wanted y` for every leaf that differs."""
-    old, new = _leaves(found), _leaves(wanted)
-    keys = [key for key in sorted(old.keys() | new.keys()) if old.get(key) != new.get(key)]
-    return [f"{key}: found {old.get(key, 'nothing')}, wanted {new.get(key, 'nothing')}" for key in keys]
-
-
-def _leaves(value: Any, key: str = "") -> dict[str, str]:
-    if isinstance(value, Mapping):
-        nested = (_leaves(item, f"{key}.{name}" if key else str(name)) for name, item in value.items())
-        return {path: text for leaves in nested for path, text in leaves.items()}
-    return {key: json.dumps(value)}

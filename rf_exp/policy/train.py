@@ -19,21 +19,20 @@ import numpy as np
 import torch
 from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
-from safetensors import safe_open
 from torch import Tensor
 
+from rf_exp.artifacts.identity import digest
 from rf_exp.errors import StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
-from rf_exp.policy.saved import CURVES, MODEL, STATE, claim, device_of, write_tensors
+from rf_exp.policy.saved import CURVES, MODEL, STATE, claim, device_of, read_tensors, write_tensors
 from rf_exp.policy.views import View
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
 ORDER, CROPS, NOISE = range(3)  # streams of random numbers of a training
-HOW = ("device", "log_every", "checkpoint_every")  # fields that do not change what comes out
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def train(
     made_of = {
         "policy": asdict(policy_config),
         "view": asdict(view),
-        "train": {key: value for key, value in asdict(train_config).items() if key not in HOW},
+        "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
     if claim(folder, made_of):
@@ -86,7 +85,7 @@ def train(
                 training.save(folder / STATE)
             if interrupted.is_set():
                 raise KeyboardInterrupt
-    write_tensors(folder / MODEL, training.averaged().state_dict(), {"view": view.name})
+    write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": digest(made_of)})
     (folder / STATE).unlink(missing_ok=True)
     return folder
 
@@ -198,9 +197,8 @@ class Training:
         """Go on from a saved state, if there is one."""
         if not path.exists():
             return
-        with safe_open(path, "pt") as file:
-            self.step = int(file.metadata()["step"])
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - no iterator
+        tensors, metadata = read_tensors(path)
+        self.step = int(metadata["step"])
         parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         self._loss.copy_(tensors.pop("loss"))
         for key, value in tensors.items():

@@ -3,14 +3,15 @@
 The layout below `out` is a contract that other people's scripts rely on.
 """
 
-import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from filelock import FileLock
 
+from rf_exp.artifacts.files import read_json, sweep, write_json
+from rf_exp.artifacts.identity import differing
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
 from rf_exp.tasks import Task
@@ -45,17 +46,15 @@ def recording_path(experiment: Experiment, task: Task, row: Row, stage: str, see
     return experiment.out / "recordings" / task.name / row.name / f"{stage}-{seed}.rrd"
 
 
-def plain(value: object) -> Any:
-    """The value as JSON knows it, for comparing configurations of different runs."""
-    return json.loads(json.dumps(value))
-
-
 @contextmanager
-def owned(artifact: Path, configuration: Mapping[str, Any] | None = None) -> Iterator[None]:
+def owned(
+    artifact: Path, configuration: Mapping[str, Any] | None = None, also: Sequence[Path] = ()
+) -> Iterator[None]:
     """Holds the right to make an artifact; other jobs that want it wait here until it is made.
 
-    With `configuration`, that is written beside the artifact the first time and compared every
-    other time. Raises StageError naming what differs, ArgumentError where nothing can be written.
+    What a kill left half-written beside it is removed. With `configuration`, the artifact must be
+    made of that (`same_configuration`; `also` is made together with it). Raises StageError naming
+    what differs, ArgumentError where nothing can be written.
     """
     try:
         artifact.parent.mkdir(parents=True, exist_ok=True)
@@ -66,36 +65,30 @@ def owned(artifact: Path, configuration: Mapping[str, Any] | None = None) -> Ite
             f"cannot write below {artifact.parent}: {error.strerror}; choose another folder with out=FOLDER"
         ) from error
     try:
+        sweep(artifact.parent)
         if configuration is not None:
-            _same_configuration(artifact, plain(configuration))
+            same_configuration(artifact, configuration, artifact.exists(), also)
         yield
     finally:
         lock.release()
 
 
-@contextmanager
-def complete(path: Path) -> Iterator[Path]:
-    """Another name to write `path` under; it gets its own only when it is finished."""
-    draft = path.with_name(f".{path.stem}.partial{path.suffix}")
-    try:
-        yield draft
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+def same_configuration(
+    artifact: Path, configuration: Mapping[str, Any], made: bool, also: Sequence[Path] = ()
+) -> None:
+    """Records beside an artifact that is not `made` yet what it will be made of; compares one that is.
 
-
-def _same_configuration(artifact: Path, configuration: Mapping[str, Any]) -> None:
-    path = artifact.with_name(f"{artifact.stem}.configuration.json")
-    if not path.exists():
-        path.write_text(json.dumps(configuration, indent=2) + "\n")
+    Raises StageError naming what differs and all that has to go before it can be made anew.
+    """
+    record = artifact.with_name(f"{artifact.stem}.configuration.json")
+    if not made:
+        write_json(record, configuration)
         return
-    found = json.loads(path.read_text())
-    differing = sorted(key for key in {*found, *configuration} if found.get(key) != configuration.get(key))
-    if differing:
-        listed = "; ".join(
-            f"{key}: there {found.get(key)!r}, now {configuration.get(key)!r}" for key in differing
-        )
+    listed = ", ".join(map(str, [artifact, record, *(path for path in also if path.exists())]))
+    remedy = f"delete {listed}, or choose another folder with out=FOLDER"
+    if not record.exists():
+        raise StageError(f"{artifact} is there, and {record} that says what it was made of is not; {remedy}")
+    if differences := differing(read_json(record, remedy), configuration):
         raise StageError(
-            f"{artifact} was made with another configuration ({listed}); delete it, or choose another folder "
-            "with out=FOLDER"
+            f"{artifact} was made with another configuration ({'; '.join(differences)}); {remedy}"
         )

@@ -1,44 +1,47 @@
 """Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
 
+from collections.abc import Container, Iterator
 from dataclasses import asdict, replace
+from pathlib import Path
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
+from rf_exp.artifacts.files import sweep, whole
+from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate
+from rf_exp.datagen.version import generator_version
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import close_simulator, simulator
-from rf_exp.stages.artifacts import complete, data_path, generation_path, owned, plain, recording_path
+from rf_exp.stages.artifacts import data_path, generation_path, owned, recording_path
+from rf_exp.stages.identity import generation_identity
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import Episode, Row
 
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
 
-def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
+def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
     """`demos` successes, or all of `episodes` consecutive seeds; continues where it stopped.
+
+    Returns how many demonstrations there are.
 
     Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
     """
     title = f"generate {task.name}/{row.name}"
     settings, pictures = experiment.settings(task, row), experiment.pictures
-    made_of = plain(
-        {
-            **asdict(settings),
-            "task": task.name,
-            "scene": asdict(task),
-            "version": task.version,
-            "brain": settings.brain.identity,
-        }
-    )
+    made_of = generation_identity(experiment, task, row)
     path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
-    with owned(rows_path, made_of), owned(path), _store(experiment, task, row, made_of) as store:
+    with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, row, made_of) as store:
         known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
+        for lost in _lost(store, known, rows_path):
+            rows.append(rows_path, lost)
+            known[lost.seed] = lost
         failed = {seed for seed, r in known.items() if not r.success}
         stored = set(store.seeds.tolist())
         goal = experiment.episodes or HOPELESS * experiment.demos
@@ -59,12 +62,12 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
                 for outcome in generate(
                     settings, pictures, [s for s in span if s not in tried], experiment.workers
                 ):
+                    tells = generation_row(task, row, settings.brain.name, outcome)
                     if outcome.episode is not None:
-                        store.append(outcome.episode)
-                    if outcome.seed not in known:
-                        result = _row(task, row, settings.brain.name, outcome)
-                        rows.append(rows_path, result)
-                        log(result)
+                        store.append(_with_row(outcome.episode, tells))
+                    if outcome.seed not in known:  # a kill before this: the episode has its row
+                        rows.append(rows_path, tells)
+                        log(tells)
                     tried.append(outcome.seed)
                     made += outcome.success
                     progress.advance(
@@ -78,6 +81,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> None:
                 f"were wanted; the reasons are in {rows_path}"
             )
         _record(experiment, task, row, store.seeds[: experiment.recordings].tolist())
+        return made
 
 
 def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
@@ -87,25 +91,47 @@ def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, obje
     identity = {**made_of, "first_seed": experiment.seed, "cameras": list(cameras), "picture": list(size)}
     if path.exists():
         return Store.open(path, identity, writable=True)
-    return Store.create(path, identity, len(task.agents), cameras, *size)
+    return Store.create(path, identity, len(task.agents), cameras, *size, scene=asdict(task))
+
+
+def _with_row(episode: Episode, row: GenerationRow) -> Episode:
+    """The episode with its row in its certificate; without the time it took, so that bytes are the same."""
+    kept = {name: value for name, value in asdict(row).items() if name != "wall_s"}
+    return replace(episode, certificate={**episode.certificate, "row": kept})
+
+
+def _lost(store: Store, known: Container[int], rows_path: Path) -> Iterator[GenerationRow]:
+    """The rows of stored episodes that are not among the rows: a kill, or a line that was removed."""
+    for index, seed in enumerate(store.seeds.tolist()):
+        if seed in known:
+            continue
+        try:
+            yield GenerationRow(**store.certificates[index]["row"], wall_s=0.0)
+        except (KeyError, TypeError) as error:
+            raise StageError(
+                f"seed {seed} is stored in {store.path}, but has no row, neither in {rows_path} nor in its "
+                f"certificate; delete {store.path} and generate again"
+            ) from error
 
 
 def _record(experiment: Experiment, task: Task, row: Row, seeds: list[int]) -> None:
     """Makes the first successful episodes once more, being recorded: same seed, same episode."""
     settings = experiment.settings(task, row)
     settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
+    sweep(recording_path(experiment, task, row, "generate", 0).parent)
     for seed in seeds:
         path = recording_path(experiment, task, row, "generate", seed)
         if path.exists():
             continue
         world, title = simulator(task, experiment.pictures), f"{task.title}, {row.name}, scene {seed}"
-        with complete(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
+        with whole(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
             EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")
     close_simulator()
 
 
-def _row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
+def generation_row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
+    """The row of one attempt under the constraints `row`."""
     return GenerationRow(
         task=task.name,
         constraints=row.name,
@@ -118,4 +144,8 @@ def _row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
         reason=outcome.reason,
         wall_s=round(outcome.wall_s, 3),
         version=task.version,
+        violations=outcome.violations,
+        contacts=outcome.contacts,
+        generator=generator_version(task),
+        commit=commit(),
     )

@@ -11,32 +11,36 @@ from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
+from typing import Any
 
 import torch
 from joblib import delayed
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.artifacts.files import sweep, whole
+from rf_exp.artifacts.provenance import commit
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
-from rf_exp.policy.saved import CURVES, MODEL, device_of
+from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
 from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import close_simulator, in_order, simulator
 from rf_exp.stages.artifacts import (
-    complete,
     data_path,
     evaluation_path,
     generation_path,
     owned,
     policy_path,
     recording_path,
+    same_configuration,
 )
+from rf_exp.stages.identity import evaluation_identity
 from rf_exp.stages.logs import Follower, curve_log, rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
@@ -96,13 +100,13 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
     folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
     limit = step_limit(experiment, task, row)
-    made_of = {
-        "policy": asdict(experiment.policy),
-        "training": asdict(experiment.training),
-        "step_limit": limit,
-    }
-    with owned(path, made_of):
+    trained = _trained(experiment, task, arch, folder)
+    with owned(path, evaluation_identity(experiment, task, limit)):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
+        of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
+        there = any(r.train_seed == experiment.train_seed for r in known)
+        same_configuration(of_seed, trained, there, [path])
+        sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
@@ -127,9 +131,23 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
         for seed in scenes[: experiment.recordings]:
             name = f"evaluate-{arch.name}-{experiment.demos}"
-            with complete(recording_path(experiment, task, row, name, seed)) as draft:
+            with whole(recording_path(experiment, task, row, name, seed)) as draft:
                 evaluate_scene(task, experiment.pictures, folder, seed, limit, draft)
         close_simulator()
+
+
+def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
+    """What the policies were made of: as this experiment says, from which data, with which weights.
+
+    Raises StageError for policies that were made otherwise.
+    """
+    made = {}
+    for view in views(arch, len(task.agents)):
+        made[view.name] = made_of(folder / view.name)
+        config = replace(experiment.training, seed=experiment.train_seed)
+        expect(folder / view.name, {"policy": asdict(experiment.policy), "train": config.identity})
+    weights = {name: one.pop("weights") for name, one in made.items()}
+    return {"data": next(iter(made.values()))["data"], "weights": weights}
 
 
 def evaluate_scene(
@@ -200,4 +218,7 @@ def _row(
         violations=result.violations,
         wall_s=round(wall_s, 3),
         version=task.version,
+        contacts=result.contacts,
+        reason=result.reason,
+        commit=commit(),
     )

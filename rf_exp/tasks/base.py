@@ -3,6 +3,7 @@
 A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.py` with
 
     VERSION                       of its success criteria, stamped on every result row
+    PLAN_VERSION                  of its plan and places: of what it does for the demonstrations
     places(scene, task)           optional: named places on the table
     plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
     conditions(scene, start, task)  strict success as named conditions, all of which must hold
@@ -10,7 +11,7 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import import_module
 from itertools import combinations
@@ -145,10 +146,36 @@ class Task:
         """Version of the success criteria; rows of different versions are never mixed."""
         return self.module.VERSION
 
+    @property
+    def plan_version(self) -> str:
+        """Version of plan and places; demonstrations of different versions are never mixed."""
+        return self.module.PLAN_VERSION
+
     def asset(self, name: str) -> assets.Asset:
         """The asset of an object of this task."""
         spec = self.objects[name]
         return assets.load(spec.asset, spec.options)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What decides its scenes, what is seen of them and when they count as solved.
+
+        Assets by their content, code by its versions. Titles and descriptions decide nothing.
+        """
+        said = asdict(self)
+        objects = {
+            name: {**spec, "asset": f"{self.asset(name).name} {self.asset(name).content}"}
+            for name, spec in said["objects"].items()
+        }
+        for spec in objects.values():
+            del spec["options"]  # the content tells them
+        return {
+            **{key: said[key] for key in ("robots", "cameras", "success", "randomisation")},
+            "objects": objects,
+            "order": list(objects),  # in which they are drawn
+            "criteria": self.version,
+            "plan": self.plan_version,
+        }
 
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
         """Named places of this task: world_from_object (4, 4) of what is put there."""

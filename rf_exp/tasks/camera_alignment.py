@@ -6,6 +6,7 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import Proposal, Scene
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:

@@ -6,6 +6,7 @@ from rf_exp.tasks.measure import height_m, holders, risen_m, still, upright
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 GRIPS = {1: "left", 2: "right"}  # the end nearest to each arm
 LIFT_M = 0.17  # of both grippers: the required rise and a little to spare

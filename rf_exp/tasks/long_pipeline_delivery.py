@@ -9,6 +9,7 @@ from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Constraint, Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 CHAIN = (4, 3, 2, 1)  # agents from the shoe to the goal
 STOP_X_M = -0.35  # of the places between two neighbours

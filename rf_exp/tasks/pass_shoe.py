@@ -7,6 +7,7 @@ from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 GIVER, TAKER = 1, 2
 MIDWAY = (0.0, 0.0)  # within reach of both, m

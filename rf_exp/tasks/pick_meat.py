@@ -6,6 +6,7 @@ from rf_exp.tasks.measure import height_m, holders, risen_m, still
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 ARM = 1
 LIFT_M = 0.17  # a little more than the required rise

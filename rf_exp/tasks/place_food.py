@@ -7,6 +7,7 @@ from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 COOK, HELPER = 1, 2  # the agents: one brings the food, the other opens the pot
 LID_LIFT_M = 0.12

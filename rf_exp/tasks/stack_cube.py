@@ -6,6 +6,7 @@ from rf_exp.tasks.measure import released, set_down, stacked
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 ARM = 1
 CUBE_M = 0.04  # side

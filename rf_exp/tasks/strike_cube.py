@@ -9,6 +9,7 @@ from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 ARM = 1
 LIFT_M = 0.06  # off the table, before the hammer swings over the cube

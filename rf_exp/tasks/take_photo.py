@@ -10,6 +10,7 @@ from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 PHOTOGRAPHER = 4
 

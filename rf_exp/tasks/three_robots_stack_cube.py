@@ -8,6 +8,7 @@ from rf_exp.tasks.measure import height_m, near, released, set_down, stacked
 from rf_exp.types import Constraint, Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 STACK = {1: "blue", 2: "red", 3: "green"}  # agent -> its cube, from the bottom up
 SIDE_M = 0.04

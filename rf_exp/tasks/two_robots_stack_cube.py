@@ -6,6 +6,7 @@ from rf_exp.tasks.measure import height_m, holders, near, released, set_down, st
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 BASE, TOP = 1, 2  # the agents
 CUBE_M = 0.04  # side

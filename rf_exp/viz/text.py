@@ -17,7 +17,7 @@ class CheckResult:
     value: float  # what was found
     bound: float  # what is allowed
     unit: str  # of both
-    time_s: float  # when, since the start of the plan
+    time_s: float  # when, since the start of the episode
     reason: str
 
 

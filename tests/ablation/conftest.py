@@ -24,7 +24,8 @@ def generation(
             task=task, constraints=constraints, brain=brain, seed=first + i, success=i < wins,
             success_paper=i < wins + loose, steps=steps + i,
             attempts=broken + 1 if i < wins else min(broken + 1, BUDGET),
-            reason="" if i < wins else failed(i, broken), wall_s=2.0, version=version,
+            reason="" if i < wins else failed(i, broken), wall_s=2.0, version=version, violations=broken,
+            contacts=0, generator="1.1", commit="",
         )
         for i, broken in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip
@@ -44,7 +45,8 @@ def evaluation(
         EvaluationRow(
             task=task, arch=arch, constraints=constraints, demos=demos, train_seed=train_seed,
             scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
-            violations=touched, wall_s=5.0, version=version,
+            violations=touched, wall_s=5.0, version=version, contacts=0,
+            reason="" if i < wins else "not lifted", commit="",
         )
         for i, touched in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip

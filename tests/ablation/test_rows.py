@@ -3,7 +3,9 @@
 import json
 import logging
 import multiprocessing
+import random
 import resource
+import zlib
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -11,21 +13,31 @@ import numpy as np
 import pytest
 
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append, load, newest, read
-from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.sim.simulator import Simulator
-from rf_exp.tasks import Task
-from rf_exp.types import Row, Violation
 
 GENERATION = GenerationRow(
     task="lift_barrier", constraints="full", brain="scripted", seed=3, success=True, success_paper=True,
-    steps=80, attempts=1, reason="", wall_s=1.5, version="1",
+    steps=80, attempts=1, reason="", wall_s=1.5, version="1", violations=0, contacts=2,
+    generator="1.1", commit="0123456789ab+",
 )  # fmt: skip
 EVALUATION = EvaluationRow(
     task="lift_barrier", arch="separate_local", constraints="full", demos=150, train_seed=0, scene_seed=1000,
     success=False, success_paper=True, steps=400, step_limit=400, violations=2, wall_s=9.0, version="1",
+    contacts=1, reason="not lifted", commit="",
 )  # fmt: skip
+
+
+OLD = (
+    '{"task": "lift_barrier", "constraints": "full", "brain": "scripted", "seed": 3, "success": true, '
+    '"success_paper": true, "steps": 80, "attempts": 1, "reason": "", "wall_s": 1.5, "version": "1"}'
+)
+
+
+def sealed(**changes: object) -> str:
+    """A line with other values and the checksum that fits them, as the docstring of the module says."""
+    values = {**asdict(GENERATION), **changes}
+    canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
+    return json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"})
 
 
 def path_of(out: Path) -> Path:
@@ -38,58 +50,20 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
     append(path, row)
     append(path, row)
     assert read(path, type(row)) == (row, row)
-    assert [json.loads(line) for line in path.read_text().splitlines()] == [asdict(row)] * 2
+    written = [json.loads(line) for line in path.read_text().splitlines()]
+    assert [list(line) for line in written] == [[*asdict(row), "crc32"]] * 2
+    assert [{key: line[key] for key in asdict(row)} for line in written] == [asdict(row)] * 2
 
 
 def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(GENERATION)) == (
-        "task constraints brain seed success success_paper steps attempts reason wall_s version"
+        "task constraints brain seed success success_paper steps attempts reason wall_s version "
+        "violations contacts generator commit schema"
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
-        "step_limit violations wall_s version"
+        "step_limit violations wall_s version contacts reason commit schema"
     )
-
-
-class Answers(ScriptedBrain):
-    """Says what it was told to say, then what the script says."""
-
-    def __init__(self, *first: str) -> None:
-        self.first = list(first)
-
-    def answer(self, question: Question) -> str:
-        return self.first.pop(0) if self.first else super().answer(question)
-
-
-class Rejections(Nobody):
-    """Counts violations where they happen."""
-
-    count = 0
-
-    def rejected(self, violation: Violation) -> None:
-        self.count += 1
-
-
-def test_the_violations_of_generation_follow_from_its_row(lift_barrier: Task) -> None:
-    """The loop itself counts: repaired, given up within the budget, and at the end of it."""
-    bad, nothing = "no json", json.dumps({"Subgoals": {}})
-    cases = [
-        ((), True, 0),
-        ((bad, bad), True, 2),
-        ((nothing,), False, 0),
-        ((bad, nothing), False, 1),
-        ((bad, bad, nothing), False, 2),
-        ((bad, bad, bad), False, 3),
-    ]
-    with Simulator(lift_barrier, render=False) as world:
-        for answers, success, expected in cases:
-            seen = Rejections()
-            settings = Settings(lift_barrier, Row("full"), ScriptedSpec(), attempts=3)
-            outcome = EpisodeMaker(settings, world, Answers(*answers), seen).make(0)
-            row = replace(
-                GENERATION, success=outcome.success, attempts=outcome.attempts, reason=outcome.reason
-            )
-            assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)
 
 
 def test_numpy_scalars_become_plain(tmp_path: Path) -> None:
@@ -118,9 +92,12 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
     [
         ("{", "Expecting property name"),
         ("[]", "found list, expected an object"),
-        (json.dumps({**asdict(GENERATION), "steps": "80"}), r"steps of a GenerationRow is '80' \(str\)"),
-        (json.dumps({**asdict(GENERATION), "color": 1}), "unknown fields: color; available: attempts, brain"),
-        (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, constraints"),
+        (sealed(steps="80"), r"steps of a GenerationRow is '80' \(str\)"),
+        (sealed(color=1), "unknown fields: color; available: attempts, brain"),
+        (sealed(schema=3), "a row of schema 3; this version reads schema 2"),
+        (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, commit, constraints"),
+        (OLD, "a row of schema 1; this version reads schema 2"),
+        (json.dumps({**asdict(GENERATION), "crc32": "00000000"}), "damaged or edited: its checksum is"),
     ],
 )
 def test_a_bad_line_is_named(tmp_path: Path, line: str, message: str) -> None:
@@ -151,10 +128,39 @@ def test_an_unfinished_last_line_is_reported_and_then_removed(
 def test_a_whole_line_without_its_end_counts(tmp_path: Path) -> None:
     path = path_of(tmp_path)
     path.parent.mkdir(parents=True)
-    path.write_text(json.dumps(asdict(GENERATION)))
+    path.write_text(sealed())
     assert read(path, GenerationRow) == (GENERATION,)
     append(path, replace(GENERATION, seed=4))
     assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+
+
+def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
+    """In any line, also where a line end is hit: no row changes or vanishes in silence."""
+    path = path_of(tmp_path)
+    for seed in range(3):
+        append(path, replace(GENERATION, seed=seed, reason="arms 1 and 2 came within 0.004 m"))
+    whole = path.read_bytes()
+    rng = random.Random(7)
+    for bit in rng.sample(range(8 * len(whole)), 600) + [8 * (len(whole) - 1) + k for k in range(8)]:
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(flipped)
+        line = 1 + whole[: bit // 8].count(b"\n")
+        with pytest.raises(
+            StageError, match=rf"full\.jsonl, line {line}: no GenerationRow: .*remove that line"
+        ):
+            read(path, GenerationRow)
+        with pytest.raises(StageError, match=rf"full\.jsonl, line {line}: "):
+            load(tmp_path)
+        append(path, GENERATION)  # mends what a crash leaves, and only that
+        assert path.read_bytes().startswith(flipped)
+
+
+def test_text_of_a_model_survives(tmp_path: Path) -> None:
+    """Half a surrogate pair is no text that UTF-8 knows, and a language model can send it."""
+    row = replace(GENERATION, reason='caf\u00e9 \ud83d "}\n')
+    append(tmp_path / "rows.jsonl", row)
+    assert read(tmp_path / "rows.jsonl", GenerationRow) == (row,)
 
 
 def _write_many(path: Path, worker: int) -> None:

@@ -7,7 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints.evidence import Plan
-from rf_exp.constraints.logical import ORIENTATIONS, ConsistentHeight, ValidateDirection, ValidateInteraction
+from rf_exp.constraints.logical import (
+    ORIENTATIONS,
+    ConsistentHeight,
+    ValidateDirection,
+    ValidateInteraction,
+    _carried,
+)
 from rf_exp.constraints.timing import schedule
 from rf_exp.transforms import transform
 from rf_exp.types import Row, Schedule, Subgoal
@@ -172,18 +178,18 @@ def test_a_thing_is_put_at_the_place_point():
     assert evidence.reason == "Agent_1 would put steak 6.0 cm beside the inside point of pot (allowed 4.0 cm)"
 
 
-def lifting(heights_m, row=FULL, joined: str | None = "lift barrier") -> Plan:
+def lifting(heights_m, row=FULL, joined: str | None = "lift barrier", task=BAR) -> Plan:
     """Both arms hold the barrier and lift it, each by its height."""
-    start = scene_of(BAR)
+    start = scene_of(task)
     qpos = start.qpos.copy()
     for agent, point in ((1, "left"), (2, "right")):
-        qpos[agent - 1, :7] = Hand(BAR, start, agent).grasp("barrier", point).qpos
+        qpos[agent - 1, :7] = Hand(task, start, agent).grasp("barrier", point).qpos
     scene = replace(start, qpos=qpos, held=("barrier", "barrier"))
     hands = [
-        Hand(BAR, scene, agent).hold("barrier").lift(height, joined=joined)
+        Hand(task, scene, agent).hold("barrier").lift(height, joined=joined)
         for agent, height in zip((1, 2), heights_m, strict=True)
     ]
-    return plan_of(BAR, scene, *(hand.trajectory for hand in hands), row=row)
+    return plan_of(task, scene, *(hand.trajectory for hand in hands), row=row)
 
 
 def test_heights_in_lockstep_are_consistent():
@@ -221,4 +227,26 @@ def test_measured_heights_of_two_that_hold_one_thing():
 def test_nothing_carried_has_no_height(grasp):
     evidence = ConsistentHeight((1, 2)).planned(grasp)
     assert evidence.ok
-    assert evidence.reason == "[Agent_1, Agent_2] carry nothing at the same time in this plan"
+    assert evidence.reason == "[Agent_1, Agent_2] carry nothing together in this plan"
+
+
+def test_the_height_is_that_of_what_they_carry_together():
+    """Agent_1 has lifted something else before, by a height of its own."""
+    task = replace(BAR, objects={**BAR.objects, "blue": real("stack_cube").objects["blue"]})
+    together = lifting((0.15, 0.15), joined=None, task=task)
+    first, second = together.trajectories
+    other = replace(first.segments[0], carries="blue", qpos=first.segments[0].qpos[::-1], joined=None)
+    short = {"qpos": other.qpos[-1:], "gripper": other.gripper[-1:]}
+    back = replace(other, carries=None, tcp_from_object=None, **short)
+    alone = replace(first, start_qpos=first.segments[0].qpos[-1], segments=(other, back, *first.segments))
+    plan = replace(together, trajectories=(alone, second), schedule=None)
+    for agent, begin in ((1, 21), (2, 0)):
+        assert _carried(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
+    timed = schedule((alone, second))
+    assert isinstance(timed, Schedule)
+    late = timed.positions.copy()
+    late[:, 1] = np.clip(np.arange(len(late)) - 21, 0, 20)  # Agent_2 lifts when Agent_1 does
+    evidence = ConsistentHeight((1, 2)).planned(
+        Plan(task, FULL, plan.scene, plan.trajectories, Schedule(late, 41))
+    )
+    assert evidence.ok and evidence.value < 2e-3

@@ -115,6 +115,19 @@ def test_a_zone_is_kept_or_entered():
     assert measured is not None and not measured.ok
 
 
+def test_what_an_arm_holds_stays_out_of_a_zone_too():
+    scene = scene_of(FOOD)
+    plan = plan_of(FOOD, scene, (idle(1, REST), idle(2)))
+    hand = plan.bodies.arms[0].tcp(scene.qpos[0])
+    below = transform((*hand[:2, 3], hand[2, 3] - 0.3))
+    low, high = (below[:3, 3] - 0.05).tolist(), (below[:3, 3] + 0.05).tolist()
+    zone = StayOut(1, tuple(low), tuple(high))
+    hanging = replace(scene, poses={**scene.poses, "steak": below})
+    for held, ok in ((None, True), ("steak", False)):
+        evidence = zone.measured(replace(hanging, held=(held, None)), plan)
+        assert evidence is not None and evidence.ok is ok
+
+
 def test_the_monitor_of_policies_sees_force_and_overlap():
     scene = scene_of(BAR, step=40)
     monitor = PolicyMonitor(BAR)
@@ -165,7 +178,7 @@ def test_what_an_arm_holds_is_part_of_it():
         found = touching(FOOD, scene, ((1, 2),))
         assert (found is None) == (exact.distance_m > 0)
         if found is not None and alone.distance_m > 0:
-            blamed.add("steak" if "(steak with panda_" in found[1].reason else found[1].reason)
+            blamed.add("steak" if "(steak with panda_" in found.reason else found.reason)
     assert blamed == {"steak"}
 
 

@@ -144,7 +144,7 @@ def test_after_feedback_it_answers_as_scripted(lift_barrier):
     sound = lift_barrier.module.plan(scene, lift_barrier)
     first = from_json(brain.answer(Question(lift_barrier, scene, {})), lift_barrier)
     assert first != sound and first.constraints == sound.constraints
-    feedback = (Violation("ValidateInteraction", (1,), 0.0, 0.4, 0.01, "wrong end"),)
+    feedback = (Violation("ValidateInteraction", "interaction", (1,), 0.0, 0.4, 0.01, "wrong end"),)
     second = Question(lift_barrier, scene, {}, feedback=feedback)
     assert from_json(brain.answer(second), lift_barrier) == sound
 
@@ -155,7 +155,7 @@ def test_only_the_first_feedback_is_about_the_fault():
     scene, brain = start_scene(task, 0), FaultySpec("through_arm").make(task, FULL, 0)
     brain.answer(Question(task, scene, {}))
     assert brain.placed
-    feedback = (Violation("Motion", (), 0.0, 0.0, 0.0, "Agent_1 cannot move: Agent_2 is in the way"),)
+    feedback = (Violation("Motion", "space", (1, 2), 0.0, 0.0, 0.0, "Agent_2 is in the way"),)
     later = Question(task, scene, {}, feedback=feedback)
     assert from_json(brain.answer(later), task) == task.module.plan(scene, task)
     assert from_json(brain.answer(later), task).subgoals == (Subgoal(2, "aside"),)

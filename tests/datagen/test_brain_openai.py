@@ -102,7 +102,7 @@ def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, serv
         start_scene(lift_barrier, 0),
         {"global": picture, "agent1": picture},
         (Subgoal(1, "grasp", "barrier", "left"),),
-        (Violation("ValidateDirection", (1,), 0.0, 45.0, 10.0, "the gripper is 45 deg off"),),
+        (Violation("ValidateDirection", "interaction", (1,), 0.0, 45.0, 10.0, "the gripper is 45 deg off"),),
     )
     openai_spec(server.url).make(lift_barrier, FULL, 0).answer(question)
     (request,) = server.requests

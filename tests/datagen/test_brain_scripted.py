@@ -15,14 +15,14 @@ STACK = read_task("three_robots_stack_cube")
 PHOTO = read_task("take_photo")
 
 
-def answer(task, scene, check, reason):
-    feedback = (Violation(check, (), 1.0, 0.0, 0.0, reason),)
+def answer(task, scene, check, cause, agents):
+    feedback = (Violation(check, cause, agents, 1.0, 0.0, 0.0, "why"),)
     return from_json(ScriptedBrain().answer(Question(task, scene, {}, feedback=feedback)), task)
 
 
-def leaving(task, scene, check, reason):
+def leaving(task, scene, check, cause, agents):
     """The agents that are sent aside; empty where the task's own plan is proposed again."""
-    proposal = answer(task, scene, check, reason)
+    proposal = answer(task, scene, check, cause, agents)
     if any(subgoal.verb == "aside" for subgoal in proposal.subgoals):
         return [subgoal.agent for subgoal in proposal.subgoals]
     assert proposal == task.module.plan(scene, task)
@@ -30,33 +30,37 @@ def leaving(task, scene, check, reason):
 
 
 def test_arms_that_hit_each_other_draw_aside_first_the_one_whose_work_comes_later():
-    proposal = answer(STACK, start_scene(STACK, 0), COLLISION, "Agent_1, x, and Agent_2, y, hit each other")
+    proposal = answer(STACK, start_scene(STACK, 0), COLLISION, "contact", (1, 2))
     assert proposal.subgoals == (Subgoal(2, "aside"), Subgoal(1, "aside"))
     assert "Agent_2 must complete its task before Agent_1 begins." in [c.text for c in proposal.constraints]
 
 
 @pytest.mark.parametrize(
-    ("check", "reason", "expected"),
+    ("check", "cause", "agents", "expected"),
     [
-        (MOTION, "Agent_1 cannot lift camera by 0.1 m: Agent_4 is in the way", [4]),
-        ("ValidateSpatialOccupancy", "Agent_1, to x, comes within 1.5 cm of Agent_2, to y", [2]),
-        (MOTION, "Agent_4 cannot press camera at shutter: no free path", [4]),
-        (COLLISION, "Agent_4, standing still, pushes camera with 52 N", [4]),
-        ("ValidateDirection", "the gripper of Agent_1 is 90 deg off", []),
-        ("ValidateSpatialOccupancy", "Agent_1, Agent_2 and Agent_4 are close", []),
-        ("RoboBrain", "the answer is not the expected JSON", []),
+        (MOTION, "space", (1, 4), [4]),  # Agent_1 cannot lift: Agent_4 is in the way
+        ("ValidateSpatialOccupancy", "space", (1, 2), [2]),
+        (MOTION, "space", (4,), [4]),  # no free path
+        (COLLISION, "contact", (4,), [4]),  # pushes the camera
+        (MOTION, "reach", (4,), []),  # what is out of reach is so from everywhere
+        (MOTION, "grip", (1,), []),  # does not hold what it should lift
+        (MOTION, "time", (1, 2), []),  # orders that contradict one another
+        ("ValidateSpatialOccupancy", "space", (1,), []),  # comes near to a thing
+        ("ValidateScheduling", "time", (1, 2), []),
+        ("ValidateDirection", "interaction", (1, 2), []),
+        ("ValidateSpatialOccupancy", "space", (1, 2, 4), []),
+        ("RoboBrain", "answer", (), []),
     ],
 )
-def test_who_is_in_the_way_draws_aside(check, reason, expected):
+def test_who_is_in_the_way_draws_aside(check, cause, agents, expected):
     """Agent_4 has nothing to do in the first proposal of Take Photo; Agent_2's work comes after Agent_1's."""
-    assert leaving(PHOTO, start_scene(PHOTO, 0), check, reason) == expected
+    assert leaving(PHOTO, start_scene(PHOTO, 0), check, cause, agents) == expected
 
 
 def test_who_carries_something_with_another_stays_and_so_does_who_is_aside_already():
     scene = start_scene(PHOTO, 0)
-    hit = "Agent_1, to lift camera by 0.1 m (lift), and Agent_4, standing still, hit each other with 23 N"
     carrying = replace(scene, held=("camera", "camera", None, None))
-    assert leaving(PHOTO, carrying, COLLISION, hit) == [4]
+    assert leaving(PHOTO, carrying, COLLISION, "contact", (1, 4)) == [4]
     qpos = scene.qpos.copy()
     qpos[3, :7] = np.array(ASIDE_QPOS) + 0.05
-    assert leaving(PHOTO, replace(carrying, qpos=qpos), COLLISION, hit) == []
+    assert leaving(PHOTO, replace(carrying, qpos=qpos), COLLISION, "contact", (1, 4)) == []

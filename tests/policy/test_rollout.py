@@ -156,7 +156,7 @@ def test_success_is_looked_at_after_every_step(make_actor) -> None:
 
 def test_violations_are_counted_in_steps(make_actor) -> None:
     world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
-    violation = Violation("ValidateSpatialOccupancy", (1,), 0.0, 0.0, 0.0, "too close")
+    violation = Violation("ValidateSpatialOccupancy", "space", (1,), 0.0, 0.0, 0.0, "too close")
 
     def monitor(scene: Scene) -> Violation | None:
         return violation if scene.step in (2, 3, 7) else None

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import random
+import re
 import signal
 import threading
 from collections.abc import Callable
@@ -12,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
-from rf_exp.policy.saved import CURVES, MODEL, STATE, device_of, load_policy
+from rf_exp.policy.saved import CONFIG, CURVES, MODEL, STATE, device_of, load_policy
 from rf_exp.policy.train import Curve, Training, learning_rate, train
 from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
@@ -135,6 +137,74 @@ def test_the_policy_loads_as_it_was_saved(
     assert not torch.equal(policy.normaliser.action.radius, torch.ones(8))
     made_of = json.loads((tmp_path / "config.json").read_text())
     assert made_of["data"] == {"identity": {"task": "reach"}, "seeds": [0, 1, 2]}
+
+
+def test_every_flipped_bit_is_noticed(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    """In weights, header and configuration: a policy that loads is the one that was trained."""
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    rng = random.Random(3)
+    whole, _ = load_policy(tmp_path, "cpu")
+    weights = (tmp_path / MODEL).read_bytes()
+    header = 8 + int.from_bytes(weights[:8], "little")
+    bits = [*range(0, 8 * header, 997), *(rng.randrange(8 * header, 8 * len(weights)) for _ in range(20))]
+    for name, content, flips in (
+        (MODEL, weights, bits),
+        (CONFIG, (tmp_path / CONFIG).read_bytes(), [rng.randrange(8 * 500) for _ in range(30)]),
+    ):
+        for bit in flips:
+            flipped = bytearray(content)
+            flipped[bit // 8] ^= 1 << bit % 8
+            (tmp_path / name).write_bytes(flipped)
+            try:
+                policy, view = load_policy(tmp_path, "cpu")
+            except StageError as error:
+                assert re.search(rf"{name} is damaged.*train again \(stages=\[train\]\)", str(error))
+            else:  # a blank between two values, say
+                assert (policy.config, view) == (policy_config, LOCAL)
+                for key, value in whole.state_dict().items():
+                    assert torch.equal(value, policy.state_dict()[key])
+        (tmp_path / name).write_bytes(content)
+
+
+def test_weights_of_an_earlier_version_are_refused(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    save_file(load_file(tmp_path / MODEL), tmp_path / MODEL, {"view": LOCAL.name})  # without a checksum
+    with pytest.raises(StageError, match=r"model\.safetensors is damaged: it has no checksum"):
+        load_policy(tmp_path, "cpu")
+
+
+def test_a_damaged_state_is_not_gone_on_with(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        train(store, LOCAL, policy_config, train_config, tmp_path, interrupt)
+    state = bytearray((tmp_path / STATE).read_bytes())
+    state[-100] ^= 4
+    (tmp_path / STATE).write_bytes(state)
+    with pytest.raises(StageError, match=r"state\.safetensors is damaged: .* delete it and train again"):
+        train(store, LOCAL, policy_config, train_config, tmp_path)
+
+
+def test_leftovers_of_a_kill_are_removed(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    (tmp_path / ".state.safetensors.0123abcd.partial").mkdir()
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {CONFIG, MODEL, CURVES}
+
+
+def test_an_empty_configuration_says_what_helps(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    (tmp_path / CONFIG).write_text("")
+    with pytest.raises(
+        StageError, match=r"config\.json is damaged: it is empty; delete the folder and train"
+    ):
+        train(store, LOCAL, policy_config, train_config, tmp_path)
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_does_not(

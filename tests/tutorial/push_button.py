@@ -8,6 +8,7 @@ from rf_exp.tasks.measure import pushed_n
 from rf_exp.types import Proposal, Scene, Subgoal
 
 VERSION = "1"
+PLAN_VERSION = "1"
 
 ARM = 1
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -52,6 +52,7 @@ class FaultySpec:
     """`brain=faulty`."""
 
     name: ClassVar[str] = "faulty"
+    reads: ClassVar[bool] = False
 
     fault: str
 

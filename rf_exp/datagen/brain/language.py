@@ -45,6 +45,7 @@ class OpenAISpec(Connection):
     """`brain=openai`: any server that speaks chat completions."""
 
     name: ClassVar[str] = "openai"
+    reads: ClassVar[bool] = True
 
     pictures: bool  # send them
     restate: bool  # have constraints restated that the grammar does not understand
@@ -71,6 +72,7 @@ class ReplaySpec:
     """`brain=replay`: recorded exchanges."""
 
     name: ClassVar[str] = "replay"
+    reads: ClassVar[bool] = True
 
     exchanges: Path  # folder, as `brain=openai` left it
     restate: bool  # as in the run that was recorded

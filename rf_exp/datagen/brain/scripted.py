@@ -1,6 +1,5 @@
 """The RoboBrain that needs no network: the plan written in the task's module."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,7 +13,6 @@ from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.tasks.measure import holders
 from rf_exp.types import ARM_JOINTS, COLLISION, MOTION, Proposal, Row, Scene, Subgoal, Violation
 
-_AGENT = re.compile(r"Agent_(\d+)")
 _NEAR_RAD = 0.1  # from where an arm would go: it is there already
 
 
@@ -36,13 +34,13 @@ def _leaving(violation: Violation, proposal: Proposal, scene: Scene) -> list[int
 
     After a hit all that were in it; first the one whose work comes later in the plan, which came to where
     the other stood. Of two that are in each other's way who has nothing to do, or whose work comes later.
-    One that finds no way begins again from farther off.
+    One that finds no way begins again from farther off. Of more than two nothing says who should.
     """
-    named = list(dict.fromkeys(map(int, _AGENT.findall(violation.reason))))
-    if len(named) > 2 or (len(named) == 1 and violation.check not in (COLLISION, MOTION)):
+    alone = len(violation.agents) == 1 and violation.check not in (COLLISION, MOTION)
+    if violation.cause not in ("contact", "space") or len(violation.agents) > 2 or alone:
         return []
     planned = [subgoal.agent for subgoal in proposal.subgoals]
-    able = [agent for agent in named if not _shares(agent, scene) and not _is_aside(agent, scene)]
+    able = [agent for agent in violation.agents if not (_shares(agent, scene) or _is_aside(agent, scene))]
     later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
     if violation.check == COLLISION:
         return later
@@ -71,6 +69,7 @@ class ScriptedSpec:
     """`brain=scripted`."""
 
     name: ClassVar[str] = "scripted"
+    reads: ClassVar[bool] = False
 
     @property
     def identity(self) -> dict[str, object]:

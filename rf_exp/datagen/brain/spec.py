@@ -24,6 +24,7 @@ class BrainSpec(Protocol):
     """What a brain is made from. Implementations are frozen dataclasses."""
 
     name: ClassVar[str]
+    reads: ClassVar[bool]  # title and description of the task, and sees its pictures: they decide its answers
 
     @property
     def identity(self) -> Mapping[str, object]:

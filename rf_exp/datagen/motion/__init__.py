@@ -2,5 +2,6 @@
 
 from rf_exp.datagen.motion.planner import Posture, plan_motion
 from rf_exp.datagen.motion.state import Unreachable
+from rf_exp.datagen.motion.stop import come_to_rest, let_off
 
-__all__ = ["Posture", "Unreachable", "plan_motion"]
+__all__ = ["Posture", "Unreachable", "come_to_rest", "let_off", "plan_motion"]

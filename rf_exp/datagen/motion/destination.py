@@ -67,7 +67,9 @@ def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, In
         return state.places[target], _SPOT
     if target not in state.poses:
         known = ", ".join(sorted([*state.places, *state.poses]))
-        raise Unreachable(f"there is no place or object {target!r}; available: {known}")
+        raise Unreachable(
+            "reach", (subgoal.agent,), f"there is no place or object {target!r}; available: {known}"
+        )
     point = _placing(task, subgoal)
     return state.poses[target] @ point.object_from_tcp, point
 
@@ -79,5 +81,6 @@ def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
     name = subgoal.target_point or next(iter(placing), None)
     if name not in placing:
         listed = ", ".join(sorted(placing)) or "none"
-        raise Unreachable(f"{subgoal.target} has no place point {name!r}; available: {listed}")
+        text = f"{subgoal.target} has no place point {name!r}; available: {listed}"
+        raise Unreachable("reach", (subgoal.agent,), text)
     return placing[name]

@@ -137,14 +137,16 @@ def _next_group(
                 waiting[member.agent].pop(0)
             return members
     names = "; ".join(f"Agent_{queue[0].agent}: {queue[0].text}" for queue in waiting.values() if queue)
-    raise Unreachable(f"the subgoals wait for one another: their orders are in conflict ({names})")
+    text = f"the subgoals wait for one another: their orders are in conflict ({names})"
+    raise Unreachable("time", tuple(agent for agent, queue in waiting.items() if queue), text)
 
 
 def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -> list[Segment]:
     """Lifts one object with several arms: the lines share one time scale, so the object stays level."""
     lines = [primitives.lift_line(subgoal, state) for subgoal in subgoals]
     if len({len(line) for line in lines}) > 1:
-        raise Unreachable(f"agents lift {subgoals[0].object} by different heights")
+        agents = tuple(subgoal.agent for subgoal in subgoals)
+        raise Unreachable("interaction", agents, f"agents lift {subgoals[0].object} by different heights")
     timed = parameterise(np.hstack(lines), primitives.reach.limits)  # (T, 7 * agents)
     label = f"{subgoals[0].verb} {subgoals[0].object}"
     return [

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.destination import ends, support
 from rf_exp.datagen.motion.reach import CLEARANCE_M, Onward, Reach, Tiers, above, length_rad, turned
-from rf_exp.datagen.motion.state import State, Unreachable
+from rf_exp.datagen.motion.state import State, Unreachable, in_the_way
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import ASIDE_QPOS
@@ -53,7 +53,7 @@ class Primitives:
         if agent in state.held:
             if state.held[agent][0] == name:
                 return []
-            raise Unreachable(f"Agent_{agent} already holds {state.held[agent][0]}")
+            raise Unreachable("grip", (agent,), f"Agent_{agent} already holds {state.held[agent][0]}")
         point = self.task.asset(name).points[_required(subgoal.point)]
         touches = frozenset({name})
         goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
@@ -163,11 +163,12 @@ class Primitives:
         goal = above(start, _required(subgoal.height_m))
         line = self.reach.line(subgoal.agent, state.qpos[subgoal.agent], start, goal)
         if line is None:
-            raise Unreachable(
-                f"Agent_{subgoal.agent} cannot {subgoal.text}: the arm does not reach that high"
-            )
+            text = f"Agent_{subgoal.agent} cannot {subgoal.text}: the arm does not reach that high"
+            raise Unreachable("reach", (subgoal.agent,), text)
         if obstacle := self.reach.blocked(subgoal.agent, line, state, self._touches_lifting(subgoal, state)):
-            raise Unreachable(f"Agent_{subgoal.agent} cannot {subgoal.text}: {obstacle} is in the way")
+            agents = (subgoal.agent, obstacle) if isinstance(obstacle, int) else (subgoal.agent,)
+            text = f"Agent_{subgoal.agent} cannot {subgoal.text}: {in_the_way(obstacle)}"
+            raise Unreachable("space", agents, text)
         return line
 
     def commit(self, subgoal: Subgoal, primitive: str, points, state: State, joined: str | None) -> Segment:
@@ -187,7 +188,8 @@ class Primitives:
         start = self.reach.arms[agent].tcp(state.qpos[agent])
         line = self.reach.line(agent, state.qpos[agent], start, start @ transform((0.0, 0.0, -RETREAT_M)))
         if line is None:
-            raise Unreachable(f"Agent_{agent} cannot draw back after letting go of {subgoal.object}")
+            text = f"Agent_{agent} cannot draw back after letting go of {subgoal.object}"
+            raise Unreachable("reach", (agent,), text)
         return [
             opened,
             self._segment(subgoal, "retreat", parameterise(line, self.reach.limits), state, touches),
@@ -196,9 +198,8 @@ class Primitives:
     def _holding(self, subgoal: Subgoal, state: State) -> tuple[str, Matrix]:
         held = state.held.get(subgoal.agent)
         if held is None or held[0] != subgoal.object:
-            raise Unreachable(
-                f"Agent_{subgoal.agent} cannot {subgoal.text}: it does not hold {subgoal.object}"
-            )
+            text = f"Agent_{subgoal.agent} cannot {subgoal.text}: it does not hold {subgoal.object}"
+            raise Unreachable("grip", (subgoal.agent,), text)
         return held
 
     def _segment(

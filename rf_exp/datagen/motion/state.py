@@ -8,10 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.transforms import Matrix
+from rf_exp.types import Cause
+
+Obstacle = int | str  # the number of an agent, or the name of a thing
 
 
 class Unreachable(Exception):
-    """No motion carries out a subgoal; the text says why."""
+    """No motion carries out a subgoal; the text says why.
+
+    `agents`: the one that cannot, then those that are in its way.
+    """
+
+    def __init__(self, cause: Cause, agents: tuple[int, ...], text: str) -> None:
+        super().__init__(text)
+        self.cause: Cause = cause
+        self.agents = agents
+
+
+def in_the_way(obstacle: Obstacle) -> str:
+    """In words."""
+    return f"{f'Agent_{obstacle}' if isinstance(obstacle, int) else obstacle} is in the way"
 
 
 @dataclass
@@ -27,7 +43,7 @@ class State:
 
 
 class Blocked(Protocol):
-    """Knows the obstacles: what is in the way of an agent at joint points (K, 7), or None.
+    """Knows the obstacles: who or what is in the way of an agent at joint points (K, 7), or None.
 
     The gripper may touch `touches`. With `between`, the motion from each point to the next counts too.
     """
@@ -40,4 +56,4 @@ class Blocked(Protocol):
         touches: frozenset[str],
         *,
         between: bool = False,
-    ) -> str | None: ...
+    ) -> Obstacle | None: ...

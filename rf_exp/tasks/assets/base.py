@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.artifacts.identity import digest
 from rf_exp.transforms import Matrix, apply
 
 if TYPE_CHECKING:
@@ -102,6 +103,26 @@ class Asset:
         return tuple(part.mesh for part in self.parts if part.solid and not self.ghost)
 
     @cached_property
+    def content(self) -> str:
+        """A digest of all that it is, but for its name: what the same file makes, or the same code."""
+        parts = [
+            {
+                "vertices": _rounded(part.mesh.vertices),
+                "faces": part.mesh.faces,
+                **{name: _rounded(getattr(part, name)) for name in ("colour", "roughness", "metallic")},
+                "solid": part.solid,
+                "seen": part.seen,
+            }
+            for part in self.parts
+        ]
+        points = {
+            name: {**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}
+            for name, point in self.points.items()
+        }
+        rest = ("mass_kg", "heavy_kg", "friction", "static", "ghost")
+        return digest({"parts": parts, "points": points, **{name: getattr(self, name) for name in rest}})
+
+    @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
         """(2, 3) lowest and highest corner of all parts in the frame of the asset."""
         corners = np.concatenate([part.mesh.bounds for part in self.parts])
@@ -110,3 +131,8 @@ class Asset:
     def vertices(self, world_from_object: Matrix) -> NDArray[np.float64]:
         """All vertices of the solid parts (K, 3) in the world."""
         return apply(world_from_object, np.concatenate([hull.vertices for hull in self.hulls]))
+
+
+def _rounded(values: object) -> NDArray[np.floating]:
+    """To 0.1 um: the last bits may differ from one processor to the next."""
+    return np.round(np.asarray(values, float), 7) + 0.0  # + 0.0: no -0.0

@@ -1,0 +1,95 @@
+"""Files and folders that are there as a whole or not at all, whenever the process is killed.
+
+What is written lies in a draft folder beside it, `.<name>.<random>.partial`, until it is finished. The
+process that writes holds a lock on the draft, which ends with that process: a draft without one is what a
+kill left behind.
+"""
+
+import fcntl
+import glob
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rf_exp.errors import StageError
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Another place to write the file or folder `path`; it gets its own only when it is finished.
+
+    Raises OSError where nothing can be written there.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sweep(path.parent, glob.escape(path.name))
+    folder, lock = _draft(path)
+    try:
+        draft = folder / path.name
+        yield draft
+        if draft.is_file():
+            _to_disk(draft)
+        draft.replace(path)
+        _to_disk(path.parent)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+def write_json(path: Path, value: object) -> None:
+    """A JSON file for people to read, written whole."""
+    with whole(path) as draft:
+        draft.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+
+
+def read_json(path: Path, remedy: str) -> Any:
+    """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged."""
+    content = path.read_bytes()
+    try:
+        return json.loads(content)
+    except ValueError as error:
+        what = f"it holds no JSON: {error}" if content.strip(b"\0 \n") else "it is empty"
+        raise StageError(f"{path} is damaged: {what}; {remedy}") from error
+
+
+def sweep(folder: Path, names: str = "*") -> None:
+    """Removes drafts that a kill left in `folder`, of what is named so. Those of living processes stay."""
+    for leftover in folder.glob(f".{names}.*.partial"):
+        try:
+            lock = os.open(leftover, os.O_RDONLY | os.O_DIRECTORY)
+        except OSError:
+            continue  # gone meanwhile
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(leftover, ignore_errors=True)
+        except OSError:
+            continue  # its process lives
+        finally:
+            os.close(lock)
+
+
+def _draft(path: Path) -> tuple[Path, int]:
+    """A new draft folder for `path` and the lock that says that it is in use."""
+    while True:
+        folder = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
+        folder.mkdir()
+        try:
+            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        except FileNotFoundError:
+            continue  # swept away before it was locked
+        if folder.exists():
+            return folder, lock
+        os.close(lock)
+
+
+def _to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

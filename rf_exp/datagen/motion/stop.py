@@ -1,0 +1,62 @@
+"""Stopping in the middle of a plan: the clock of the schedule slows down until nobody moves.
+
+All arms slow down together, so they pass only through configurations that the schedule has them pass
+through, and keep clear of one another as planned.
+"""
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from rf_exp.datagen.motion.timing import JointLimits, parameterise
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S
+
+SLOWEST = 1e-3  # of the planned pace: less than this is rest
+_PACES = 65  # tried for each control step, from standing still to the pace of the step before
+
+
+def come_to_rest(commands: NDArray[np.float64], now: int, limits: JointLimits) -> NDArray[np.float64]:
+    """Commands (K, N, 8) that follow `commands` (T, N, 8) beyond row `now` ever slower, and end at rest.
+
+    Row 0 of `commands` is where the arms stood before the first of them. Nowhere is a joint faster or
+    accelerated more than `limits` allow.
+    """
+    times = np.arange(len(commands))
+    path = CubicSpline(times, commands[:, :, :ARM_JOINTS].reshape(len(commands), -1))
+    before, here = float(max(now - 1, 0)), float(now)
+    q_before, q_here = path(before), path(here)
+    rows = []
+    while here - before > SLOWEST:
+        # To go on at the same pace is always within the limits: the plan is, and slower is easier.
+        paces = np.linspace(0.0, here - before, _PACES)
+        ahead = np.minimum(here + paces, len(commands) - 1)
+        excess = np.abs(path(ahead) - 2 * q_here + q_before).max(axis=1) / CONTROL_DT_S**2
+        fits = np.flatnonzero(excess <= limits.acceleration_rad_s2)
+        chosen = int(fits[0]) if len(fits) else int(np.argmin(excess))
+        before, here = here, float(ahead[chosen])
+        q_before, q_here = q_here, path(here)
+        arms = q_here.reshape(-1, ARM_JOINTS)
+        grippers = commands[min(int(here), len(commands) - 1), :, ARM_JOINTS:]
+        rows.append(np.hstack([arms, grippers]))
+    return np.array(rows).reshape(-1, *commands.shape[1:])
+
+
+def let_off(
+    command: NDArray[np.float64], qpos: NDArray[np.float64], agents: Collection[int], limits: JointLimits
+) -> NDArray[np.float64]:
+    """Commands (K, N, 8) that take some agents from the present command (N, 8) to where they were measured.
+
+    `qpos` is (N, 9). An arm that was kept from following its command pushes; there it no longer does.
+    """
+    motions = {
+        agent: parameterise(np.stack([command[agent - 1, :ARM_JOINTS], qpos[agent - 1, :ARM_JOINTS]]), limits)
+        for agent in agents
+    }
+    rows = np.tile(command, (max(map(len, motions.values()), default=0), 1, 1))
+    for agent, points in motions.items():
+        if len(points):
+            ends = np.minimum(np.arange(len(rows)), len(points) - 1)  # who is there first waits
+            rows[:, agent - 1, :ARM_JOINTS] = points[ends]
+    return rows

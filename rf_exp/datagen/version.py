@@ -1,0 +1,12 @@
+"""The version of the code that decides the bytes of an episode."""
+
+from rf_exp.tasks import Task
+
+# Of everything between a proposal and the stored bytes: motion, checks, schedules, simulation, pictures.
+# Raise it whenever the same seed gives other bytes than before.
+GENERATOR = "1"
+
+
+def generator_version(task: Task) -> str:
+    """`<generator>.<plan of the task>`: the same code, configuration and seed give the same episode."""
+    return f"{GENERATOR}.{task.plan_version}"

@@ -1,0 +1,46 @@
+"""What decides the bytes of demonstrations and the rows of policies, beside their seeds.
+
+Configuration and assets by their content, code by its versions.
+"""
+
+from dataclasses import asdict
+from typing import Any
+
+from rf_exp.artifacts.identity import plain
+from rf_exp.datagen.version import generator_version
+from rf_exp.experiment import Experiment
+from rf_exp.tasks import Task
+from rf_exp.types import Row
+
+
+def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[str, Any]:
+    """Of the rows of generation. A store adds its first seed and its pictures."""
+    settings = experiment.settings(task, row)
+    said = {
+        **asdict(settings),
+        "task": task.name,
+        "scene": task.identity,
+        "version": task.version,
+        "generator": generator_version(task),
+        "brain": settings.brain.identity,
+    }
+    if settings.brain.reads:
+        said["told"] = [task.title, task.description, task.target_condition]
+    if settings.brain.reads or experiment.occupancy == "depth":
+        said["seen"] = asdict(experiment.pictures)
+    return plain(said)
+
+
+def evaluation_identity(experiment: Experiment, task: Task, step_limit: int) -> dict[str, Any]:
+    """Of evaluation, but for the policies, of which each training seed has its own."""
+    return plain(
+        {
+            "task": task.name,
+            "scene": task.identity,
+            "demos": experiment.demos,
+            "pictures": [experiment.pictures.width, experiment.pictures.height],
+            "step_limit": step_limit,
+            "policy": asdict(experiment.policy),
+            "training": experiment.training.identity,
+        }
+    )

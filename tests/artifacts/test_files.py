@@ -1,0 +1,110 @@
+"""Files that are there as a whole or not at all, and drafts that do not outlive their process."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rf_exp.artifacts.files import read_json, sweep, whole, write_json
+from rf_exp.errors import StageError
+
+WRITER = """
+import sys, time
+from pathlib import Path
+from rf_exp.artifacts.files import whole
+with whole(Path(sys.argv[1])) as draft:
+    draft.write_text("half")
+    print("writing", flush=True)
+    time.sleep(600)
+"""
+
+
+@pytest.fixture
+def writer(tmp_path: Path):
+    """A process in the middle of writing `tmp_path / "model.bin"`."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path / "model.bin")], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None and process.stdout.readline() == "writing\n"
+    yield process
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+def drafts(folder: Path) -> list[Path]:
+    return list(folder.glob(".*"))
+
+
+def test_a_file_appears_when_it_is_finished(tmp_path: Path) -> None:
+    path = tmp_path / "new/folder/model.bin"
+    with whole(path) as draft:
+        draft.write_text("whole")
+        assert not path.exists() and draft.name == path.name
+    assert path.read_text() == "whole"
+    assert os.listdir(path.parent) == ["model.bin"]
+
+
+def test_what_was_there_stays_when_writing_fails(tmp_path: Path) -> None:
+    path = tmp_path / "model.bin"
+    path.write_text("before")
+    with pytest.raises(RuntimeError), whole(path) as draft:
+        draft.write_text("half")
+        raise RuntimeError
+    assert path.read_text() == "before"
+    assert not drafts(tmp_path)
+
+
+def test_a_folder_can_be_written_too(tmp_path: Path) -> None:
+    with whole(tmp_path / "store") as draft:
+        draft.mkdir()
+        (draft / "one").write_text("1")
+    assert (tmp_path / "store/one").read_text() == "1"
+
+
+@pytest.mark.parametrize("name", ["model.bin", "*"])
+def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer, name: str) -> None:
+    sweep(tmp_path, name)
+    (draft,) = drafts(tmp_path)
+    writer.send_signal(signal.SIGKILL)
+    writer.wait()
+    assert drafts(tmp_path) == [draft]
+    sweep(tmp_path, "another.bin")
+    assert drafts(tmp_path) == [draft]
+    sweep(tmp_path, name)
+    assert not drafts(tmp_path)
+
+
+def test_the_next_writer_cleans_up_and_does_not_disturb(tmp_path: Path, writer) -> None:
+    with whole(tmp_path / "model.bin") as draft:
+        draft.write_text("whole")
+    assert (tmp_path / "model.bin").read_text() == "whole"
+    assert len(drafts(tmp_path)) == 1  # of the process that lives
+    writer.send_signal(signal.SIGKILL)
+    writer.wait()
+    with whole(tmp_path / "model.bin") as draft:
+        draft.write_text("again")
+    assert not drafts(tmp_path)
+
+
+def test_json_comes_back(tmp_path: Path) -> None:
+    write_json(tmp_path / "a.json", {"x": [1, 2.5, None]})
+    assert read_json(tmp_path / "a.json", "") == {"x": [1, 2.5, None]}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", r"a\.json is damaged: it is empty; delete it"),
+        (b"\0\0\0", r"a\.json is damaged: it is empty; delete it"),
+        (b'{"x": 1', r"a\.json is damaged: it holds no JSON: .*; delete it"),
+        (b'{"x": "\xff"}', r"a\.json is damaged: it holds no JSON: .*; delete it"),
+    ],
+)
+def test_damaged_json_is_named(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "a.json").write_bytes(content)
+    with pytest.raises(StageError, match=message):
+        read_json(tmp_path / "a.json", "delete it")
