@@ -30,10 +30,10 @@ from rf_exp.constraints.spatial import CONTACT_N
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Plan, Settings
 from rf_exp.errors import choices
-from rf_exp.sim.pool import Pictures, in_order, simulator
+from rf_exp.sim.pool import in_order, simulator
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import CameraModel, Row, Scene, SeeingWorld, Violation
+from rf_exp.types import CameraModel, Pictures, Row, Scene, SeeingWorld, Violation
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 FULL, BLIND = Row("full"), Pictures(render=False)

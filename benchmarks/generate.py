@@ -16,9 +16,8 @@ from omegaconf import OmegaConf
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.datagen.episode import Settings
 from rf_exp.datagen.generate import generate
-from rf_exp.sim.pool import Pictures
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Row
+from rf_exp.types import Pictures, Row
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 

@@ -21,10 +21,11 @@ from joblib import delayed
 from numpy.typing import NDArray
 
 from rf_exp.constraints.spatial import overlapping, pressing
-from rf_exp.sim.pool import Pictures, in_order, simulator
+from rf_exp.sim.pool import in_order, simulator
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
 from rf_exp.tasks.configuration import CONFIGURED, stored_task
+from rf_exp.types import Pictures
 
 
 class Played(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from omegaconf import OmegaConf
 
 from rf_exp.ablation.paper import paper
-from rf_exp.experiment import CONF
+from rf_exp.command import CONF
 from rf_exp.tasks import Judge, Task
 from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Scene

@@ -1,14 +1,24 @@
-"""What all commands of the suite have in common: how they end."""
+"""What all commands of the suite have in common: where their configuration is, and how they end."""
 
 import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
+from hydra.core.config_store import ConfigStore
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from rf_exp.datagen.brain.secrets import refuse_keys
 from rf_exp.errors import ArgumentError, RfError
+from rf_exp.secrets import refuse_keys
+
+CONF = Path(__file__).resolve().parents[1] / "conf"
+
+
+def register_all_tasks() -> None:
+    """Makes `task=all` mean every file in conf/task, so that a new task edits no list."""
+    names = sorted(path.stem for path in (CONF / "task").glob("*.yaml"))
+    ConfigStore.instance().store(group="task", name="all", node={"defaults": names})
 
 
 def guarded(job: Callable[[], None]) -> int:

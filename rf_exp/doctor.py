@@ -164,9 +164,8 @@ def vulkan() -> Check:
         return Check("vulkan", "missing", f"not tried: {error}", "pictures", SET_UP)
     probe = render_probe()
     if probe.ok:
-        drawn = f"drew a picture on {probe.device} in {probe.seconds:.1f} s ({probe.driver.words})"
-        return Check("vulkan", "ok", drawn)
-    return Check("vulkan", "missing", f"{probe.reason} (driver: {probe.driver.words})", COSTS, probe.mend)
+        return Check("vulkan", "ok", str(probe))
+    return Check("vulkan", "missing", str(probe), COSTS, probe.mend)
 
 
 def disk(out: Path = Path("outputs")) -> Check:

@@ -1,24 +1,22 @@
 """An experiment as plain, checked values: what `conf/` says, before any work begins."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import dacite
-from hydra.core.config_store import ConfigStore
 
 from rf_exp.datagen.brain import BrainSpec, read_brain
-from rf_exp.datagen.episode import Settings
-from rf_exp.datagen.motion import JointLimits
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.sim.pool import Pictures
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Arch, Occupancy, Row
+from rf_exp.types import Arch, JointLimits, Occupancy, Pictures, Row
 
-CONF = Path(__file__).resolve().parents[1] / "conf"
+if TYPE_CHECKING:
+    from rf_exp.datagen.episode import Settings
+
 STAGES = ("generate", "train", "evaluate", "report")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
 
@@ -79,15 +77,11 @@ class Experiment:
                 "use render=true or occupancy=state"
             )
 
-    def settings(self, task: Task, row: Row) -> Settings:
+    def settings(self, task: Task, row: Row) -> "Settings":
         """What decides the episodes of a task under a row of constraints."""
+        from rf_exp.datagen.episode import Settings  # slow to import; arguments are checked without it
+
         return Settings(task, row, self.brain, self.limits, self.attempts, self.occupancy)
-
-
-def register_all_tasks() -> None:
-    """Makes `task=all` mean every file in conf/task, so that a new task edits no list."""
-    names = sorted(path.stem for path in (CONF / "task").glob("*.yaml"))
-    ConfigStore.instance().store(group="task", name="all", node={"defaults": names})
 
 
 def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Experiment:
@@ -108,12 +102,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             if key not in {"tasks", "rows", "archs", "pictures", "policy", "brain", "out"}
         }
         plain |= {
-            "tasks": tuple(
-                load_task(
-                    name, {**task, "randomisation": node["randomisation"] | task.get("randomisation", {})}
-                )
-                for name, task in node["task"].items()
-            ),
+            "tasks": (),
             "rows": tuple(Row(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
@@ -122,11 +111,16 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
         }
         experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
+        if any(override.startswith("demos=") for override in given):
+            _refuse_demos_without_effect(experiment)
+        drawn = node["randomisation"]
+        tasks = (  # last: their things are built, which takes longer than all the rest
+            load_task(name, {**task, "randomisation": drawn | task.get("randomisation", {})})
+            for name, task in node["task"].items()
+        )
+        return replace(experiment, tasks=tuple(tasks))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error
-    if any(override.startswith("demos=") for override in given):
-        _refuse_demos_without_effect(experiment)
-    return experiment
 
 
 def _refuse_demos_without_effect(experiment: Experiment) -> None:

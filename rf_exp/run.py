@@ -12,10 +12,8 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import guarded
+from rf_exp.command import CONF, guarded, register_all_tasks
 from rf_exp.errors import StageError
-from rf_exp.experiment import CONF, read_experiment, register_all_tasks
-from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
 
 register_all_tasks()
 
@@ -23,8 +21,13 @@ register_all_tasks()
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen row of constraints and architecture."""
+    # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
+    from rf_exp.experiment import read_experiment
+
     given = HydraConfig.get().overrides.task
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
+    from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
+
     stages = set(experiment.stages)
     demonstrations = 0
 
@@ -48,5 +51,10 @@ def main(config: DictConfig) -> None:
         raise StageError(f"no seed succeeded; the reasons are in {experiment.out / 'results' / 'generate'}")
 
 
+def command() -> int:
+    """The console script `rf-exp`; its exit code."""
+    return guarded(main)
+
+
 if __name__ == "__main__":
-    sys.exit(guarded(main))
+    sys.exit(command())

@@ -11,12 +11,15 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.errors import ArgumentError
 from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
 CONTROL_DT_S = 1.0 / CONTROL_HZ
 ARM_JOINTS = 7
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
+COLLISION = "Collision"  # the check that arms fail which have hit something
+MOTION = "Motion"  # the check that a proposal fails for which no motion was found
 
 Kind = Literal["logical", "temporal", "spatial"]
 # What a violation is about: arms that hit each other; room for an arm; order and time; what an arm can reach;
@@ -42,6 +45,28 @@ class Arch:
     name: str
     shared_policy: bool
     global_view: bool
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the cameras take: size in pixels, or nothing at all."""
+
+    width: int = 320
+    height: int = 240
+    render: bool = True
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Bounds on every joint of executed motion. Defaults: those of the authors' release."""
+
+    velocity_rad_s: float = 0.9
+    acceleration_rad_s2: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("velocity_rad_s", "acceleration_rad_s2"):
+            if getattr(self, name) <= 0:
+                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be positive")
 
 
 @dataclass(frozen=True)

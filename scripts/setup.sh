@@ -66,19 +66,27 @@ if ! { right_version .venv/bin/python && .venv/bin/python -m pip --version >/dev
 fi
 pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
 
+# Installs, and repeats what pip says but for its notes about places where it did not find a package.
+install() {
+    local failed=""
+    pip install -q --progress-bar off "$@" >.venv/pip.log 2>&1 || failed=yes
+    grep -vE "^WARNING: Location '.*' is ignored|^WARNING: Running pip as the 'root' user" .venv/pip.log >&2 || true
+    [ -z "$failed" ] || fail "pip could not install $*" "all that it said is in .venv/pip.log"
+}
+
 # --- Python packages ---------------------------------------------------------------------------
 if ! pip show -q torch 2>/dev/null; then
     say "$TORCH (a CPU build is taken where pip is pointed at one, the CUDA build elsewhere)"
-    pip install -q --progress-bar off "$TORCH"
+    install "$TORCH"
 fi
 say "Python packages (about two minutes the first time)"
-pip install -q --progress-bar off -e ".[dev]"
+install -e ".[dev]"
 # mani-skill asks for opencv-python, which fills the same cv2 folder as the headless build and needs
 # libGL: whichever came last wins, so the folder is written again by the one that imports anywhere.
 if pip show -q opencv-python 2>/dev/null || ! .venv/bin/python -c 'import cv2' 2>/dev/null; then
     headless=$(.venv/bin/python -c 'from importlib.metadata import version as v; print(v("opencv-python-headless"))')
     pip uninstall -q -y opencv-python 2>/dev/null
-    pip install -q --progress-bar off --force-reinstall --no-deps "opencv-python-headless==$headless"
+    install --force-reinstall --no-deps "opencv-python-headless==$headless"
 fi
 # Pinocchio's package does not bring the OpenMP library that it links to.
 if ! .venv/bin/python -c 'import pinocchio' 2>.venv/pinocchio.log; then
@@ -87,12 +95,17 @@ if ! .venv/bin/python -c 'import pinocchio' 2>.venv/pinocchio.log; then
 fi
 
 # --- Vulkan ------------------------------------------------------------------------------------
-draws() { .venv/bin/python -P rf_exp/sim/vulkan.py >.venv/vulkan.log 2>&1; }
+found="" # what came of the last try to draw, in a sentence
+draws() {
+    found=$(.venv/bin/python -P rf_exp/sim/vulkan.py 2>.venv/vulkan.log) && return
+    found=${found:-$(tail -n 1 .venv/vulkan.log)}
+    return 1
+}
 
 add_backports() { # Debian 12's own Mesa is too old
     apt-get indextargets --format '$(RELEASE)' | grep -qx bookworm-backports && return
     local mirror
-    mirror=$(apt-get indextargets --format '$(RELEASE) $(SITE)' | awk '$1 == "bookworm" {print $2; exit}')
+    mirror=$(apt-get indextargets --format '$(RELEASE) $(SITE)' | awk '$1 == "bookworm" {print $2; exit}') || mirror=""
     local line="deb ${mirror:?no source of bookworm among those of apt} bookworm-backports main"
     say "apt source of bookworm-backports"
     echo "$line" | as_root tee /etc/apt/sources.list.d/rf_exp-backports.list ||
@@ -104,8 +117,11 @@ add_backports() { # Debian 12's own Mesa is too old
 
 if [ "${RENDER:-yes}" = no ]; then
     say "Vulkan left out (RENDER=no): run with render=false"
-elif ! draws; then
-    command -v apt-get >/dev/null || fail "SAPIEN found no Vulkan device: $(tail -n 1 .venv/vulkan.log)" \
+elif draws; then
+    say "Vulkan: $found"
+else
+    say "Vulkan: no picture yet: $found"
+    command -v apt-get >/dev/null || fail "SAPIEN found no Vulkan device: $found" \
         "Install Mesa's software Vulkan driver (lavapipe), $MESA or later, and the Vulkan loader:" \
         "Fedora: dnf install mesa-vulkan-drivers vulkan-loader" \
         "Arch:   pacman -S vulkan-swrast vulkan-icd-loader" \
@@ -116,9 +132,10 @@ elif ! draws; then
         suite=(-t bookworm-backports)
     fi
     apt_install "no Vulkan device that SAPIEN accepts" "${suite[@]}" mesa-vulkan-drivers libvulkan1
-    draws || fail "SAPIEN still finds no Vulkan device: $(tail -n 1 .venv/vulkan.log)" \
+    draws || fail "SAPIEN still finds no Vulkan device: $found" \
         "Mesa here: $(dpkg-query -W -f '${Version}' mesa-vulkan-drivers); $MESA or later is needed" \
         "(Debian 12 backports, Debian 13, Ubuntu 24.04 with its updates)." \
         "To look closer: .venv/bin/python -m rf_exp.doctor; to go without pictures: make setup RENDER=no"
+    say "Vulkan: $found"
 fi
 say "ready"

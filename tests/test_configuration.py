@@ -7,7 +7,8 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.experiment import CONF, read_experiment, register_all_tasks
+from rf_exp.command import CONF, register_all_tasks
+from rf_exp.experiment import read_experiment
 from rf_exp.tasks.base import Randomisation
 
 GROUPS = {

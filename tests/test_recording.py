@@ -1,5 +1,7 @@
 """A recording of a real episode: what the file says is what the plan, the checks and the hands did."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -59,7 +61,8 @@ def test_a_check_of_any_name_is_shown_with_its_own_unit():
 
         measured = planned
 
-    shown = check_result(ValidateNoise(), Evidence(False, 61.0, 40.0, "it is loud", 1.5))
+    noise: Any = ValidateNoise()
+    shown = check_result(noise, Evidence(False, 61.0, 40.0, "it is loud", 1.5))
     assert (shown.unit, shown.value, shown.ok) == ("dB", 61.0, False)
 
 

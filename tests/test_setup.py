@@ -1,8 +1,10 @@
 """The set-up on machines that lack something, and when make does it again."""
 
 import os
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -66,3 +68,71 @@ def test_without_pictures_the_demo_ends_with_the_demonstrations(clone: Path) -> 
     )
     assert '-m "not render"' in run(clone, "make", "-n", "test", "RENDER=no").stdout
     assert "render=false" not in run(clone, "make", "-n", "demo").stdout
+
+
+# An interpreter for a clone: pip is told what to say, the rest is the real one.
+STAND_IN = """#!/bin/bash
+case "$*" in
+    *"pip"*"show -q opencv-python"*) exit 1 ;;
+    *"pip"*" install "*) cat "$SAYS" >&2; exit "$ENDS_WITH" ;;
+    *"import cv2"* | *"import pinocchio"*) exit 0 ;;
+esac
+PYTHONPATH="$STUBS" exec "$REAL" "$@"
+"""
+APT = '#!/bin/sh\n[ "$1" = indextargets ] && echo bookworm-backports\n'  # there, but without packages
+NOISE = (
+    "WARNING: Location 'file:///mirror/simple/torch/' is ignored: "
+    "it is either a non-existing path or lacks a specific scheme.\n"
+)
+
+
+@pytest.fixture
+def fitted(clone: Path) -> dict[str, str]:
+    """The environment for a set-up whose virtual environment is there; apt-get cannot install anything."""
+    (clone / "rf_exp/sim").mkdir(parents=True)
+    shutil.copy(ROOT / "rf_exp/sim/vulkan.py", clone / "rf_exp/sim")
+    for folder in (".venv/bin", "bin", "stubs"):
+        (clone / folder).mkdir(parents=True)
+    for path, text in {".venv/bin/python": STAND_IN, "bin/apt-get": APT}.items():
+        (clone / path).write_text(text)
+        (clone / path).chmod(0o755)
+    (clone / "said").write_text(NOISE)
+    return {
+        "REAL": sys.executable,
+        "STUBS": str(clone / "stubs"),
+        "SAYS": str(clone / "said"),
+        "ENDS_WITH": "0",
+        "PATH": f"{clone / 'bin'}:{os.environ['PATH']}",
+    }
+
+
+def test_a_driver_that_crashes_is_a_sentence(clone: Path, fitted: dict[str, str]) -> None:
+    crash = "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n"
+    (clone / "stubs/sapien.py").write_text(crash)  # imported in the place of SAPIEN
+    done = run(clone, "scripts/setup.sh", **fitted)
+    assert done.returncode == 1
+    assert "== Vulkan: no picture yet: the driver ended the process with SIGSEGV (driver: " in done.stdout
+    assert "Segmentation fault" not in done.stdout + done.stderr
+    assert "set-up stopped: no Vulkan device that SAPIEN accepts, and installing it" in done.stderr
+
+
+@pytest.mark.render
+def test_what_draws_is_named_and_pip_s_notes_about_places_are_not(
+    clone: Path, fitted: dict[str, str]
+) -> None:
+    conflict = "ERROR: mani-skill requires gymnasium, which is not installed.\n"
+    (clone / "said").write_text(f"{NOISE}{conflict}{NOISE}")
+    done = run(clone, "scripts/setup.sh", **fitted)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"== Vulkan: drew a picture on .+ in [0-9.]+ s \(.+\)\n== ready\n$", done.stdout)
+    assert done.stderr == conflict
+
+
+def test_pip_s_errors_are_shown(clone: Path, fitted: dict[str, str]) -> None:
+    (clone / "said").write_text(f"{NOISE}ERROR: No matching distribution found for torch==2.13.0\n")
+    done = run(clone, "scripts/setup.sh", **{**fitted, "ENDS_WITH": "1"})
+    assert done.returncode == 1
+    assert "ERROR: No matching distribution found for torch==2.13.0\n" in done.stderr
+    assert "set-up stopped: pip could not install" in done.stderr
+    assert "Location" not in done.stderr
+    assert NOISE in (clone / ".venv/pip.log").read_text()

@@ -1,23 +1,28 @@
 """A table as Markdown, CSV, LaTeX and on the terminal.
 
-In Markdown and LaTeX a column of figures is two, ours and the paper's; of violations, which the paper
-does not count, it is one.
+Success at the end, success without a violation and violations are shown alike. In Markdown and LaTeX a
+column of figures is two, ours and the paper's; of violations, which the paper does not count, it is one.
+On the terminal each column is a table of its own, narrow enough for 80 characters.
 """
 
 import csv
 import io
-from dataclasses import replace
+import re
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table as Grid
+from rich.text import Text
 
-from rf_exp.ablation.tables import Cell, Column, Table, Unit
+from rf_exp.ablation.statistics import Estimate
+from rf_exp.ablation.tables import Cell, Column, Line, Table, Unit
 from rf_exp.errors import StageError
 
 MISSING = "missing"
-LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and stay off the terminal
+CLEAN = "without a violation"  # generation: at the first attempt
+LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and are folded away in the report
+NAME_WIDTH = 18  # characters of a row's title on the terminal, where longer ones wrap
 CSV_FIELDS = (
     *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
     *("success_paper", "paper", "version", "note", "mean_violations", "clean", "clean_low", "clean_high"),
@@ -36,16 +41,18 @@ def figure(value: float | str | None, unit: Unit, sign: bool = True) -> str:
 
 
 def details(cell: Cell, unit: Unit) -> list[str]:
-    """What belongs to our figure: interval with sample size, the rate without a violation, the rate by the
-    paper's own criterion, the mean number of violations.
+    """What belongs to our figure: interval with sample size, the rate by the paper's own criterion, the mean
+    number of violations.
     """
     loose, many = cell.success_paper, cell.mean_violations
     by_paper = "" if loose in (None, cell.value) else f"paper's criterion {figure(loose, unit)}"
     average = "" if many is None else f"mean {many:.2f}"
-    unmended = ""
-    if clean := cell.unmended:
-        unmended = f"without a violation {figure(clean.value, unit)} {_range(clean.interval, unit)}"
-    return list(filter(None, [_spread(cell, unit), unmended, by_paper, average]))
+    return list(filter(None, [_spread(cell, unit), by_paper, average]))
+
+
+def clean_figure(clean: Estimate) -> tuple[str, str]:
+    """The rate without a violation, and its interval."""
+    return figure(clean.value, "rate"), _range(clean.interval, "rate")
 
 
 def _spread(cell: Cell, unit: Unit) -> str:
@@ -62,9 +69,16 @@ def _range(interval: tuple[float, float], unit: Unit) -> str:
     return f"[{', '.join(figure(end, unit, sign=False) for end in interval)}]"
 
 
-def ours(cell: Cell, unit: Unit) -> list[str]:
-    """Our figure in full: the value, then what belongs to it."""
-    return [figure(cell.value, unit), *details(cell, unit)]
+def _ours(cell: Cell, unit: Unit) -> str:
+    """Our figure in full, in Markdown: the value, then what belongs to it."""
+    value = figure(cell.value, unit)
+    if unit == "text" or not isinstance(cell.value, float):
+        return value
+    spread, *further = details(cell, unit) or [""]
+    if cell.clean:
+        rate, interval = clean_figure(cell.clean)
+        further = [f"{CLEAN} **{rate}** {interval}", *further]
+    return ", ".join(filter(None, [f"**{value}**", spread, *further]))
 
 
 def notes(table: Table) -> list[str]:
@@ -82,7 +96,7 @@ def notes(table: Table) -> list[str]:
 
 
 def grid(table: Table) -> tuple[list[str], list[list[str]]]:
-    """Heading and rows as text."""
+    """Heading and rows as text, with our figures emphasised as in Markdown."""
     heading = [table.heading]
     for column in table.columns:
         heading += [column.title, "paper"] if column.compared else [column.title]
@@ -90,7 +104,7 @@ def grid(table: Table) -> tuple[list[str], list[list[str]]]:
     for line in table.lines:
         row = [line.title]
         for column, cell in zip(table.columns, line.cells, strict=True):
-            row.append(", ".join(ours(cell, column.unit)))
+            row.append(_ours(cell, column.unit))
             if column.compared:
                 row.append(figure(cell.paper, column.unit) if cell.paper is not None else "")
         rows.append(row)
@@ -133,7 +147,8 @@ def latex(table: Table) -> str:
     aligned = "l"
     for index, column in enumerate(table.columns):
         aligned += "p{4cm}" if is_long(table, index) else "ll" if column.compared else "l"
-    body = [" & ".join(_escape(text) for text in row) + r" \\" for row in rows]
+    strong = re.compile(r"\*\*(.+?)\*\*")
+    body = [" & ".join(strong.sub(r"\\textbf{\1}", _escape(text)) for text in row) + r" \\" for row in rows]
     lines = [
         r"\begin{table}",
         r"\centering",
@@ -168,28 +183,59 @@ def write(table: Table, folder: Path) -> list[Path]:
 
 
 def show(table: Table, console: Console) -> None:
-    """On the terminal: without its long texts, and with the paper's figures below ours to save columns."""
-    caption = escape("\n".join(notes(table))) or None
-    shown = Grid(title=escape(table.title), caption=caption, caption_justify="left")
-    narrow = _narrow(table)
-    shown.add_column(escape(narrow.heading), overflow="fold", min_width=6)
-    for column in narrow.columns:
-        width = 6 if column.unit == "text" else len(MISSING)
-        shown.add_column(escape(column.title), justify="right", overflow="fold", min_width=width)
-    for line in narrow.lines:
-        shown.add_row(escape(line.title), *map(escape, map(_stacked, line.cells, narrow.columns)))
-    console.print(shown)
+    """On the terminal: for each column of figures a table that fits 80 characters, then the notes.
+
+    Texts stay away, but for those that tell rows of one title apart.
+    """
+    console.print(Text(f"\n{table.title}", style="bold"))
+    for index, after in table.compared:
+        title = table.columns[index].title
+        if any(line.cells[index].value is not None for line in table.lines):
+            console.print(Text(f"\n{title}", style="italic"), _column(table, index, after), sep="\n", end="")
+        else:
+            console.print(Text.assemble((f"\n{title}", "italic"), f": {MISSING}"))
+    for note in notes(table):
+        console.print(Text(f"- {note}"), soft_wrap=False)
 
 
-def _stacked(cell: Cell, column: Column) -> str:
-    paper = [] if cell.paper is None else [f"paper {figure(cell.paper, column.unit)}"]
-    return "\n".join([*ours(cell, column.unit), *paper])
+def _column(table: Table, index: int, after: int | None) -> Grid:
+    """One column: our figures, the rates without a violation, the violations, the paper's figures."""
+    column, titles = table.columns[index], [line.title for line in table.lines]
+    shown = Grid(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    shown.add_column(Text(table.heading), width=NAME_WIDTH)
+    shown.add_column("success" if column.unit == "rate" else "control steps", justify="right", width=20)
+    for heading in [CLEAN] * (column.unit == "rate") + ["violations"] * (after is not None):
+        shown.add_column(heading, justify="right", width=13)
+    shown.add_column("paper", justify="right", width=len("100.0 %"))
+    for line in table.lines:
+        cell = line.cells[index]
+        fields = [_stacked(figure(cell.value, column.unit), *details(cell, column.unit))]
+        if column.unit == "rate":
+            rate = (MISSING, "") if cell.value is None else ("", "")
+            fields.append(_stacked(*(clean_figure(cell.clean) if cell.clean else rate)))
+        if after is not None:
+            beside = line.cells[after]
+            fields.append(_stacked(figure(beside.value, "violations"), *details(beside, "violations")))
+        fields.append(Text("" if cell.paper is None else figure(cell.paper, column.unit)))
+        name = line.title if titles.count(line.title) == 1 else _told_apart(line, table.columns)
+        shown.add_row(Text(name), *fields)
+    return shown
 
 
-def _narrow(table: Table) -> Table:
-    keep = [index for index in range(len(table.columns)) if not is_long(table, index)]
-    lines = (replace(line, cells=tuple(line.cells[i] for i in keep)) for line in table.lines)
-    return replace(table, columns=tuple(table.columns[i] for i in keep), lines=tuple(lines))
+def _stacked(value: str, *details: str) -> Text:
+    """A figure with what belongs to it below, fainter."""
+    below = "".join(f"\n{detail}" for detail in details if detail)
+    return Text.assemble((value, "dim" if value == MISSING else "bold"), (below, "dim"))
+
+
+def _told_apart(line: Line, columns: tuple[Column, ...]) -> str:
+    """The title of a row with its texts: `Average, agents 2`."""
+    texts = [
+        f"{column.title.lower()} {cell.value}"
+        for column, cell in zip(columns, line.cells, strict=True)
+        if column.unit == "text"
+    ]
+    return ", ".join([line.title, *texts])
 
 
 def _escape(text: str) -> str:

@@ -104,6 +104,16 @@ class Table:
         return lines[line].cells[columns[column]]
 
     @property
+    def compared(self) -> list[tuple[int, int | None]]:
+        """The columns of figures that the paper has too, each with that of its violations, if it has one."""
+        units = [column.unit for column in self.columns]
+        return [
+            (index, index + 1 if units[index + 1 : index + 2] == ["violations"] else None)
+            for index, column in enumerate(self.columns)
+            if column.compared
+        ]
+
+    @property
     def measured(self) -> bool:
         """Whether any figure of ours is in it."""
         units = [column.unit for column in self.columns]

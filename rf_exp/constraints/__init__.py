@@ -3,14 +3,12 @@
 Geometry and time only: no simulator, no learning. Start at `checker`.
 """
 
-from rf_exp.constraints.checker import COLLISION, MOTION, CheckCode, Checker, RoboChecker, compile
+from rf_exp.constraints.checker import CheckCode, Checker, RoboChecker, compile
 from rf_exp.constraints.spatial import PolicyMonitor
 from rf_exp.constraints.timing import actions, schedule, serial
 from rf_exp.constraints.world import Bodies
 
 __all__ = [
-    "COLLISION",
-    "MOTION",
     "Bodies",
     "CheckCode",
     "Checker",

@@ -21,6 +21,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
 from rf_exp.types import (
     ARM_JOINTS,
+    COLLISION,
     CONTROL_DT_S,
     Constraint,
     Kind,
@@ -35,8 +36,6 @@ from rf_exp.types import (
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
-COLLISION = "Collision"  # the check that arms fail which have hit something
-MOTION = "Motion"  # the check that a proposal fails for which no motion was found
 TRACKING_RAD = 0.15  # beyond the lag
 REFLEX_N = 20.0  # on an arm; the collision reflex of a Panda is set to 20 N in its maker's examples
 LOST_STEPS = 4  # control steps without grip before something counts as lost

@@ -13,25 +13,21 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import COLLISION, MOTION, Bodies, CheckCode, RoboChecker, actions
+from rf_exp.constraints import Bodies, CheckCode, RoboChecker, actions
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
-from rf_exp.datagen.motion import (
-    JointLimits,
-    Posture,
-    Unreachable,
-    come_to_rest,
-    let_off,
-    plan_motion,
-)
+from rf_exp.datagen.motion import Posture, Unreachable, come_to_rest, let_off, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import (
     ARM_JOINTS,
+    COLLISION,
     CONTROL_DT_S,
+    MOTION,
     Cause,
     Episode,
+    JointLimits,
     Occupancy,
     Proposal,
     Row,

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 from joblib import delayed
 
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
-from rf_exp.sim.pool import Pictures, in_order, simulator
+from rf_exp.sim.pool import in_order, simulator
+from rf_exp.types import Pictures
 
 
 def make_episode(settings: Settings, pictures: Pictures, seed: int) -> Outcome:

@@ -11,15 +11,16 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.artifacts.files import whole
-from rf_exp.command import guarded
+from rf_exp.command import CONF, guarded
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.demonstration.notes import Notes, Overheard, Together
 from rf_exp.demonstration.page import write_page
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import CONF, read_experiment
+from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim.pool import Pictures, close_simulator, simulator
+from rf_exp.sim.pool import close_simulator, simulator
+from rf_exp.types import Pictures
 
 SEEDS = 20  # tried for one success
 

@@ -13,9 +13,9 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import guarded
+from rf_exp.command import CONF, guarded, register_all_tasks
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import CONF, Experiment, read_experiment, register_all_tasks
+from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.gallery.draw import contact_sheet, overview, panel
 from rf_exp.gallery.film import film
 from rf_exp.gallery.performance import Performance, perform

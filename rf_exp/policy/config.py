@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.policy.encoder import ENCODERS
 
+ENCODERS = ("resnet18", "compact")
 SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out

@@ -7,8 +7,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rf_exp.errors import choices
-
 CHANNELS_PER_GROUP = 16  # of ResNet-18's GroupNorm (Diffusion Policy)
 
 
@@ -86,11 +84,6 @@ class Compact(nn.Sequential):
         )
 
 
-ENCODERS: dict[str, type[ResNet18] | type[Compact]] = {"resnet18": ResNet18, "compact": Compact}
-
-
 def encoder(name: str) -> ResNet18 | Compact:
-    """A freshly initialised encoder by name. Raises ArgumentError naming the known ones."""
-    if name not in ENCODERS:
-        raise choices("encoder", name, ENCODERS)
-    return ENCODERS[name]()
+    """A freshly initialised encoder, by its name in the configuration."""
+    return {"resnet18": ResNet18, "compact": Compact}[name]()

@@ -3,23 +3,13 @@
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from joblib import Parallel
 
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """What the cameras take: size in pixels, or nothing at all."""
-
-    width: int = 320
-    height: int = 240
-    render: bool = True
-
+from rf_exp.types import Pictures
 
 # One simulator a process, kept between episodes: building the renderer costs seconds.
 _simulator: tuple[tuple[str, Pictures], Simulator] | None = None

@@ -2,8 +2,8 @@
 
 SAPIEN takes whatever the Vulkan loader offers. Without a GPU that is a list of drivers for hardware
 that is not there, so the software driver (Mesa's lavapipe) is named before SAPIEN is imported; with
-a GPU the loader is left alone. This file also runs by itself, before anything is set up:
-`python rf_exp/sim/vulkan.py` draws one picture and exits 0 if that worked.
+a GPU the loader is left alone. This file also runs by itself, before rf_exp is installed:
+`python rf_exp/sim/vulkan.py` says in a line whether a picture was drawn, and exits 0 if that worked.
 """
 
 import os
@@ -47,6 +47,11 @@ class Probe:
     @property
     def ok(self) -> bool:
         return not self.reason
+
+    def __str__(self) -> str:
+        if self.ok:
+            return f"drew a picture on {self.device} in {self.seconds:.1f} s ({self.driver.words})"
+        return f"{self.reason} (driver: {self.driver.words})"
 
     @property
     def mend(self) -> str:
@@ -109,7 +114,7 @@ def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
     the device; the first picture of the software driver takes 1 to 4 s.
     """
     # -P: this folder must not shadow the standard library in the child.
-    command = [sys.executable, "-P", __file__, *([] if picture else ["--device-only"])]
+    command = [sys.executable, "-P", __file__, "draw" if picture else "device"]
     driver = find_driver(os.environ)
     begin = time.perf_counter()
     try:
@@ -135,8 +140,8 @@ def require_rendering() -> None:
     probe = render_probe(picture=False)
     if not probe.ok:
         raise StageError(
-            f"rendering was asked for, but SAPIEN has no Vulkan device: {probe.reason} "
-            f"(driver: {probe.driver.words}). Mend: {probe.mend}; or go without pictures: render=false"
+            f"rendering was asked for, but SAPIEN has no Vulkan device: {probe}. "
+            f"Mend: {probe.mend}; or go without pictures: render=false"
         )
 
 
@@ -161,11 +166,20 @@ def _draw(picture: bool) -> str:
     return device
 
 
-if __name__ == "__main__":
+def _answer(picture: bool) -> int:
+    """In the child process: tries, prints what came of it for the probe, returns the exit code."""
     select_driver()
     try:
-        answer = f"drew {_draw('--device-only' not in sys.argv)}"
+        answer = f"drew {_draw(picture)}"
     except Exception as error:
         answer = f"failed {type(error).__name__}: {error}"
     print(answer, flush=True)
-    os._exit(0 if answer.startswith("drew") else 1)  # without a device SAPIEN may crash on the way out
+    return 0 if answer.startswith("drew") else 1
+
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        os._exit(_answer(sys.argv[1] == "draw"))  # without a device SAPIEN may crash on the way out
+    found = render_probe()
+    print(found)
+    sys.exit(0 if found.ok else 1)

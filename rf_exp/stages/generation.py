@@ -18,6 +18,7 @@ from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import close_simulator, simulator
 from rf_exp.stages.artifacts import data_path, generation_path, owned, recording_path
 from rf_exp.stages.identity import generation_identity
+from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Task
 from rf_exp.types import Episode, Row
@@ -54,7 +55,10 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
         else:
             by_seed = experiment.episodes is not None
             unit, total = ("seeds", len(span)) if by_seed else ("demonstrations", enough)
-            with Progress(title, total, unit, len(tried) if by_seed else made) as progress:
+            with (
+                Progress(title, total, unit, len(tried) if by_seed else made) as progress,
+                rate_log(experiment, "generate", task, row, known=known.values()) as log,
+            ):
                 for outcome in generate(
                     settings, pictures, [s for s in span if s not in tried], experiment.workers
                 ):
@@ -63,6 +67,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
                         store.append(_with_row(outcome.episode, tells))
                     if outcome.seed not in known:  # a kill before this: the episode has its row
                         rows.append(rows_path, tells)
+                        log(tells)
                     tried.append(outcome.seed)
                     made += outcome.success
                     progress.advance(

@@ -30,7 +30,7 @@ from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim.pool import Pictures, close_simulator, in_order, simulator
+from rf_exp.sim.pool import close_simulator, in_order, simulator
 from rf_exp.stages.artifacts import (
     data_path,
     evaluation_path,
@@ -41,10 +41,10 @@ from rf_exp.stages.artifacts import (
     same_configuration,
 )
 from rf_exp.stages.identity import evaluation_identity
-from rf_exp.stages.logs import Follower, curve_log
+from rf_exp.stages.logs import Follower, curve_log, rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
-from rf_exp.types import Arch, Rollout, Row, Scene
+from rf_exp.types import Arch, Pictures, Rollout, Row, Scene
 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
@@ -73,7 +73,7 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
         for view in all_views:
             follower = Follower(
                 folder / view.name / CURVES,
-                stack.enter_context(curve_log(experiment, f"{title}/{view.name}")),
+                stack.enter_context(curve_log(experiment, task, row, arch, view.name)),
             )
             running.append((executor.submit(_train, data, view, folder / view.name, *made_with), follower))
         with Progress(title, 1, "steps") as progress:
@@ -107,22 +107,26 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, trained, there, [path])
         sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
-        seen = {
-            r.scene_seed for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)
-        }
+        ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
+        seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
         title = f"evaluate {task.name}/{row.name}/{arch.name}"
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
             return
-        successes = sum(r.success for r in known if r.scene_seed in seen)
-        with Progress(title, experiment.scenes, "scenes", len(seen)) as progress:
+        successes = sum(r.success for r in ours)
+        with (
+            Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
+            rate_log(experiment, "evaluate", task, row, arch, ours) as log,
+        ):
             jobs = (
                 delayed(evaluate_scene)(task, experiment.pictures, folder, seed, limit) for seed in missing
             )
             for tried, (result, wall_s) in enumerate(in_order(jobs, experiment.workers), start=len(seen) + 1):
-                rows.append(path, _row(experiment, task, row, arch, limit, result, wall_s))
+                made = _row(experiment, task, row, arch, limit, result, wall_s)
+                rows.append(path, made)
+                log(made)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
         for seed in scenes[: experiment.recordings]:

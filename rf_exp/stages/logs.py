@@ -1,49 +1,165 @@
-"""Training curves: followed while other processes write them, and sent to Weights & Biases."""
+"""Weights & Biases: training curves and rates, followed while they come. Offline unless asked otherwise."""
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from rf_exp.experiment import Experiment
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy.train import Curve
+from rf_exp.tasks import Task
+from rf_exp.types import Arch, Row
+
+ResultRow = GenerationRow | EvaluationRow
 
 
 @contextmanager
-def curve_log(experiment: Experiment, title: str) -> Iterator[Callable[[Curve], None]]:
+def curve_log(
+    experiment: Experiment, task: Task, row: Row, arch: Arch, view: str
+) -> Iterator[Callable[[Curve], None]]:
     """A function that logs a row of the training curves of one policy."""
+    with _run(experiment, "train", task, row, arch, view) as log:
+        yield lambda curve: log(curve.step, asdict(curve))
+
+
+@contextmanager
+def rate_log(
+    experiment: Experiment,
+    stage: str,
+    task: Task,
+    row: Row,
+    arch: Arch | None = None,
+    known: Iterable[ResultRow] = (),
+) -> Iterator[Callable[[ResultRow], None]]:
+    """A function that logs the rates of a stage after each of its rows; `known` are those of earlier runs."""
+    rates = Rates()
+    for result in known:
+        rates.add(result)
+
+    def add(result: ResultRow) -> None:
+        rates.add(result)
+        log(rates.rows, rates.figures())
+
+    with _run(experiment, stage, task, row, arch) as log:
+        yield add
+
+
+@dataclass
+class Rates:
+    """What result rows add up to. Every row counts, failed ones too."""
+
+    rows: int = 0
+    successes: int = 0
+    successes_paper: int = 0
+    clean: int = 0  # successes without a violation on the way
+    violated: int = 0  # rows with a violation
+    violations: int = 0
+    steps: int = 0  # of the successes
+
+    def add(self, row: ResultRow) -> None:
+        self.rows += 1
+        self.successes += row.success
+        self.successes_paper += row.success_paper
+        self.clean += row.success and not row.violations
+        self.violated += row.violations > 0
+        self.violations += row.violations
+        self.steps += row.steps if row.success else 0
+
+    def figures(self) -> dict[str, float]:
+        """Rates in [0, 1], the mean number of violations of a row, the mean control steps of a success."""
+        counted = {
+            "success": self.successes,
+            "success_paper": self.successes_paper,
+            "success_without_violation": self.clean,
+            "with_violation": self.violated,
+            "violations": self.violations,
+        }
+        figures = {name: count / self.rows for name, count in counted.items()}
+        return figures | ({"steps": self.steps / self.successes} if self.successes else {})
+
+
+@contextmanager
+def _run(
+    experiment: Experiment, stage: str, task: Task, row: Row, arch: Arch | None, view: str = ""
+) -> Iterator[Callable[[int, Mapping[str, float]], None]]:
+    """A function that logs figures at a step. What logs nothing gets no run.
+
+    Raises ArgumentError where its folder cannot be made, StageError where the service refuses the run.
+    """
     if experiment.wandb == "disabled":
-        yield lambda curve: None
+        yield lambda step, figures: None
         return
     import wandb  # slow to import, and not needed by those who switch it off
 
-    config = {"policy": asdict(experiment.policy), "training": asdict(experiment.training)}
-    run = None
+    folder, run = experiment.out / "wandb", None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write the log of Weights & Biases to {folder}: {error.strerror}; "
+            "choose another folder with out=FOLDER, or wandb=disabled"
+        ) from error
 
-    def log(curve: Curve) -> None:
+    def log(step: int, figures: Mapping[str, float]) -> None:
         nonlocal run
-        if run is None:  # a policy that is there already logs nothing, so it gets no run
-            folder = experiment.out / "wandb"
-            folder.mkdir(parents=True, exist_ok=True)
-            settings = wandb.Settings(silent=True)
-            run = wandb.init(
-                project="rf_exp",
-                name=title,
-                dir=folder,
-                mode=experiment.wandb,
-                config=config,
-                settings=settings,
-                reinit="create_new",  # policies that train side by side have runs of their own
-            )
-        run.log(asdict(curve), step=curve.step)
+        if run is None:
+            try:
+                run = wandb.init(
+                    project="rf_exp",
+                    dir=folder,
+                    mode=experiment.wandb,
+                    job_type=stage,
+                    settings=wandb.Settings(silent=True, console="off"),
+                    reinit="create_new",  # policies that train side by side have runs of their own
+                    **identity(experiment, stage, task, row, arch, view),
+                )
+            except wandb.Error as error:
+                raise StageError(
+                    f"Weights & Biases took no run: {error}; with wandb=offline it stays in {folder}"
+                ) from error
+        run.log(dict(figures), step=step)
 
     try:
         yield log
     finally:
         if run is not None:
             run.finish()
+
+
+def identity(
+    experiment: Experiment, stage: str, task: Task, row: Row, arch: Arch | None, view: str = ""
+) -> dict[str, Any]:
+    """Name, group, tags and configuration of a run: what it is about, and all that it was made with."""
+    counted = f"{experiment.demos} demos"
+    if stage == "generate" and experiment.episodes is not None:
+        counted = f"{experiment.episodes} episodes"
+    seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
+    about = [task.name, row.name, *([arch.name] if arch else [])]
+    place = "/".join(about)
+    keys = ("demos", "episodes", "seed", "train_seed", "scenes", "attempts", "occupancy", "name")
+    config = {
+        "stage": stage,
+        "task": task.name,
+        "constraints": row.name,
+        "row": asdict(row),
+        "arch": asdict(arch) if arch else None,
+        "view": view or None,
+        "brain": dict(experiment.brain.identity),
+        "criteria_version": task.version,
+        "first_scene_seed": experiment.seed if stage == "generate" else EVALUATION_SEED,
+        **{key: getattr(experiment, key) for key in keys},
+        **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
+    }
+    return {
+        "name": ", ".join([f"{stage} {place}" + (f"/{view}" if view else ""), counted, seed]),
+        "group": ", ".join([place, counted, seed]),
+        "tags": [*about, counted, seed],
+        "config": config,
+    }
 
 
 class Follower:

@@ -7,7 +7,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from rf_exp.ablation.paper import paper
-from rf_exp.experiment import CONF, register_all_tasks
+from rf_exp.command import CONF, register_all_tasks
 
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 ROWS = set(paper().ablation_success)

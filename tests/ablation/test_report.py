@@ -1,6 +1,8 @@
 """The report: one file, no network, no script, everything found in the output folder on it."""
 
 import re
+import shutil
+import subprocess
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 from pathlib import Path
@@ -11,6 +13,7 @@ from PIL import Image
 
 from rf_exp.ablation import plots
 from rf_exp.ablation.__main__ import main
+from rf_exp.ablation.paper import paper
 from rf_exp.ablation.report import publish, write_report
 from rf_exp.ablation.rows import append
 from rf_exp.ablation.suite import configured
@@ -50,6 +53,29 @@ def test_the_report_stands_alone(out: Path) -> None:
     assert not re.findall(r'(?:src|href)="(?!#|data:)', re.sub(r'xlink:href="#', '"', text))
     for part in ("prefers-color-scheme: dark", "width=device-width", "paper 97.5 %", "[31.3, 83.2] n=10"):
         assert part in text
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="there is no browser to measure with")
+def test_the_widest_table_fits_1400_pixels(out: Path) -> None:
+    """Every field of the table of tasks measured, for each of the paper's numbers of demonstrations."""
+    for task in paper().levels:
+        for row in generation(task, "full", 16, 4, loose=3, violations=(0, 1, 3), first=1000, steps=1000):
+            append(out / f"results/generate/{task}/full.jsonl", row)
+        for demos in paper().demos:
+            for row in evaluation(task, "separate_local", demos, 12, 8, violations=(0, 170)):
+                append(out / f"results/evaluate/{task}/separate_local/full-{demos}.jsonl", row)
+    wide = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth)"
+    wider = f"{wide}.map(e => `${{e.closest('section').id}} ${{e.scrollWidth}} px`)"
+    measured = out / "measured.html"
+    text = write_report(out).read_text("utf-8")
+    measured.write_text(
+        text.replace("</body>", f"<script>document.title = 'wider: ' + {wider}</script></body>")
+    )
+    browser = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+    browser += [f"--user-data-dir={out / 'browser'}", "--window-size=1400,2000", "--dump-dom"]
+    done = subprocess.run([*browser, measured.as_uri()], capture_output=True, text=True, timeout=120)
+    assert re.findall("<title>(.*)</title>", done.stdout) == ["wider: "]
 
 
 def test_the_summary_counts_the_rollouts_with_a_violation(out: Path) -> None:

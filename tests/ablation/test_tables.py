@@ -285,9 +285,7 @@ def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: s
 def test_every_format_shows_the_violations(name: str) -> None:
     made_rows, rolled = counted()
     table = made(name, Results(tuple(made_rows), tuple(rolled)))
-    terminal = io.StringIO()
-    formats.show(table, Console(file=terminal, width=400))
-    texts = (formats.markdown(table), formats.latex(table), page.table_html(table), terminal.getvalue())
+    texts = (formats.markdown(table), formats.latex(table), page.table_html(table), shown(table))
     for _, after in followers(table):
         for line in table.lines:
             cell = table.cell(line.key, after.key)
@@ -321,7 +319,7 @@ def test_a_note_is_told_once_and_violations_are_never_compared() -> None:
 
 
 def test_success_without_a_violation_is_counted_beside_success() -> None:
-    """Of four successes two needed no repair; where no success needed one, nothing more is said."""
+    """Of four successes two needed no repair. Every format shows it as boldly as success and violations."""
     rows = [
         *generation("lift_barrier", "logical", 4, 6, violations=(0, 1, 2, 0, BUDGET)),
         *generation("lift_barrier", "full", 9, 1, violations=(0,) * 9 + (BUDGET,)),
@@ -329,8 +327,21 @@ def test_success_without_a_violation_is_counted_beside_success() -> None:
     table = made("ablation_success", generated(rows))
     cell = table.cell("logical", "lift_barrier")
     assert (cell.value, cell.clean) == (0.4, wilson(2, 10))
-    says = "without a violation 20.0 % [5.7, 51.0]"
-    assert formats.markdown(table).count("without a violation ") == formats.markdown(table).count(says) == 1
+    text, tex, html = formats.markdown(table), formats.latex(table), page.table_html(table)
+    for logical in ("**40.0 %**, ", "without a violation **20.0 %** [5.7, 51.0]", "| **60.0 %**, "):
+        assert logical in text
+    assert "without a violation **90.0 %** [59.6, 98.2]" in text  # also where no success needed a repair
+    for value in (
+        r"\textbf{40.0 \%}, ",
+        r"without a violation \textbf{20.0 \%} [5.7",
+        r"& \textbf{60.0 \%}, ",
+    ):
+        assert value in tex
+    assert "<b>40.0 %</b>" in html
+    assert "<b>20.0 %</b> <span>without a violation</span><small>[5.7, 51.0]" in html
+    assert "<b>60.0 %</b> <span>violations</span>" in html
+    drawn = shown(table, styled=True)
+    assert all(f"\x1b[1m{value}" in drawn for value in ("40.0 %", "20.0 %", "60.0 %"))
     (line,) = [
         row
         for row in csv.DictReader(io.StringIO(formats.tidy_csv(table)))
@@ -416,10 +427,9 @@ def test_files_hold_the_figures(out: Path) -> None:
         "| Constraints | Lift Barrier | paper | violations | Three Robots Stack Cube | paper | violations |"
     )
     assert heading in markdown
-    assert (
-        "60.0 %, [31.3, 83.2] n=10, paper's criterion 80.0 % | 80.2 % | 0.0 %, [0.0, 27.8], mean 0.00 | "
-        in markdown
-    )
+    clean = "without a violation **60.0 %** [31.3, 83.2]"
+    assert f"| **60.0 %**, [31.3, 83.2] n=10, {clean}, paper's criterion 80.0 % | 80.2 % | " in markdown
+    assert "| 80.2 % | **0.0 %**, [0.0, 27.8], mean 0.00 | " in markdown
     assert "missing | 62.5 % | missing |" in markdown
     rows = list(csv.DictReader(io.StringIO((out / "tables/architectures.csv").read_text())))
     (cell,) = [r for r in rows if (r["row"], r["column"]) == ("separate_local-150", "lift_barrier")]
@@ -442,12 +452,40 @@ def test_latex_is_well_formed(out: Path) -> None:
 
 
 def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
-    terminal = io.StringIO()
-    for table in build(load(out), configured()).values():
-        formats.show(table, Console(file=terminal, width=160))
-    text = terminal.getvalue()
+    text = "".join(shown(table) for table in build(load(out), configured()).values())
     assert "[31.3, 83.2] n=10" in text
     assert "predefined threshold" not in text
+
+
+def shown(table: Table, styled: bool = False) -> str:
+    """The table on a terminal of 80 columns."""
+    terminal = io.StringIO()
+    formats.show(
+        table,
+        Console(file=terminal, width=80, force_terminal=styled, color_system="standard" if styled else None),
+    )
+    return terminal.getvalue()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_terminal_of_80_columns_holds_every_table(name: str) -> None:
+    """Nothing is cut off, and no word or figure is broken in two."""
+    made_rows, rolled = counted()
+    table = made(name, Results(tuple(made_rows), tuple(rolled)))
+    text = shown(table)
+    assert all(len(line) <= 80 for line in text.splitlines())
+    words = set(text.split())
+    for line in table.lines:
+        for index, after in table.compared:
+            told = set(line.title.split()) | set(table.columns[index].title.split())
+            for place in (index, *([] if after is None else [after])):
+                cell, unit = line.cells[place], table.columns[place].unit
+                told |= set(
+                    " ".join([formats.figure(cell.value, unit), *formats.details(cell, unit)]).split()
+                )
+                told |= set(" ".join(formats.clean_figure(cell.clean)).split()) if cell.clean else set()
+            assert told <= words | {word.rstrip(",") for word in words}, line.title
+    assert all(word in words for note in formats.notes(table) for word in note.split())
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:

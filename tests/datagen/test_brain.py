@@ -21,11 +21,11 @@ from rf_exp.datagen.brain import (
     ScriptedSpec,
     from_json,
     read_brain,
-    refuse_keys,
     to_json,
 )
 from rf_exp.datagen.brain.protocol import most_subgoals, parse_subgoal
 from rf_exp.errors import ArgumentError
+from rf_exp.secrets import refuse_keys
 from rf_exp.types import Constraint, Proposal, Row, Subgoal
 from tests.conftest import CONF, read_task
 from tests.scenes import start_scene

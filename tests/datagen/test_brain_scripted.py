@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import COLLISION, MOTION
 from rf_exp.datagen.brain import Question, ScriptedBrain, from_json
 from rf_exp.tasks.base import ASIDE_QPOS
-from rf_exp.types import Subgoal, Violation
+from rf_exp.types import COLLISION, MOTION, Subgoal, Violation
 from tests.conftest import read_task
 from tests.scenes import start_scene
 

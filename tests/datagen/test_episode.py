@@ -6,13 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import COLLISION
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Judge
-from rf_exp.types import CONTROL_HZ, Row, Subgoal
+from rf_exp.types import COLLISION, CONTROL_HZ, Row, Subgoal
 from tests.conftest import read_task
 
 FULL = Row("full")

@@ -8,9 +8,9 @@ import pytest
 from rf_exp.constraints import actions
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
-from rf_exp.datagen.motion import JointLimits, come_to_rest, let_off
+from rf_exp.datagen.motion import come_to_rest, let_off
 from rf_exp.sim.simulator import Simulator
-from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Row
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, JointLimits, Row
 from tests.conftest import read_task
 
 LIMITS = JointLimits()

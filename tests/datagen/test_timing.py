@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.datagen.motion.timing import JointLimits, blend, densify, parameterise
+from rf_exp.datagen.motion.timing import blend, densify, parameterise
 from rf_exp.errors import ArgumentError
+from rf_exp.types import JointLimits
 
 LIMITS = JointLimits()
 

@@ -11,10 +11,11 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from rf_exp.artifacts.identity import differing
-from rf_exp.experiment import CONF, Experiment, read_experiment
+from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.stages.identity import evaluation_identity, generation_identity
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
+from tests.conftest import CONF
 
 CUBE = "mesh: cube.obj\nmass_kg: {mass_kg}\n# {comment}\npoints_of: cube\n"
 
@@ -107,7 +108,7 @@ def test_the_version_of_the_generator_decides(monkeypatch: pytest.MonkeyPatch) -
 
 def test_objects_in_another_order_are_drawn_otherwise() -> None:
     task = experiment("task=place_food").tasks[0]
-    turned = replace(task, objects=dict(reversed(task.objects.items())))
+    turned = replace(task, objects=dict(reversed(list(task.objects.items()))))
     assert [line.split(":")[0] for line in differing(task.identity, turned.identity)] == ["order"]
 
 

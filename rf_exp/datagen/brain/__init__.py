@@ -5,7 +5,6 @@ from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies
 from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.brain.secrets import refuse_keys
 from rf_exp.datagen.brain.spec import BrainSpec, read_brain
 
 __all__ = [
@@ -24,6 +23,5 @@ __all__ = [
     "applies",
     "from_json",
     "read_brain",
-    "refuse_keys",
     "to_json",
 ]

@@ -14,15 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-import openai
 from pydantic import BaseModel, Field, ValidationError
 
 from rf_exp.datagen.brain import exchanges
-from rf_exp.datagen.brain.bodies import connection
 from rf_exp.datagen.brain.exchanges import Exchange, Message
 from rf_exp.datagen.brain.reading import BadAnswer, printable
-from rf_exp.datagen.brain.secrets import check_address, check_environment_name, without
 from rf_exp.errors import ArgumentError
+from rf_exp.secrets import check_address, check_environment_name, without
 
 _NO_KEY = "none"  # what a server that wants no key is sent
 
@@ -148,6 +146,10 @@ class OpenAIChat:
 
     async def _request(self, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
         """The model's text. The deadline also ends answers that trickle in for ever."""
+        import openai  # half a second; only who asks a model needs it
+
+        from rf_exp.datagen.brain.bodies import connection
+
         settings = self._connection
         options: dict[str, Any] = {}
         if settings.structured:

@@ -6,9 +6,7 @@ from typing import ClassVar
 
 from rf_exp.datagen.brain.chat import Connection, OpenAIChat
 from rf_exp.datagen.brain.exchanges import Chat, exchanges_path
-from rf_exp.datagen.brain.matching import restate
 from rf_exp.datagen.brain.protocol import BadAnswer, Question, answer_schema, from_json, to_json
-from rf_exp.datagen.brain.questions import messages
 from rf_exp.datagen.brain.replay import ReplayChat
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
@@ -23,6 +21,10 @@ class LanguageBrain:
         self._chat, self._pictures, self._restates = chat, pictures, restates
 
     def answer(self, question: Question) -> str:
+        # Both know the grammar, and with it all of the checks: slow to import for who asks no model.
+        from rf_exp.datagen.brain.matching import restate
+        from rf_exp.datagen.brain.questions import messages
+
         task = question.task
         text = self._chat.ask("propose", messages(question, pictures=self._pictures), answer_schema(task))
         if not self._restates:

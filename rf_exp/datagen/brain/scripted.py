@@ -7,12 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from rf_exp.constraints import COLLISION, MOTION
 from rf_exp.datagen.brain.protocol import Question, to_json
 from rf_exp.tasks import Task, say
 from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.tasks.measure import holders
-from rf_exp.types import ARM_JOINTS, Proposal, Row, Scene, Subgoal, Violation
+from rf_exp.types import ARM_JOINTS, COLLISION, MOTION, Proposal, Row, Scene, Subgoal, Violation
 
 _NEAR_RAD = 0.1  # from where an arm would go: it is there already
 

@@ -13,8 +13,8 @@ from rf_exp.datagen.brain.faulty import FaultySpec
 from rf_exp.datagen.brain.language import OpenAISpec, ReplaySpec
 from rf_exp.datagen.brain.protocol import Brain
 from rf_exp.datagen.brain.scripted import ScriptedSpec
-from rf_exp.datagen.brain.secrets import no_key_here
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.secrets import no_key_here
 from rf_exp.tasks import Task
 from rf_exp.types import Row
 

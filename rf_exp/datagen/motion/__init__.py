@@ -3,6 +3,5 @@
 from rf_exp.datagen.motion.planner import Posture, plan_motion
 from rf_exp.datagen.motion.state import Unreachable
 from rf_exp.datagen.motion.stop import come_to_rest, let_off
-from rf_exp.datagen.motion.timing import JointLimits
 
-__all__ = ["JointLimits", "Posture", "Unreachable", "come_to_rest", "let_off", "plan_motion"]
+__all__ = ["Posture", "Unreachable", "come_to_rest", "let_off", "plan_motion"]

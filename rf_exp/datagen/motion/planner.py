@@ -8,11 +8,20 @@ import numpy as np
 from rf_exp.datagen.motion.primitives import Primitives
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
-from rf_exp.datagen.motion.timing import JointLimits, parameterise
+from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.robots import Panda
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Proposal, Scene, Segment, Subgoal, Trajectory
+from rf_exp.types import (
+    GRIPPER_CLOSED,
+    GRIPPER_OPEN,
+    JointLimits,
+    Proposal,
+    Scene,
+    Segment,
+    Subgoal,
+    Trajectory,
+)
 
 Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does

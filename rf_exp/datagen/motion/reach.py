@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.state import Blocked, Obstacle, State, Unreachable, in_the_way
-from rf_exp.datagen.motion.timing import JointLimits, blend, densify, parameterise
+from rf_exp.datagen.motion.timing import blend, densify, parameterise
 from rf_exp.robots import Panda
 from rf_exp.tasks.base import REST_QPOS
 from rf_exp.transforms import Matrix, interpolate, inverse, transform
-from rf_exp.types import Cause
+from rf_exp.types import Cause, JointLimits
 
 LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something

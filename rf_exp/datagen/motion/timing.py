@@ -1,6 +1,5 @@
 """From a joint path to joint targets on the control grid, within velocity and acceleration limits."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,25 +9,12 @@ import toppra.constraint
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from rf_exp.errors import ArgumentError, StageError
-from rf_exp.types import CONTROL_DT_S
+from rf_exp.errors import StageError
+from rf_exp.types import CONTROL_DT_S, JointLimits
 
 toppra.setup_logging("ERROR")
 
 SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
-
-
-@dataclass(frozen=True)
-class JointLimits:
-    """Bounds on every joint of executed motion. Defaults: those of the authors' release."""
-
-    velocity_rad_s: float = 0.9
-    acceleration_rad_s2: float = 0.9
-
-    def __post_init__(self) -> None:
-        for name in ("velocity_rad_s", "acceleration_rad_s2"):
-            if getattr(self, name) <= 0:
-                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be positive")
 
 
 def densify(waypoints: NDArray[np.float64]) -> NDArray[np.float64]:

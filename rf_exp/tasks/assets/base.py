@@ -7,13 +7,16 @@ says where the gripper goes and from which direction it comes.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from rf_exp.artifacts.identity import digest
 from rf_exp.transforms import Matrix, apply
+
+if TYPE_CHECKING:
+    import trimesh  # slow to import: where a part is made, after the command line is understood
 
 Colour = tuple[float, float, float]  # linear RGB in [0, 1]
 
@@ -22,7 +25,7 @@ Colour = tuple[float, float, float]  # linear RGB in [0, 1]
 class Part:
     """One convex piece of a rigid body, in the frame of its asset."""
 
-    mesh: trimesh.Trimesh  # convex, metres, already placed in the asset's frame
+    mesh: "trimesh.Trimesh"  # convex, metres, already placed in the asset's frame
     colour: Colour
     solid: bool = True  # takes part in collisions
     seen: bool = True  # takes part in pictures
@@ -32,6 +35,8 @@ class Part:
     @staticmethod
     def box(half_extents_m, object_from_part: Matrix, colour: Colour, **keywords) -> "Part":
         """A box of half extents (3,) at a pose in the asset's frame."""
+        import trimesh
+
         mesh = trimesh.creation.box(2 * np.asarray(half_extents_m), object_from_part)
         return Part(mesh, colour, **keywords)
 
@@ -40,17 +45,23 @@ class Part:
         radius_m: float, height_m: float, object_from_part: Matrix, colour: Colour, **keywords
     ) -> "Part":
         """A cylinder about the z axis of its pose, centred on it."""
+        import trimesh
+
         mesh = trimesh.creation.cylinder(radius_m, height_m, sections=24, transform=object_from_part)
         return Part(mesh, colour, **keywords)
 
     @staticmethod
     def sphere(radius_m: float, object_from_part: Matrix, colour: Colour, **keywords) -> "Part":
+        import trimesh
+
         mesh = trimesh.creation.icosphere(subdivisions=2, radius=radius_m)
         return Part(mesh.apply_transform(object_from_part), colour, **keywords)
 
     @staticmethod
     def hull(points: NDArray[np.float64], colour: Colour, **keywords) -> "Part":
         """The convex hull of points (K, 3) in the asset's frame."""
+        import trimesh
+
         return Part(trimesh.convex.convex_hull(points), colour, **keywords)
 
 
@@ -87,7 +98,7 @@ class Asset:
     ghost: bool = False  # a mark on the table: seen, never touched
 
     @cached_property
-    def hulls(self) -> tuple[trimesh.Trimesh, ...]:
+    def hulls(self) -> "tuple[trimesh.Trimesh, ...]":
         """The convex solid parts in the frame of the asset."""
         return tuple(part.mesh for part in self.parts if part.solid and not self.ghost)
 

@@ -1,0 +1,113 @@
+"""How the command begins: help and wrong arguments without the slow libraries, its script, completion."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# What takes long to import and is no help in understanding a command line. numpy, SciPy and shapely are
+# not among them: tasks are made of poses and outlines.
+HEAVY = {
+    *("torch", "diffusers", "mani_skill", "sapien", "gymnasium", "pinocchio", "coal", "toppra"),
+    *("trimesh", "zarr", "matplotlib", "rerun", "wandb", "openai", "joblib", "cv2"),
+}
+LISTING = "import atexit, json, runpy, sys\n" + (
+    "atexit.register(lambda: json.dump(sorted(sys.modules), open(sys.argv[0], 'w')))\n"
+    "path, sys.argv = sys.argv[1], sys.argv[1:]\n"
+    "runpy.run_module('rf_exp.run', run_name='__main__')\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message", "also_spared"),
+    [
+        (["--help"], 0, "Configuration groups", {"numpy"}),
+        (["demoz=3"], 2, "demoz", {"numpy"}),
+        (["task=juggle"], 2, "lift_barrier", {"numpy"}),
+        (["brain.api_key=sk-12345678"], 2, "brain.api_key is not taken", {"numpy"}),
+        (["stages=[bake]"], 2, "unknown stage 'bake'", set()),
+        (["training.steps=-5"], 2, "steps is -5", set()),
+        (["policy.encoder=vit"], 2, "unknown encoder 'vit'; available: compact, resnet18", set()),
+        (["brain=openai", "brain.retries=-1"], 2, "brain.retries is -1", set()),
+        (["task.lift_barrier.objects.barrier.asset=lamp"], 2, "unknown asset 'lamp'", set()),
+    ],
+)
+def test_help_and_wrong_arguments_import_nothing_heavy(arguments, code, message, also_spared, tmp_path):
+    modules = tmp_path / "modules.json"
+    command = [sys.executable, "-c", LISTING, str(modules), *arguments]
+    if code:
+        command.append(f"hydra.run.dir={tmp_path}")
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == code, done.stderr
+    assert message in done.stdout + done.stderr
+    assert not (HEAVY | also_spared) & set(json.loads(modules.read_text()))
+
+
+@pytest.fixture
+def script(tmp_path) -> Path:
+    """The console script as pip writes it, from what pyproject.toml says of it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    module, _, function = project["scripts"]["rf-exp"].partition(":")
+    path = tmp_path / "bin" / "rf-exp"
+    path.parent.mkdir()
+    path.write_text(
+        f"#!{sys.executable}\nimport sys\nfrom {module} import {function}\nsys.exit({function}())\n"
+    )
+    path.chmod(0o755)
+    return path
+
+
+def environment(script: Path) -> dict[str, str]:
+    return {**os.environ, "PATH": f"{script.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["stages=[bake]"]])
+def test_the_console_script_is_the_module(script, arguments, tmp_path):
+    done = [
+        subprocess.run(
+            [*command, *arguments], cwd=tmp_path, env=environment(script), capture_output=True, text=True
+        )
+        for command in (["rf-exp"], [sys.executable, "-m", "rf_exp.run"])
+    ]
+    assert done[0].returncode == done[1].returncode
+    assert done[0].stdout.replace("rf-exp", "rf_exp.run") == done[1].stdout
+    assert done[0].stderr == done[1].stderr
+
+
+# As bash does when the tabulator is pressed at the end of a line; a line of answers for each.
+PRESS = r"""
+eval "$(rf-exp -sc install=bash)"
+complete=$(complete -p rf-exp | sed -E 's/.* -F ([^ ]+).*/\1/')
+for COMP_LINE; do
+    COMP_POINT=${#COMP_LINE} COMP_WORDS=($COMP_LINE)
+    COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+    $complete
+    echo "${COMPREPLY[@]}"
+done
+"""
+
+
+@pytest.mark.slow
+def test_the_shell_completes_arguments(script, tmp_path):
+    offered = {
+        "task=": {"task=all", "task=lift_barrier", "task=place_food"},
+        "task=li": {"task=lift_barrier"},
+        "arch=s": {"arch=shared_global", "arch=separate_local"},
+        "constraints=logical_": {"constraints=logical_temporal", "constraints=logical_spatial"},
+        "trai": {"training.", "train_seed="},
+    }
+    lines = [f"rf-exp seed=3 {begun}" for begun in offered]
+    done = subprocess.run(
+        ["bash", "-c", PRESS, "bash", *lines],
+        **{"cwd": tmp_path, "env": environment(script), "capture_output": True, "text": True, "timeout": 60},
+    )
+    answers = done.stdout.splitlines()
+    assert len(answers) == len(offered), done.stderr
+    for (begun, wanted), answer in zip(offered.items(), answers, strict=True):
+        assert wanted <= set(answer.split())
+        assert all(choice.startswith(begun) for choice in answer.split())
