@@ -107,7 +107,7 @@ def test_the_version_of_the_generator_decides(monkeypatch: pytest.MonkeyPatch) -
 
 def test_objects_in_another_order_are_drawn_otherwise() -> None:
     task = experiment("task=place_food").tasks[0]
-    turned = replace(task, objects=dict(reversed(task.objects.items())))
+    turned = replace(task, objects=dict(reversed(list(task.objects.items()))))
     assert [line.split(":")[0] for line in differing(task.identity, turned.identity)] == ["order"]
 
 
