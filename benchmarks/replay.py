@@ -24,7 +24,7 @@ from rf_exp.constraints.spatial import overlapping, pressing
 from rf_exp.sim.pool import Pictures, in_order, simulator
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
-from rf_exp.tasks.configuration import load_task
+from rf_exp.tasks.configuration import CONFIGURED, stored_task
 
 
 class Played(NamedTuple):
@@ -64,11 +64,12 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=Path("outputs/data"))
     parser.add_argument("--episodes", type=int, help="of each store; all unless given")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--tasks", type=Path, default=CONFIGURED, help="folder of the tasks' YAML files")
     given = parser.parse_args()
     total: list[Played] = []
     for path in sorted(given.folder.glob("**/*.zarr")):
         with Store.open(path) as store:
-            task = load_task(store.attrs["task"], store.attrs["scene"])
+            task = stored_task(store.identity, given.tasks)
             episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
         jobs = (delayed(replay)(task, each.seed, each.qpos, each.action) for each in episodes)
         results = list(in_order(jobs, given.workers))
@@ -88,8 +89,8 @@ def _said(played: list[Played]) -> str:
     counts = {name: sum(each) for name, each in _columns(played).items()}
     deepest = max((each.depth_mm for each in played), default=0.0)
     return (
-        f"{counts['success']} of {len(played)} succeed again, {counts['same']} to the last bit; arms "
-        f"press on one another in {counts['pressed']}, overlap in {counts['overlapped']} (<= {deepest:.1f} mm)"
+        f"{counts['success']} of {len(played)} succeed again, {counts['same']} to the last bit; arms press "
+        f"in {counts['pressed']}, overlap in {counts['overlapped']}, by {deepest:.1f} mm at most"
     )
 
 

@@ -14,7 +14,8 @@ from rich.progress import Progress as Bar
 
 LINE_EVERY_S = 20.0
 
-console = Console(stderr=False, highlight=False, soft_wrap=True)
+# What is printed may be the words of a model or of a file: text, never markup.
+console = Console(stderr=False, highlight=False, soft_wrap=True, markup=False, emoji=False)
 
 
 class Progress:
@@ -30,10 +31,10 @@ class Progress:
     def __enter__(self) -> Self:
         if sys.stdout.isatty():
             columns = (
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
                 MofNCompleteColumn(),
-                TextColumn("{task.fields[note]}"),
+                TextColumn("{task.fields[note]}", markup=False),
                 TimeRemainingColumn(),
             )
             self._bar = Bar(*columns, console=console)

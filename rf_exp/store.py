@@ -71,15 +71,13 @@ class Store:
         cameras: Sequence[str],
         height: int,
         width: int,
-        scene: Mapping[str, object] | None = None,
     ) -> "Store":
         """A new, empty store, opened for writing.
 
         `identity` is the configuration that makes the data, as plain JSON values; `task`, `version`
         (of the success criteria) and `generator` (version of the code) in it become attributes of
         their own, beside the commit of the code. Pictures are (height, width, 3); without cameras
-        both may be 0. `scene` is the task as configured, for those who want to load it again; it
-        is not part of the identity.
+        both may be 0.
 
         Raises StageError when `path` exists or the disk is full, ArgumentError when nothing can be
         created there.
@@ -95,7 +93,6 @@ class Store:
             "generator": configuration.get("generator"),
             "commit": commit(),
             "identity": configuration,
-            "scene": plain(scene or {}),
             "control_hz": CONTROL_HZ,
             "agents": agents,
             "cameras": list(cameras),

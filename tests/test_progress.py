@@ -1,5 +1,7 @@
 """What a log without a terminal shows of long work, and curves read while they are written."""
 
+import sys
+
 import pytest
 
 from rf_exp import progress
@@ -29,6 +31,21 @@ def test_an_error_is_no_end(capsys):
         bar.advance()
         raise ValueError("burnt")
     assert capsys.readouterr().out == ""
+
+
+MARKUP = "[bold]grasp[/bold] [/nonsense] [link=http://x.test]y[/link] :boom: [1, 2]"
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_what_a_model_said_is_text_and_never_markup(terminal, capsys, monkeypatch):
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: terminal)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("TERM", "xterm")
+    progress.console.print(f"seed 3 failed: {MARKUP}")
+    with Progress(f"bake {MARKUP}", 1, "loaves") as bar:
+        bar.advance(note=MARKUP)
+    said = capsys.readouterr().out
+    assert f"seed 3 failed: {MARKUP}" in said and f"bake {MARKUP}" in said and said.count(MARKUP) >= 3
 
 
 HEAD = "step,steps,epoch,loss,learning_rate,samples_per_s\n"

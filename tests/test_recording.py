@@ -5,11 +5,12 @@ import pytest
 
 from rf_exp.constraints import Bodies, RoboChecker
 from rf_exp.constraints.depth import look
+from rf_exp.constraints.evidence import Evidence
 from rf_exp.constraints.occupancy import centres_m
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Plan, Settings
 from rf_exp.gallery.performance import Unseen
-from rf_exp.recording import EpisodeRecorder, orders
+from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
 from rf_exp.sim.simulator import Simulator
 from rf_exp.types import Row, Scene, Violation
@@ -46,6 +47,20 @@ def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
         outcome = EpisodeMaker(settings, world, settings.make_brain(0), recorder).make(0)
         recorder.rejected(Violation("Tracking", "tracking", (2,), 7.0, 0.2, 0.15, "something is in its way"))
     return Content(path), recorder, outcome
+
+
+def test_a_check_of_any_name_is_shown_with_its_own_unit():
+    class ValidateNoise:
+        kind, name, unit = "spatial", "ValidateNoise", "dB"
+        agents, text = (1,), "Agent_1 must be quiet."
+
+        def planned(self, plan):
+            raise AssertionError
+
+        measured = planned
+
+    shown = check_result(ValidateNoise(), Evidence(False, 61.0, 40.0, "it is loud", 1.5))
+    assert (shown.unit, shown.value, shown.ok) == ("dB", 61.0, False)
 
 
 def test_the_lane_of_an_agent_is_its_schedule(episode):

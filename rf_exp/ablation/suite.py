@@ -4,14 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
-
-from omegaconf import OmegaConf
 
 from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import load_task
-
-CONFIGURED = Path(__file__).resolve().parents[2] / "conf" / "task"
+from rf_exp.tasks.configuration import CONFIGURED, read_task
 
 
 @dataclass(frozen=True)
@@ -44,9 +39,4 @@ def configured(folder: Path = CONFIGURED) -> Suite:
 
     Raises ArgumentError, as any run would, for a file that is no valid task.
     """
-    return facts(_read(path) for path in sorted(folder.glob("*.yaml")))
-
-
-def _read(path: Path) -> Task:
-    node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
-    return load_task(path.stem, node[path.stem])
+    return facts(read_task(path) for path in sorted(folder.glob("*.yaml")))

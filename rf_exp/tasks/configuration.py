@@ -1,11 +1,18 @@
 """Turns the configuration of a task, as plain values, into a checked Task."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import dacite
+from omegaconf import OmegaConf
 
-from rf_exp.errors import ArgumentError
-from rf_exp.tasks.base import Task
+from rf_exp.artifacts.identity import plain
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.tasks.base import Randomisation, Task
+
+CONFIGURED = Path(__file__).resolve().parents[2] / "conf" / "task"
 
 
 def _range(value: object) -> object:
@@ -53,4 +60,38 @@ def load_task(name: str, node: Mapping) -> Task:
                 f"expected one listed before it: {seen}"
             )
         seen.append(key)
+    return task
+
+
+def read_task(path: Path) -> Task:
+    """The Task of a YAML file. Raises ArgumentError as `load_task` does."""
+    node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    return load_task(path.stem, node[path.stem])
+
+
+def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
+    """The Task that a store was made of, as a folder of YAML files tells it which the person named.
+
+    A store's attributes are data of anybody: they name a task and are compared with it, but say neither
+    which code nor which files are loaded. Raises ArgumentError for a task that is not in the folder, and
+    for one that is another now.
+    """
+    known = {path.stem: path for path in folder.glob("*.yaml")}
+    name = identity.get("task")
+    if not isinstance(name, str) or name not in known:
+        raise choices(f"task of a store, in {folder}:", name, known)
+    scene = identity.get("scene")
+    stored: Mapping[str, Any] = scene if isinstance(scene, Mapping) else {}
+    task = read_task(known[name])
+    try:  # how strongly scenes vary is an experiment's to say, not the file's
+        task = replace(task, randomisation=Randomisation(**stored["randomisation"]))
+    except (KeyError, TypeError) as error:
+        raise ArgumentError(f"the store of {name} does not say how its scenes vary: {error}") from error
+    now = plain(task.identity)
+    if stored != now:
+        differs = [key for key in now if stored.get(key) != now[key]]
+        raise ArgumentError(
+            f"the store was made of another configuration of {name} than {known[name]} holds; it differs in "
+            f"{', '.join(differs) or 'keys that are there no more'}"
+        )
     return task

@@ -276,3 +276,23 @@ def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food)
 def test_monitoring_without_a_plan_is_an_error_that_says_so():
     with pytest.raises(ArgumentError, match=r"nothing to monitor yet; call check\(\) with a plan first"):
         Checker(BAR, CheckCode(()), FULL).monitor(scene_of(BAR))
+
+
+def test_times_are_on_the_clock_of_the_episode():
+    """Of plans that begin at 2.0 s: what is planned, what finds no schedule, what is not understood."""
+    scene, late = scene_of(BAR), scene_of(BAR, step=40)
+    trajectories = walk(1, [REST, REACHING, REST], 20), walk(2, [REST, REACHING, REST], 20)
+    first = {}
+    for now in (scene, late):
+        blind, seeing = (RoboChecker(BAR, Proposal((), ()), row) for row in (TEMPORAL, FULL))
+        (near,) = seeing.check(trajectories, scheduled(blind, trajectories, now), now)
+        stuck = (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20))
+        refused = seeing.schedule(stuck, now)
+        assert isinstance(refused, Violation) and refused.cause == "space" and refused.agents == (1, 2)
+        nonsense = Proposal((), (Constraint("spatial", (1,), "Agent_1 must be nice."),))
+        unread = RoboChecker(BAR, nonsense, FULL, now.step / 20).code
+        assert isinstance(unread, Violation) and unread.cause == "answer"
+        first[now.step] = np.array([near.time_s, refused.time_s, unread.time_s])
+        evidence = seeing.evidence[-1][1]
+        assert evidence.time_s >= now.step / 20
+    np.testing.assert_allclose(first[40] - first[0], 2.0)

@@ -19,11 +19,19 @@ class Reply:
     delay_s: float = 0.0  # before anything is sent
     cut_after: int | None = None  # bytes of the body, then the connection is closed
     drip_s: float = 0.0  # between single bytes of the body
+    endless: bytes = b""  # sent after the body, again and again
 
 
-def completion(content: str | None, *, refusal: str | None = None, finish: str = "stop", **keywords) -> Reply:
-    """A chat completion with that text."""
-    message = {"role": "assistant", "content": content, "refusal": refusal}
+def completion(
+    content: object,
+    *,
+    refusal: str | None = None,
+    finish: str = "stop",
+    more: Mapping[str, object] | None = None,
+    **keywords,
+) -> Reply:
+    """A chat completion with that text, or parts; `more` stands beside it in the message."""
+    message = {"role": "assistant", "content": content, "refusal": refusal, **(more or {})}
     choice = {"index": 0, "message": message, "finish_reason": finish}
     body = {"id": "1", "object": "chat.completion", "created": 0, "model": "test", "choices": [choice]}
     return Reply(json.dumps(body).encode(), **keywords)
@@ -49,10 +57,12 @@ class LanguageServer:
 
             def do_POST(self) -> None:
                 outer.times_s.append(time.monotonic())
-                content = self.rfile.read(int(self.headers["Content-Length"]))
-                outer.requests.append(json.loads(content))
+                content = self.rfile.read(int(self.headers.get("Content-Length", 0)))
+                outer.requests.append(json.loads(content or b"{}"))
                 outer.keys.append(self.headers.get("Authorization", ""))
                 self._send(outer.replies[min(len(outer.requests), len(outer.replies)) - 1])
+
+            do_GET = do_POST  # what a redirect may make of it
 
             def _send(self, reply: Reply) -> None:
                 self.close_connection = True
@@ -62,11 +72,14 @@ class LanguageServer:
                 headers = {"Content-Type": "application/json", **reply.headers}
                 for name, value in headers.items():
                     self.send_header(name, value)
-                self.send_header("Content-Length", str(len(reply.body)))
+                if not reply.endless:
+                    self.send_header("Content-Length", str(len(reply.body)))
                 self.end_headers()
                 body = reply.body if reply.cut_after is None else reply.body[: reply.cut_after]
                 if not reply.drip_s:
                     self.wfile.write(body)
+                    while reply.endless and not outer.closing.is_set():
+                        self.wfile.write(reply.endless)
                     return
                 for byte in body:
                     if outer.closing.wait(reply.drip_s):

@@ -24,9 +24,9 @@ from rf_exp.datagen.brain import (
     refuse_keys,
     to_json,
 )
-from rf_exp.datagen.brain.protocol import parse_subgoal
+from rf_exp.datagen.brain.protocol import most_subgoals, parse_subgoal
 from rf_exp.errors import ArgumentError
-from rf_exp.types import Proposal, Row
+from rf_exp.types import Constraint, Proposal, Row, Subgoal
 from tests.conftest import CONF, read_task
 from tests.scenes import start_scene
 
@@ -53,29 +53,105 @@ def test_answer_has_the_papers_structure(lift_barrier):
     assert answer["Constraints"]["Temporal"][0]["Agents"] == ["Agent_1", "Agent_2"]
 
 
-@pytest.mark.parametrize(
-    ("answer", "message"),
-    [
-        ("not json", "not the expected JSON"),
-        ("{}", "Subgoals"),
-        ('{"Subgoals": {"Agent_1": "hold"}, "Extra": 1}', "Extra"),
-        ('{"Subgoals": {"Agent_7": "hold"}}', "unknown agent 'Agent_7'; available: Agent_1, Agent_2"),
-        ('{"Subgoals": {"Agent_1": "dance wildly"}}', "forms: grasp OBJECT at POINT"),
-        ('{"Subgoals": {"Agent_1": "grasp barrier"}}', "lacks point"),
-        (
-            '{"Subgoals": {"Agent_1": "grasp lamp at left"}}',
-            "no object 'lamp' in lift_barrier; available: barrier",
-        ),
-        (
-            '{"Subgoals": {"Agent_1": "grasp barrier at top"}}',
-            "no interaction point 'top'; available: left, right",
-        ),
-        ('{"Subgoals": {"Agent_1": "lift barrier"}}', "lacks height_m"),
-    ],
-)
+HOLD = '{"Subgoals": {"Agent_1": "hold"}}'
+ENTRY = '{"Subgoals": {"Agent_1": "hold"}, "Constraints": {"Logical": [{"Agent": "Agent_1", %s}]}}'
+BAD = [
+    # what there is instead of the paper's JSON
+    ("", "not the expected JSON: it is empty"),
+    ("not json", "not the expected JSON: there is no JSON in it, only text that begins 'not json'"),
+    ("I'm sorry, but I can't help with that.", "the model refuses: I'm sorry, but I can't help with that."),
+    ("<think>The barrier is long.", "it is thinking only, which no JSON follows"),
+    ("The barrier is long.</think>\n", "it is thinking only, which no JSON follows"),
+    (HOLD[:-4], "not the expected JSON: it is cut off"),
+    (f"```json\n{HOLD[:-1]}\n```", "not the expected JSON: it is cut off"),
+    (f"<think>Well.</think>{HOLD[:20]}", "not the expected JSON: it is cut off"),
+    ('{"Subgoals": {"Agent_1": hold}}', "not the expected JSON: Expecting value, line 1"),
+    ('{"Subgoals": {"Agent_1": NaN}}', "NaN is no number"),
+    ('{"Subgoals": {"Agent_1": "hold", "Agent_1": "home"}}', "the key 'Agent_1' is there twice"),
+    ("{}", "its JSON lacks 'Subgoals'; it holds nothing"),
+    ('{"Plan": {"Agent_1": "hold"}}', "its JSON lacks 'Subgoals'; it holds 'Plan'"),
+    ('{"name": "answer", "arguments": "{}"}', "its JSON lacks 'Subgoals'; it holds 'name', 'arguments'"),
+    (HOLD + HOLD.replace("hold", "home"), "the answer holds 2 different objects with 'Subgoals'; send one"),
+    (HOLD + '{"Constraints": ', "beside a whole object, it is cut off"),
+    ('{"a":' * 20_000, "it is nested too deeply"),
+    (HOLD + " " * 200_000, "the answer has 200033 characters; an answer has up to 200000"),
+    # keys that matter
+    ('{"Subgoals": {"Agent_1": "hold"}, "Constraint": "none"}', "the key 'Constraint' is not understood"),
+    ('{"Subgoals": {"Agent_1": "hold"}, "Spatial": []}', "the key 'Spatial' is not understood; known: Subg"),
+    ('{"Subgoals": {"Agent_1": "hold"}, "Rules": ["x"]}', "the key 'Rules' is not understood"),
+    ('{"Subgoals": {"Agent_1": "hold"}, "Constraints": {"Safety": []}}', "known: Logical, Temporal, Spatial"),
+    (ENTRY % '"Constraint": "x", "Unless": "y"', "the key 'Unless' is not understood; known: Agents, Constr"),
+    (ENTRY % '"Agents": ["Agent_2"], "Constraint": "x"', "Agents is there twice"),
+    ('{"Subgoals": {"Agent_1": "hold"}, "subgoals": {"Agent_1": "home"}}', "Subgoals is there twice"),
+    # names
+    ('{"Subgoals": {"Agent_7": "hold"}}', "unknown agent 'Agent_7'; available: Agent_1, Agent_2"),
+    ('{"Subgoals": {"Agent_1": "hold", "agent 1": "home"}}', "the subgoals of Agent_1 are there twice"),
+    ('{"Subgoals": {"Agent_1": "dance wildly"}}', "forms: grasp OBJECT at POINT"),
+    ('{"Subgoals": {"Agent_1": "grasp barrier"}}', "lacks point"),
+    ('{"Subgoals": {"Agent_1": "grasp lamp at left"}}', "no object 'lamp' in lift_barrier; available: bar"),
+    ('{"Subgoals": {"Agent_1": "grasp barrier at top"}}', "no interaction point 'top'; available: left"),
+    ('{"Subgoals": {"Agent_1": "lift barrier"}}', "lacks height_m"),
+    # parts, kinds and numbers of subgoals
+    ('{"Subgoals": {"Agent_1": "home barrier"}}', "has object, which home has no use for; forms: grasp"),
+    ('{"Subgoals": {"Agent_1": "lift barrier to goal by 0.1 m"}}', "has target, which lift has no use for"),
+    ('{"Subgoals": {"Agent_1": "press barrier at left"}}', "the point left is to grasp; points of barrier to "
+     "press at: none"),
+    ('{"Subgoals": {"Agent_1": "hold%s"}}' % (" " * 200), "cannot read subgoal 'hold' of Agent_1"),
+    ('{"Subgoals": {"Agent_1": "home; home"}}', "Agent_1 has the subgoal 'home' twice in a row"),
+    ('{"Subgoals": {"Agent_2": "%s"}}' % ("home; " * 400), "Agent_2 has 400 subgoals; in one answer for "
+     "lift_barrier an agent has up to 6"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("answer", "message"), BAD)
 def test_bad_answers_say_what_is_wrong(answer, message, lift_barrier):
-    with pytest.raises(BadAnswer, match=message.replace("(", r"\(")):
+    with pytest.raises(BadAnswer, match=re.escape(message)):
         from_json(answer, lift_barrier)
+
+
+CALL = json.dumps({"name": "answer", "arguments": HOLD})
+READ = {
+    "bare": HOLD,
+    "in prose": f"Sure {{as asked}}! Here is the plan: {HOLD} Good luck.",
+    "in a fence": f"```json\n{HOLD}\n```",
+    "in a fence in prose": f"The plan:\n\n```\n{HOLD}\n```\nAgent_1 holds.",
+    "after thinking": f"<think>Perhaps {HOLD.replace('hold', 'home')}? No.</think>\n{HOLD}",
+    "after thinking without its first tag": f"Perhaps home?</think>{HOLD}",
+    "inside thinking": f"<think>So it is {HOLD}</think>",
+    "before thinking": f"{HOLD}<think>Was that right?</think>",
+    "twice the same": f"{HOLD}\nAgain: {HOLD}",
+    "a tool call as text": f"<tool_call>{CALL}</tool_call>",
+    "a tool call with an object": json.dumps({"name": "answer", "arguments": json.loads(HOLD)}),
+    "in a list": f"[{HOLD}]",
+    "in a wrapper": f'{{"answer": {HOLD}}}',
+    "keys in another case": HOLD.replace("Subgoals", "sub_goals"),
+    "a list of subgoals": HOLD.replace('"hold"', '["hold"]'),
+    "an agent without subgoals": HOLD.replace('"hold"', '"hold", "Agent_2": null'),
+    "a remark": HOLD.replace("}}", '}, "Reasoning": ["It", "stands."], "Task": "Lift Barrier"}'),
+    "a reason of a constraint": ENTRY % '"Constraint": "Agent_1 must finish within 9 s.", "Reason": "soon"',
+    "agents as one": (ENTRY % '"Constraint": "Agent_1 must finish within 9 s."').replace(
+        '"Agent"', '"Agents"'
+    ),
+}
+
+
+@pytest.mark.parametrize("way", READ)
+def test_the_answer_is_found_in_what_models_write(way, lift_barrier):
+    proposal = from_json(READ[way], lift_barrier)
+    assert proposal.subgoals == (Subgoal(1, "hold"),)
+    said = [Constraint("logical", (1,), "Agent_1 must finish within 9 s.")]
+    assert list(proposal.constraints) == (said if "Constraints" in READ[way] else [])
+
+
+def test_an_agent_has_as_many_subgoals_as_the_task_has_use_for(task):
+    """Scripted plans are far below the limit; one more than it is refused."""
+    plan = task.module.plan(start_scene(task, 0), task)
+    most = most_subgoals(task)
+    assert max(len(plan.of(agent)) for agent in task.agents) <= most / 2
+    line = "; ".join(("home", "aside")[k % 2] for k in range(most))
+    assert len(from_json(json.dumps({"Subgoals": {"Agent_1": line}}), task).subgoals) == most
+    with pytest.raises(BadAnswer, match=f"Agent_1 has {most + 1} subgoals"):
+        from_json(json.dumps({"Subgoals": {"Agent_1": f"{line}; hold"}}), task)
 
 
 @given(text=st.text(max_size=300))
@@ -93,19 +169,20 @@ def test_empty_proposal_means_nothing_left_to_do(lift_barrier):
 
 
 def test_verbs_and_their_parts(lift_barrier):
-    strike = parse_subgoal(1, "strike barrier at left to barrier at right", lift_barrier)
+    hammer = read_task("strike_cube")
+    strike = parse_subgoal(1, "strike hammer at head to cube at top", hammer)
     assert (strike.verb, strike.point, strike.target, strike.target_point) == (
         "strike",
-        "left",
-        "barrier",
-        "right",
+        "head",
+        "cube",
+        "top",
     )
     carry = parse_subgoal(2, "carry barrier to aside by 0.1 m", lift_barrier)
     assert (carry.target, carry.height_m) == ("aside", 0.1)
-    for subgoal in (strike, carry):
-        assert parse_subgoal(subgoal.agent, subgoal.text, lift_barrier) == subgoal
+    for subgoal, task in ((strike, hammer), (carry, lift_barrier)):
+        assert parse_subgoal(subgoal.agent, subgoal.text, task) == subgoal
     with pytest.raises(BadAnswer, match="lacks point"):
-        parse_subgoal(1, "strike barrier to barrier", lift_barrier)
+        parse_subgoal(1, "strike hammer to cube", hammer)
 
 
 # -- which brain ---------------------------------------------------------------------------------------

@@ -1,11 +1,11 @@
 """RoboBrain as a language model, against a real server on loopback and in the real simulator."""
 
 import base64
+import gzip
 import json
 import pickle
 import re
 import socket
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,17 +18,18 @@ from hypothesis import strategies as st
 
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen.brain import BadAnswer, Question, from_json, read_brain, to_json
+from rf_exp.datagen.brain.bodies import LARGEST_BODY
 from rf_exp.datagen.brain.exchanges import read
 from rf_exp.datagen.brain.language import OpenAISpec, ReplaySpec
 from rf_exp.datagen.episode import EpisodeMaker, Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
-from rf_exp.types import Proposal, Row, Subgoal, Violation
+from rf_exp.types import Proposal, Subgoal, Violation
 from tests.conftest import CONF, read_task
+from tests.datagen.guard import FULL, Guard
 from tests.datagen.language_server import LanguageServer, Reply, completion, failure
 from tests.scenes import start_scene
 
-FULL = Row("full")
 KEY = "sk-test-0123456789abcdefghij"
 
 
@@ -155,7 +156,42 @@ BAD = {
     "no completion": (Reply(b"<html>gateway</html>", headers={"Content-Type": "text/html"}), "<html>gateway"),
     "connection closed half-way": (completion(GOOD, cut_after=40), "not reached: RemoteProtocolError"),
     "not UTF-8": (Reply(b'{"choices": "\xff\xfe"}'), "not a chat completion"),
-    "bad compression": (completion(GOOD, headers={"Content-Encoding": "gzip"}), "not reached"),
+    "bad compression": (completion(GOOD, headers={"Content-Encoding": "gzip"}), "cannot be unpacked: Error"),
+    "cut compression": (
+        Reply(gzip.compress(completion(GOOD).body)[:-9], headers={"Content-Encoding": "gzip"}),
+        "cannot be unpacked: it is cut off",
+    ),
+    "compressed twice": (
+        Reply(
+            gzip.compress(gzip.compress(completion(GOOD).body)), headers={"Content-Encoding": "gzip, gzip"}
+        ),
+        "the answer is packed as 'gzip, gzip'; asked for was gzip or nothing",
+    ),
+    "too long": (completion(" " * LARGEST_BODY), f"longer than {LARGEST_BODY} bytes; the rest was not read"),
+    "a long error": (Reply(b"x" * (LARGEST_BODY + 1), 400), f"longer than {LARGEST_BODY} bytes"),
+    "sent on": (
+        Reply(b"", 307, {"Location": "http://elsewhere.test/v1?\x1b[2J"}),
+        "the server answered 307 and sends on to 'http://elsewhere.test/v1",
+    ),
+    "another type": (
+        Reply(b"\x89PNG", headers={"Content-Type": "image/png"}),
+        "it is image/png and begins '\ufffdPNG'",
+    ),
+    "events": (
+        Reply(b'data: {"choices": []}', headers={"Content-Type": "text/event-stream"}),
+        "it is text/event-stream and begins 'data: {",
+    ),
+    "parts without text": (completion([{"type": "image_url"}]), "empty, but for parts that are image_url"),
+    "refused in a part": (completion([{"type": "refusal", "refusal": "No."}]), "the model refuses: No."),
+    "thinking only": (
+        completion(None, more={"reasoning_content": "The barrier is long."}),
+        "the answer is thinking only: it has no text",
+    ),
+    "a tool call without arguments": (
+        completion("", more={"tool_calls": [{"type": "function", "function": {"name": "answer"}}]}),
+        "the answer is a tool call without arguments",
+    ),
+    "prose": (completion("Both arms grasp the barrier."), "only text that begins 'Both arms grasp"),
     "slow": (completion(GOOD, delay_s=5.0), "did not answer within 0.3 s"),
     "trickling": (completion(GOOD, drip_s=0.2), "did not answer within 1 s"),
     "wrong key": (failure(401, f"Incorrect API key provided: {KEY}"), "the server answered 401"),
@@ -164,6 +200,29 @@ BAD = {
     "deep nesting": (completion("[" * 100_000), "not the expected JSON"),
     "huge number": (completion('{"Subgoals": {"Agent_1": 1e999999}}'), "not the expected JSON"),
 }
+
+
+CALL = {"type": "function", "function": {"name": "answer", "arguments": GOOD}}
+READ = {
+    "parts": completion([{"type": "reasoning", "text": "Hm."}, {"type": "text", "text": GOOD}, "Done."]),
+    "a tool call": completion(None, more={"tool_calls": [CALL]}, finish="tool_calls"),
+    "a tool call beside prose": completion("I call it.", more={"tool_calls": [CALL]}),
+    "a tool call with an object": completion(
+        "", more={"tool_calls": [{"function": {"name": "answer", "arguments": json.loads(GOOD)}}]}
+    ),
+    "a function call": completion(None, more={"function_call": CALL["function"]}),
+    "after thinking": completion(GOOD, more={"reasoning_content": "Hm.", "annotations": []}),
+    "compressed": Reply(gzip.compress(completion(GOOD).body), headers={"Content-Encoding": "gzip"}),
+    "another type and charset": completion(GOOD, headers={"Content-Type": "text/plain; charset=zlib"}),
+}
+
+
+@pytest.mark.parametrize("way", READ)
+def test_the_text_is_found_in_every_kind_of_completion(way, lift_barrier, server):
+    server.replies = [READ[way]]
+    assert from_json(ask(openai_spec(server.url), lift_barrier), lift_barrier).subgoals == (
+        Subgoal(1, "hold"),
+    )
 
 
 @pytest.mark.parametrize("kind", BAD)
@@ -317,47 +376,10 @@ def hostile_answers():
         yield json.dumps({"Subgoals": {"Agent_1": "hold"}, text: text})
 
 
-class Guard:
-    """Notes whatever is executed, opened for writing or started while it is on."""
-
-    WATCHED = frozenset(
-        {"exec", "compile", "os.system", "os.exec", "os.posix_spawn", "subprocess.Popen", "import"}
-    )
-
-    def __init__(self) -> None:
-        self.on, self.seen = False, []
-        sys.addaudithook(self._hook)  # cannot be taken off again, so it is switched
-
-    def _hook(self, event, arguments):
-        if self.on and (event in self.WATCHED or (event == "open" and "w" in str(arguments[1]))):
-            self.seen.append((event, arguments))
-
-    def digest(self, text, task):
-        """What becomes of an answer up to the check code: a proposal with checks, or a clear reason."""
-        self.on = True
-        try:
-            proposal = from_json(text, task)
-            code = RoboChecker(task, proposal, FULL).code
-            reason = code.reason if isinstance(code, Violation) else "understood"
-        except BadAnswer as error:
-            reason = str(error)
-        finally:
-            self.on = False
-        assert reason and not self.seen
-        return reason
-
-
 @pytest.fixture(scope="module")
 def guard():
-    watching = Guard()
-    task = read_task("lift_barrier")
-    from_json(scripted_answers(task)[0], task)  # whatever is loaded at first use is loaded now
-    RoboChecker(task, from_json(scripted_answers(task)[0], task), FULL)
-    watching.on = True
-    eval("1 + 1")  # the guard does see what is executed
-    watching.on = False
-    assert {event for event, _ in watching.seen} >= {"compile", "exec"}
-    watching.seen.clear()
+    watching, task = Guard(), read_task("lift_barrier")
+    watching.prepare(scripted_answers(task)[0], task)
     return watching
 
 
@@ -414,8 +436,22 @@ def _damaged(draw):
     return json.dumps(answer)
 
 
+WRAPPED = (
+    "{}",
+    "Here it is: {} Good luck.",
+    "```json\n{}\n```",
+    "<think>{}</think>",
+    "<think>Hm.</think>{}",
+    "{} {{",
+    "[{}, {{}}]",
+)
+
+
 @settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(text=_damaged() | _JSON.map(json.dumps))
+@given(
+    text=st.builds(str.format, st.sampled_from(WRAPPED), _damaged() | _JSON.map(json.dumps))
+    | st.builds(lambda text: json.dumps({"name": "answer", "arguments": text}), _damaged())
+)
 def test_malformed_answers_become_proposals_or_reasons(guard, text):
     guard.digest(text, TASK)
 
@@ -452,6 +488,15 @@ def test_a_key_is_needed_only_where_no_address_is_given(lift_barrier, monkeypatc
     server.replies = [completion(GOOD)]
     monkeypatch.setenv("OPENAI_BASE_URL", server.url)
     assert ask(openai_spec(None), lift_barrier) and server.keys == ["Bearer none"]
+
+
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+def test_neither_key_nor_question_goes_where_a_redirect_points(status, lift_barrier, server):
+    with LanguageServer([completion(GOOD)]) as other:
+        server.replies = [Reply(b"", status, {"Location": f"{other.url}/chat/completions"})]
+        with pytest.raises(BadAnswer, match=f"answered {status} and sends on to '{other.url}"):
+            ask(openai_spec(server.url), lift_barrier)
+        assert len(server.requests) == 1 and not other.requests and not other.keys
 
 
 # -- replay --------------------------------------------------------------------------------------------

@@ -1,13 +1,20 @@
 """A task's configuration is read strictly; what is wrong is named."""
 
+import os
+import subprocess
+import sys
 from copy import deepcopy
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import pytest
 from omegaconf import OmegaConf
 
+from rf_exp.artifacts.identity import plain
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks.configuration import load_task
+from rf_exp.store import Store
+from rf_exp.tasks.configuration import load_task, read_task, stored_task
 from tests.conftest import CONF
 
 
@@ -80,3 +87,62 @@ def test_a_global_camera_on_a_wrist(node: dict[str, Any]) -> None:
     assert message(node) == (
         "task 'place_food': camera 'global' has mount 'wrist'; expected 'world': it belongs to no arm"
     )
+
+
+TRAP = "import pathlib; pathlib.Path(__file__).with_name('sprung').touch()\nraise SystemExit(7)\n"
+
+
+def hostile_identities(module: str) -> list[dict[str, Any]]:
+    """What somebody writes into a store's attributes to have a module imported."""
+    scene = plain(asdict(read_task(CONF / "task" / "lift_barrier.yaml")))
+    asset = {**scene, "objects": {"barrier": {**scene["objects"]["barrier"], "asset": f"{module}.asset"}}}
+    return [
+        {"task": "lift_barrier", "scene": {**scene, "code": module}},
+        {"task": "lift_barrier", "scene": asset},
+        {"task": module, "scene": {**scene, "name": module}},
+        {"task": f"../../{module}", "scene": {**scene, "name": f"../../{module}"}},
+        {"task": f"assets.{module}", "scene": scene},
+        {"task": ["lift_barrier"], "scene": None},
+        {"scene": {**scene, "code": module}},
+    ]
+
+
+def test_a_stores_attributes_import_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A trap lies where Python would find it; the attributes name it in every place there is."""
+    (tmp_path / "trap.py").write_text(TRAP)
+    monkeypatch.syspath_prepend(tmp_path)
+    for identity in hostile_identities("trap"):
+        with pytest.raises(ArgumentError, match=r"of a store|of another configuration"):
+            stored_task(identity)
+    assert "trap" not in sys.modules and not (tmp_path / "sprung").exists()
+
+
+def test_a_stores_task_is_the_configured_one(tmp_path: Path, node: dict[str, Any]) -> None:
+    task = load_task("place_food", node)
+    identity = {"task": "place_food", "scene": plain(task.identity)}
+    assert stored_task(identity) == task
+    node["success"]["level_deg"] = 80.0
+    OmegaConf.save({"place_food": node}, tmp_path / "place_food.yaml")
+    with pytest.raises(ArgumentError, match=r"another configuration of place_food .* it differs in success"):
+        stored_task(identity, tmp_path)
+    changed = read_task(tmp_path / "place_food.yaml")
+    assert stored_task({"task": "place_food", "scene": plain(changed.identity)}, tmp_path) == changed
+
+
+@pytest.mark.slow
+def test_replay_of_a_hostile_store_imports_nothing(tmp_path: Path) -> None:
+    (tmp_path / "trap.py").write_text(TRAP)
+    for number, identity in enumerate(hostile_identities("trap")[:3]):
+        Store.create(tmp_path / f"data/{number}.zarr", identity, 2, [], 0, 0).close()
+    command = [sys.executable, str(CONF.parent / "benchmarks" / "replay.py"), str(tmp_path / "data")]
+    path = os.pathsep.join([str(tmp_path), str(CONF.parent), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        command,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 1 and "of another configuration of lift_barrier" in done.stderr
+    assert not (tmp_path / "sprung").exists()

@@ -6,6 +6,7 @@ failed proposal. Connections, retries and `Retry-After` are the client's own.
 
 import asyncio
 import base64
+import json
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -17,12 +18,12 @@ import openai
 from pydantic import BaseModel, Field, ValidationError
 
 from rf_exp.datagen.brain import exchanges
+from rf_exp.datagen.brain.bodies import connection
 from rf_exp.datagen.brain.exchanges import Exchange, Message
-from rf_exp.datagen.brain.protocol import BadAnswer
+from rf_exp.datagen.brain.reading import BadAnswer, printable
 from rf_exp.datagen.brain.secrets import check_address, check_environment_name, without
 from rf_exp.errors import ArgumentError
 
-_LONGEST_COMPLAINT = 300  # characters of a server's error or a model's refusal that are repeated
 _NO_KEY = "none"  # what a server that wants no key is sent
 
 
@@ -72,13 +73,25 @@ class Connection:
         return key or _NO_KEY
 
 
-class _Text(BaseModel):
-    content: str | None = None
+class _Function(BaseModel):
+    arguments: str | dict[str, Any] | None = None
+
+
+class _Call(BaseModel):
+    function: _Function | None = None
+
+
+class _Message(BaseModel):
+    content: str | list[Any] | None = None
     refusal: str | None = None
+    reasoning: Any = None
+    reasoning_content: Any = None
+    tool_calls: list[_Call] | None = None
+    function_call: _Function | None = None
 
 
 class _Choice(BaseModel):
-    message: _Text
+    message: _Message
     finish_reason: str | None = None
 
 
@@ -108,7 +121,7 @@ class OpenAIChat:
         began = time.perf_counter()
         reply = error = None
         try:
-            reply = without(_content(asyncio.run(self._request(messages, schema))), self._key)
+            reply = without(asyncio.run(self._request(messages, schema)), self._key)
         except BadAnswer as failure:
             error = without(str(failure), self._key)
         if self._path is not None:
@@ -134,7 +147,7 @@ class OpenAIChat:
         OpenAIChat._free_at_s = time.monotonic() + self._connection.min_interval_s
 
     async def _request(self, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
-        """The body of the completion. The deadline also ends answers that trickle in for ever."""
+        """The model's text. The deadline also ends answers that trickle in for ever."""
         settings = self._connection
         options: dict[str, Any] = {}
         if settings.structured:
@@ -150,6 +163,7 @@ class OpenAIChat:
                     base_url=self._address,
                     timeout=settings.timeout_s,
                     max_retries=settings.retries,
+                    http_client=connection(),
                 ) as client,
             ):
                 response = await client.chat.completions.with_raw_response.create(
@@ -158,7 +172,8 @@ class OpenAIChat:
                     max_completion_tokens=settings.max_tokens,
                     **options,
                 )
-                return response.text
+                kind = response.headers.get("Content-Type", "no type")
+                return _content(response.content, kind)
         except TimeoutError:
             raise BadAnswer(f"the model did not answer within {settings.deadline_s:g} s") from None
         except openai.APITimeoutError:
@@ -167,20 +182,20 @@ class OpenAIChat:
                 f"asked {settings.retries + 1} times"
             ) from None
         except openai.RateLimitError as error:
-            raise BadAnswer(f"the model was not reached: too many requests ({_short(error)})") from None
+            raise BadAnswer(f"the model was not reached: too many requests ({printable(error)})") from None
         except openai.APIStatusError as error:
             raise BadAnswer(
-                f"the model was not reached: the server answered {error.status_code} ({_short(error)})"
+                f"the model was not reached: the server answered {error.status_code} ({printable(error)})"
             ) from None
         except openai.APIConnectionError as error:
             cause = error.__cause__ or error
-            raise BadAnswer(f"the model was not reached: {type(cause).__name__} ({_short(cause)})") from None
+            if isinstance(cause, BadAnswer):
+                raise cause from None
+            raise BadAnswer(
+                f"the model was not reached: {type(cause).__name__} ({printable(cause)})"
+            ) from None
         except openai.OpenAIError as error:
-            raise BadAnswer(f"the model was not reached: {_short(error)}") from None
-
-
-def _short(error: object) -> str:
-    return " ".join(str(error).split())[:_LONGEST_COMPLAINT]
+            raise BadAnswer(f"the model was not reached: {printable(error)}") from None
 
 
 def _wire(message: Message) -> Any:
@@ -195,21 +210,43 @@ def _wire(message: Message) -> Any:
     return {"role": message.role, "content": parts if message.pictures else message.text}
 
 
-def _content(body: str) -> str:
-    """The model's text in the body of a completion. Raises BadAnswer where there is none."""
+def _content(body: bytes, kind: str) -> str:
+    """The model's text in a completion of that content type. Raises BadAnswer that says why there is none."""
     try:
         choice = _Completion.model_validate_json(body).choices[0]
     except ValidationError as error:
+        begins = printable(body[:60].decode("utf-8", "replace"))
         raise BadAnswer(
-            f"the server's answer is not a chat completion: {error.errors()[0]['msg']}; it begins "
-            f"{body[:60]!r}"
+            f"the server's answer is not a chat completion: {error.errors()[0]['msg']}; it is "
+            f"{printable(kind, 60)} and begins {begins!r}"
         ) from None
-    if choice.message.refusal:
-        raise BadAnswer(f"the model refuses: {_short(choice.message.refusal)}")
+    message = choice.message
+    parts = message.content if isinstance(message.content, list) else [message.content]
+    said = [each.get("refusal") for each in parts if isinstance(each, dict)]
+    if refusal := message.refusal or next((each for each in said if each), None):
+        raise BadAnswer(f"the model refuses: {printable(refusal)}")
     if choice.finish_reason == "length":
         raise BadAnswer("the answer is cut off: it reached brain.max_tokens before its end")
     if choice.finish_reason == "content_filter":
         raise BadAnswer("the answer is withheld by the server's content filter")
-    if not choice.message.content:
-        raise BadAnswer("the answer is empty")
-    return choice.message.content
+    called = [call.function for call in message.tool_calls or ()] + [message.function_call]
+    found = [each.arguments for each in called if each is not None]
+    texts = [each if isinstance(each, str) else json.dumps(each) for each in found if each]
+    texts = texts or [text for each in parts if (text := _text(each))]
+    if "".join(texts).strip():
+        return "\n".join(texts)
+    if found:
+        raise BadAnswer("the answer is a tool call without arguments")
+    if message.reasoning or message.reasoning_content:
+        raise BadAnswer("the answer is thinking only: it has no text")
+    others = sorted({printable(str(each.get("type")), 40) for each in parts if isinstance(each, dict)})
+    raise BadAnswer(f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}")
+
+
+def _text(part: object) -> str:
+    """The text of a part of a message; pictures and thinking have none."""
+    if isinstance(part, dict):
+        kind, part = part.get("type", "text"), part.get("text")
+        if kind not in ("text", "output_text"):
+            return ""
+    return part if isinstance(part, str) else ""

@@ -1,6 +1,5 @@
 """The RoboBrain that is a language model, live or from a recording."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -15,8 +14,6 @@ from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
 from rf_exp.types import Row
 
-_FENCE = re.compile(r"\s*```\w*\n(.*)\n```\s*", re.DOTALL)
-
 
 class LanguageBrain:
     """Puts the scene into words, asks, and has unclear constraints restated."""
@@ -28,7 +25,6 @@ class LanguageBrain:
     def answer(self, question: Question) -> str:
         task = question.task
         text = self._chat.ask("propose", messages(question, pictures=self._pictures), answer_schema(task))
-        text = _FENCE.sub(r"\1", text)
         if not self._restates:
             return text
         try:

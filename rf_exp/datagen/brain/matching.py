@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from rf_exp.constraints.grammar import parse
 from rf_exp.datagen.brain.exchanges import Chat, Message
 from rf_exp.datagen.brain.prompts import filled, listed
-from rf_exp.datagen.brain.protocol import BadAnswer
 from rf_exp.datagen.brain.questions import constraint_forms
+from rf_exp.datagen.brain.reading import BadAnswer, read_object
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
 from rf_exp.types import Constraint, Proposal
@@ -44,7 +44,7 @@ def restate(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
         return proposal
     try:
         text = chat.ask("restate", _messages(unclear, proposal, task), _Restated.model_json_schema())
-        sentences = _Restated.model_validate_json(text).Sentences
+        sentences = _Restated.model_validate(read_object(text, "Sentences")).Sentences
     except (BadAnswer, ValidationError):
         return proposal
     if len(sentences) != len(unclear):

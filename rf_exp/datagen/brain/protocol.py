@@ -8,14 +8,24 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from enum import StrEnum
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
-from rf_exp.errors import StageError
+from rf_exp.datagen.brain.reading import BadAnswer, plain, printable, read_object
 from rf_exp.tasks import Task
 from rf_exp.types import Constraint, Kind, Proposal, Scene, Subgoal, Violation
 
@@ -32,6 +42,13 @@ SUBGOAL_FORMS = (
     "aside",
     "hold",
 )
+
+
+_COMMENTS = (  # keys under which a model says why it answers so
+    "reason reasons reasoning rationale explanation explanations thought thoughts thinking analysis comment "
+    "comments note notes id index"
+)
+_PARTS = ("subgoals", "constraints", "logical", "temporal", "spatial")
 
 
 @dataclass(frozen=True)
@@ -55,34 +72,80 @@ class Brain(Protocol):
         ...
 
 
-class BadAnswer(StageError):
-    """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
+class _Part(BaseModel):
+    """A part of an answer: its keys in any case. Others are left out where they say why, and no more."""
 
-
-class _Constraint(BaseModel):
     model_config = ConfigDict(extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _its_keys(cls, value: object) -> object:
+        if not isinstance(value, dict):
+            return value
+        names = {plain(str(field.alias)): str(field.alias) for field in cls.model_fields.values()}
+        found: dict[str, object] = {}
+        for key, part in value.items():
+            name = names.get(plain(str(key)))
+            if name in found:
+                raise ValueError(f"{name} is there twice")
+            if name is not None:
+                found[name] = part
+            elif not cls._says_nothing(str(key), part):
+                raise ValueError(
+                    f"the key {printable(repr(key), 40)} is not understood; "
+                    f"known: {', '.join(names.values())}"
+                )
+        return found
+
+    @classmethod
+    def _says_nothing(cls, key: str, part: object) -> bool:
+        return plain(key) in _COMMENTS.split()
+
+
+class _Constraint(_Part):
     agents: list[str] = Field(default_factory=list, alias="Agents")
     text: str = Field(alias="Constraint", max_length=500)
 
     @model_validator(mode="before")
     @classmethod
     def _one_or_many(cls, value: object) -> object:
-        if isinstance(value, dict) and "Agent" in value and "Agents" not in value:
-            value = {**{k: v for k, v in value.items() if k != "Agent"}, "Agents": [value["Agent"]]}
-        return value
+        if not isinstance(value, dict):
+            return value
+        keys = ("Agents" if plain(str(key)) == "agent" else key for key in value)
+        entry = list(zip(keys, value.values(), strict=True))
+        if len({key for key, _ in entry}) < len(entry):
+            raise ValueError("Agents is there twice")
+        return {key: [part] if key == "Agents" and isinstance(part, str) else part for key, part in entry}
 
 
-class _Constraints(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _Constraints(_Part):
     logical: list[_Constraint] = Field(default_factory=list, alias="Logical", max_length=100)
     temporal: list[_Constraint] = Field(default_factory=list, alias="Temporal", max_length=100)
     spatial: list[_Constraint] = Field(default_factory=list, alias="Spatial", max_length=100)
 
 
-class _Answer(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _Answer(_Part):
     subgoals: dict[str, str] = Field(alias="Subgoals", max_length=16)
     constraints: _Constraints = Field(default_factory=_Constraints, alias="Constraints")
+
+    @classmethod
+    def _says_nothing(cls, key: str, part: object) -> bool:
+        """Round the answer a model may tell what it likes, but nothing that looks like a part of it."""
+        told = not isinstance(part, dict | list) and not get_close_matches(plain(key), _PARTS, cutoff=0.7)
+        return told or plain(key) in _COMMENTS.split()
+
+    @field_validator("subgoals", mode="before")
+    @classmethod
+    def _lines(cls, value: object) -> object:
+        """Several subgoals of an agent as a list; none as null."""
+        if not isinstance(value, dict):
+            return value
+        return {
+            key: "; ".join(part)
+            if isinstance(part, list) and all(isinstance(p, str) for p in part)
+            else part or ""
+            for key, part in value.items()
+        }
 
 
 def answer_schema(task: Task) -> dict[str, object]:
@@ -138,18 +201,18 @@ def from_json(text: str, task: Task) -> Proposal:
     Raises BadAnswer that says what is wrong and what exists, fit to be sent back as feedback.
     """
     try:
-        answer = _Answer.model_validate_json(text)
+        answer = _Answer.model_validate(read_object(text, "Subgoals"))
     except ValidationError as error:
         details = "; ".join(
-            f"{'.'.join(map(str, e['loc'])) or 'answer'}: {e['msg']}" for e in error.errors()[:5]
+            f"{printable('.'.join(map(str, e['loc'])), 60) or 'answer'}: {e['msg']}"
+            for e in error.errors()[:5]
         )
         raise BadAnswer(f"the answer is not the expected JSON: {details}") from error
-    subgoals = tuple(
-        parse_subgoal(agent_number(name, task), part, task)
-        for name, line in answer.subgoals.items()
-        for part in line.split(";")
-        if part.strip()
-    )
+    lines: dict[int, str] = {}
+    for name, line in answer.subgoals.items():
+        if lines.setdefault(agent_number(name, task), line) is not line:
+            raise BadAnswer(f"the subgoals of Agent_{agent_number(name, task)} are there twice")
+    subgoals = tuple(subgoal for agent, line in lines.items() for subgoal in _subgoals(agent, line, task))
     groups: Sequence[tuple[Kind, list[_Constraint]]] = (
         ("logical", answer.constraints.logical),
         ("temporal", answer.constraints.temporal),
@@ -172,7 +235,7 @@ def agent_number(name: str, task: Task) -> int:
     match = re.fullmatch(r"agent[_ ]?(\d{1,2})", name.strip(), re.IGNORECASE)
     if match is None or int(match[1]) not in task.agents:
         known = ", ".join(map(_name, task.agents))
-        raise BadAnswer(f"unknown agent {name!r}; available: {known}")
+        raise BadAnswer(f"unknown agent {printable(repr(name), 80)}; available: {known}")
     return int(match[1])
 
 
@@ -185,8 +248,8 @@ _SUBGOAL = re.compile(
     re.IGNORECASE,
 )
 
-# What each verb needs besides its agent.
-_NEEDS = {
+# What each verb needs besides its agent, and what it may have.
+_NEEDS: Mapping[str, tuple[str, ...]] = {
     "grasp": ("object", "point"),
     "press": ("object", "point"),
     "lift": ("object", "height_m"),
@@ -198,11 +261,38 @@ _NEEDS = {
     "aside": (),
     "hold": (),
 }
+_MAY_HAVE: Mapping[str, tuple[str, ...]] = {
+    "carry": ("target_point", "height_m"),
+    "place": ("target_point",),
+    "strike": ("target_point",),
+}
+_PARTS_OF_SUBGOAL = ("object", "point", "target", "target_point", "height_m")
+_AT = {"grasp": "grasp", "press": "press", "strike": "tool"}  # verb -> kind of the points at which it is done
+
+
+def most_subgoals(task: Task) -> int:
+    """Of one agent in one answer: to take each object, move it twice and let it go, and to make room."""
+    return 4 * len(task.objects) + 2
+
+
+def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
+    """The subgoals in an agent's line. Raises BadAnswer for more than the task can have use for."""
+    parts = [part for part in line.split(";") if part.strip()]
+    if len(parts) > most_subgoals(task):
+        raise BadAnswer(
+            f"Agent_{agent} has {len(parts)} subgoals; in one answer for {task.name} an agent has up to "
+            f"{most_subgoals(task)}"
+        )
+    found = [parse_subgoal(agent, part, task) for part in parts]
+    for each, following in pairwise(found):
+        if each == following:
+            raise BadAnswer(f"Agent_{agent} has the subgoal {each.text!r} twice in a row")
+    return found
 
 
 def parse_subgoal(agent: int, text: str, task: Task) -> Subgoal:
     """`grasp barrier at left` -> Subgoal. Raises BadAnswer with the forms or names that exist."""
-    match = _SUBGOAL.fullmatch(" ".join(text.split())[:200])
+    match = _SUBGOAL.fullmatch(" ".join(text.split())) if len(text) <= 200 else None
     if match is None or match["verb"].lower() not in VERBS:
         raise BadAnswer(
             f"cannot read subgoal {text.strip()[:80]!r} of Agent_{agent}; forms: {', '.join(SUBGOAL_FORMS)}"
@@ -220,6 +310,12 @@ def parse_subgoal(agent: int, text: str, task: Task) -> Subgoal:
     missing = [name for name in _NEEDS[subgoal.verb] if getattr(subgoal, name) is None]
     if missing:
         raise BadAnswer(f"subgoal {text.strip()!r} of Agent_{agent} lacks {' and '.join(missing)}")
+    has = {name for name in _PARTS_OF_SUBGOAL if getattr(subgoal, name) is not None}
+    if strange := sorted(has.difference(_NEEDS[subgoal.verb], _MAY_HAVE.get(subgoal.verb, ()))):
+        raise BadAnswer(
+            f"subgoal {text.strip()!r} of Agent_{agent} has {' and '.join(strange)}, which "
+            f"{subgoal.verb} has no use for; forms: {', '.join(SUBGOAL_FORMS)}"
+        )
     _check_names(subgoal, task)
     return subgoal
 
@@ -238,3 +334,12 @@ def _check_names(subgoal: Subgoal, task: Task) -> None:
         ):
             listed = ", ".join(sorted(task.asset(name).points)) or "none"
             raise BadAnswer(f"{name} has no interaction point {point!r}; available: {listed}")
+    if subgoal.object is not None and subgoal.point is not None:
+        points = task.asset(subgoal.object).points
+        fitting = [name for name, point in points.items() if point.kind == _AT[subgoal.verb]]
+        if subgoal.point not in fitting:
+            raise BadAnswer(
+                f"subgoal {subgoal.text!r} of Agent_{subgoal.agent}: the point {subgoal.point} is to "
+                f"{points[subgoal.point].kind}; points of {subgoal.object} to {subgoal.verb} "
+                f"{'with' if subgoal.verb == 'strike' else 'at'}: {', '.join(fitting) or 'none'}"
+            )

@@ -1,0 +1,51 @@
+"""Asks servers in a process of its own, so that its memory can be measured.
+
+Reads a JSON list of [address, number of calls, deadline in seconds] from the standard input; prints a JSON
+list of the outcomes of all calls with their wall time, and the peak of memory, in MB.
+"""
+
+import json
+import os
+import resource
+import sys
+import time
+
+from rf_exp.datagen.brain import BadAnswer, OpenAISpec, Question, ScriptedBrain
+from rf_exp.types import Row
+from tests.conftest import read_task
+from tests.datagen.guard import Guard
+from tests.scenes import start_scene
+
+LIMIT = 4 * 2**30  # bytes of address space: what fails this test does not take the machine with it
+
+
+def main() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (LIMIT, LIMIT))
+    os.environ |= {"TEST_KEY": "sk-test-0123456789abcdefghij", "NO_PROXY": "127.0.0.1"}
+    task, guard, outcomes = read_task("lift_barrier"), Guard(), []
+    question = Question(task, start_scene(task, 0), {})
+    guard.prepare(ScriptedBrain().answer(question), task)
+    for number, (url, calls, deadline_s) in enumerate(json.load(sys.stdin)):
+        spec = OpenAISpec(
+            "m", url, "TEST_KEY", True, 0.0, 100, deadline_s, deadline_s, 0, 0.0, calls, False, False, None
+        )
+        brain = spec.make(task, Row("full"), 0)
+        for _ in range(calls):
+            began = time.perf_counter()
+            guard.on = number > 0  # the first server is asked to load what is loaded once
+            try:
+                text = brain.answer(question)
+            except BadAnswer as error:
+                reason = str(error)
+            else:
+                guard.on = False
+                reason = guard.digest(text, task)
+            guard.on = False
+            assert not guard.seen, guard.seen
+            outcomes.append({"url": url, "reason": reason, "wall_s": time.perf_counter() - began})
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(json.dumps({"outcomes": outcomes, "peak_mb": peak_mb}))
+
+
+if __name__ == "__main__":
+    main()
