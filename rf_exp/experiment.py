@@ -1,6 +1,6 @@
 """An experiment as plain, checked values: what `conf/` says, before any work begins."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -40,7 +40,8 @@ class Experiment:
     occupancy: Occupancy
     attempts: int
     limits: JointLimits
-    recordings: int
+    recordings: int | tuple[int, ...]
+    films: int
     policy: PolicyConfig
     training: TrainConfig
     train_seed: int
@@ -56,7 +57,7 @@ class Experiment:
             "demos": 1,
             "workers": 1,
             "attempts": 1,
-            "recordings": 0,
+            "films": 0,
             "scenes": 1,
             "train_seed": 0,
         }
@@ -64,6 +65,7 @@ class Experiment:
         for key, low in lowest.items():
             if getattr(self, key) < low:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
+        self._check_recordings()
         if self.seed + (self.episodes or self.demos) >= EVALUATION_SEED:
             raise ArgumentError(
                 f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, "
@@ -76,6 +78,28 @@ class Experiment:
                 "occupancy=depth looks through the depth cameras, and render=false has none; "
                 "use render=true or occupancy=state"
             )
+
+    def _check_recordings(self) -> None:
+        if isinstance(self.recordings, int):
+            if self.recordings < 0:
+                raise ArgumentError(
+                    f"recordings is {self.recordings}; it must be at least 0, a number of first seeds, "
+                    f"or a list of seeds, e.g. recordings=[3,{EVALUATION_SEED}]"
+                )
+            return
+        for seed in self.recordings:
+            stage = "generate" if seed < EVALUATION_SEED else "evaluate"
+            if seed < 0 or stage not in self.stages:
+                raise ArgumentError(
+                    f"recordings names seed {seed}; expected seeds from 0 on, recorded by stage generate, or "
+                    f"from {EVALUATION_SEED} on, by evaluate; stages is [{', '.join(self.stages)}]"
+                )
+
+    def recorded(self, stage: Literal["generate", "evaluate"], first: Sequence[int]) -> tuple[int, ...]:
+        """The seeds of a stage that are recorded: those that were named, or as many of `first` as wanted."""
+        if isinstance(self.recordings, int):
+            return tuple(first[: self.recordings])
+        return tuple(seed for seed in self.recordings if (seed < EVALUATION_SEED) == (stage == "generate"))
 
     def settings(self, task: Task, row: Row) -> "Settings":
         """What decides the episodes of a task under a row of constraints."""

@@ -208,12 +208,35 @@ class Violation:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """A number against its bound; as a condition of success it is as true as `holds`."""
+
+    holds: bool
+    value: float
+    bound: float
+    unit: str
+    above: bool  # the value should be above the bound, otherwise below it
+
+    def __bool__(self) -> bool:
+        return self.holds
+
+    @property
+    def asked(self) -> str:
+        return f"{'>' if self.above else '<'} {self.bound:g}"
+
+
+Condition = bool | Measured  # of success
+
+
+@dataclass(frozen=True)
 class Verdict:
     """What the success criteria say about one step."""
 
     success: bool  # strict, held long enough
     success_paper: bool
     evidence: Mapping[str, bool]  # named condition -> holds now
+    measured: Mapping[str, Measured] = field(default_factory=dict)  # the numbers of those that have one
+    lost: Mapping[str, str] = field(default_factory=dict)  # object -> dropped | out of reach | off the table
 
 
 @dataclass(frozen=True)
@@ -227,6 +250,19 @@ class Episode:
     action: NDArray[np.float32]  # (T, N, 8) joint targets rad + gripper command
     pictures: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
     certificate: Mapping[str, object] = field(default_factory=dict)  # JSON: checks and results
+
+
+@dataclass(frozen=True)
+class RolloutStep:
+    """One control step of a rollout, as its observers are told of it."""
+
+    scene: Scene  # after the step
+    action: NDArray[np.float64]  # (N, 8) as commanded: joint targets rad + gripper command
+    predicted: Mapping[
+        int, NDArray[np.float64]
+    ]  # agent -> (T, 8) targets from this step on, where it predicted
+    verdict: Verdict
+    violation: Violation | None  # seen by the monitor
 
 
 @dataclass(frozen=True)

@@ -196,6 +196,8 @@ def test_the_whole_experiment_at_a_tiny_size(tmp_path):
         assert (
             tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.rrd"
         ).stat().st_size > 50_000
+        film = f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.mp4"
+        assert (tmp_path / film).exists() and f'src="{film}"' in (tmp_path / "report.html").read_text()
     assert (tmp_path / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
     assert (tmp_path / "report.html").stat().st_size > 10_000
     for name in ("tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"):

@@ -16,15 +16,19 @@ from rf_exp.transforms import from_axes, planar, transform
 from rf_exp.types import (
     CameraModel,
     Constraint,
+    Measured,
     Proposal,
+    Rollout,
     Schedule,
     Segment,
     Subgoal,
     Trajectory,
+    Verdict,
     Violation,
 )
 from rf_exp.viz import text
 from rf_exp.viz.figures import coordination, coordination_size_px, lanes
+from rf_exp.viz.film import Film
 from rf_exp.viz.layout import (
     AGENT_COLOURS,
     HOLDS,
@@ -359,6 +363,106 @@ def test_the_point_in_the_diagram_moves_with_the_plan(path):
     assert (right > 0).all() and (down < 0).all()  # both agents go on
 
 
+def test_what_is_predicted_belongs_to_the_steps_to_come(path):
+    chunk = np.tile(ACTION[0], (3, 1)) + np.arange(3)[:, None] * 0.1
+    with open_recorder(path, panels="rollout") as recorder:
+        recorder.step(4, poses=POSES, qpos=QPOS)
+        recorder.predicted(1, 5, chunk)
+        recorder.path(1, "predicted", np.zeros((3, 3)))
+        recorder.note("now")
+    content = Content(path)
+    dots = "/joints/agent1/predicted"
+    assert content.steps(dots, "Scalars:scalars") == [5, 6, 7]
+    np.testing.assert_allclose(content.column(dots, "Scalars:scalars"), chunk[:, :7])
+    opening = content.column("/gripper/agent1/predicted", "Scalars:scalars")
+    np.testing.assert_allclose(opening, [[0.0], [4.0], [8.0]], atol=1e-9)  # mm, of -1, -0.9, -0.8
+    assert content.steps("/log", "TextLog:text")[-1] == 4  # time goes on from where it was
+    assert content.steps("/world/paths/agent1/predicted", "LineStrips3D:strips") == [4]
+
+
+def test_conditions_are_lanes_and_numbers_are_curves(path):
+    with open_recorder(path, panels="rollout") as recorder:
+        recorder.condition("held by both arms", False, "held by both arms: not yet")
+        recorder.condition("arms apart", True, "arms apart: holds", ("holds", "touching"))
+        recorder.step(2, poses=POSES, qpos=QPOS)
+        recorder.condition("held by both arms", True, "held by both arms: holds")
+        recorder.condition("arms apart", False, "arms apart: touching", ("holds", "touching"))
+        for name, value in (("lifted (> 0.15 m)", 0.5), ("level (< 5 deg)", 2.0)):
+            recorder.margin(name, value)
+        recorder.distance(1, 2, 0.125)
+        recorder.contact("agent 1 on barrier", 7.5)
+        recorder.judged("so far")
+    content = Content(path)
+
+    def lane(name: str, component: str) -> list:
+        return content.column(f"/conditions/{name}", component)
+
+    assert lane("held-by-both-arms", "StateChange:state") == [["not yet"], ["holds"]]
+    assert lane("held-by-both-arms", "TextLog:text")[-1] == ["held by both arms: holds"]
+    colours = {
+        name: lane(name, "StateConfiguration:colors")[0] for name in ("held-by-both-arms", "arms-apart")
+    }
+    red = [[each >> 24, each >> 16 & 255, each >> 8 & 255] for each in (pair[1] for pair in colours.values())]
+    assert red[0] != red[1] == list(VIOLATED)  # a condition that is not there yet is no violation
+    assert content.column("/margins/lifted\\ \\(\\>\\ 0.15\\ m\\)", "Scalars:scalars") == [[0.5]]
+    assert content.column("/arms/distances/agents\\ 1\\ and\\ 2", "Scalars:scalars") == [[12.5]]  # cm
+    assert content.column("/contacts/agent\\ 1\\ on\\ barrier", "Scalars:scalars") == [[7.5]]
+    assert content.column("/verdict", "TextDocument:text") == [["so far"]]
+
+
+def test_the_verdict_is_a_table_and_its_end_a_list():
+    up = Measured(False, 0.02, 0.15, "m", above=True)
+    verdict = Verdict(False, False, {"held": True, "up": False}, {"up": up}, {"steak": "dropped"})
+    lines = text.conditions(verdict, {"held": 20, "up": 0}).splitlines()
+    rows = ["| holds | held |  |  | 1.00 s |", "| **not yet** | up | 0.02 m | > 0.15 | 0.00 s |"]
+    assert lines[2:] == [*rows, "", "- steak is dropped"]
+    ended = text.outcome(Rollout(3, False, False, 84, 2, 1, "failed: up (never); at best 1 of 2 (1.00 s)"))
+    assert ended.startswith("**Failed after 4.20 s**")
+    assert "2 steps with a violation, 1 with contact between arms." in ended
+    assert ended.endswith("- failed: up (never)\n- at best 1 of 2 (1.00 s)")
+
+
+def test_a_film_that_cannot_be_written_says_so(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with (
+        pytest.raises(StageError, match=r"cannot write the film .*x\.mp4"),
+        Film(tmp_path / "file/x.mp4") as film,
+    ):
+        for _ in range(100):
+            film.add(np.zeros((240, 320, 3), np.uint8))
+
+
+def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(path):
+    with open_recorder(path, panels="rollout") as recorder:
+        recorder.step(
+            0, poses=POSES, qpos=QPOS, action=ACTION, pictures={"global": PICTURE, "agent1": PICTURE}
+        )
+        recorder.predicted(1, 1, ACTION[:1])
+        recorder.condition("up", False, "up: not yet")
+        recorder.margin("up", 0.1)
+        recorder.distance(1, 2, 0.3)
+        recorder.contact("agent 1 on barrier", 3.0)
+        recorder.judged("so far")
+    origins, names, classes = layout(path)
+    assert classes.count("2D") == len(CAMERAS)  # and no diagrams
+    assert {"conditions over time", "distance of arms (cm)", "contacts (N)", "verdict"} <= set(names)
+    recorded = Content(path).batches
+    for origin in origins:
+        assert any(entity.startswith(f"/{origin.strip('/')}") for entity in recorded), origin
+
+
+def layout(path: Path) -> tuple[list[str], list[str], list[str]]:
+    """Origin, name and class of every view in the layout of a file."""
+    [entry] = Content(path).blueprints
+    content = Content(path, entry)
+    views = [entity for entity in content.batches if entity.startswith("/view/") and entity.count("/") == 2]
+    fields = ("space_origin", "display_name", "class_identifier")
+    origins, names, classes = (
+        [row[0] for view in views for row in content.column(view, f"ViewBlueprint:{name}")] for name in fields
+    )
+    return origins, names, classes
+
+
 @pytest.mark.parametrize("cameras", [CAMERAS, {}], ids=["rendered", "without pictures"])
 def test_the_layout_is_in_the_file(path, cameras):
     with open_recorder(path, cameras=cameras) as recorder:
@@ -367,14 +471,7 @@ def test_the_layout_is_in_the_file(path, cameras):
         recorder.checked(RESULTS)
         recorder.motion(1, "home", "move")
         recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
-    [entry] = Content(path).blueprints
-    layout = Content(path, entry)
-    views = [entity for entity in layout.batches if entity.startswith("/view/") and entity.count("/") == 2]
-
-    def fields(name: str) -> list[str]:
-        return [row[0] for view in views for row in layout.column(view, f"ViewBlueprint:{name}")]
-
-    classes, names, origins = fields("class_identifier"), fields("display_name"), fields("space_origin")
+    origins, names, classes = layout(path)
     assert classes.count("2D") == len(cameras) + 1  # and the diagrams
     assert classes.count("3D") == 2  # with and without occupancy
     assert {"agent 1 joints (rad)", "agent 2 joints (rad)", "grippers (mm open)", "log"} <= set(names)

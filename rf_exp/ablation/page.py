@@ -31,9 +31,9 @@ pre { padding: .8rem; overflow-x: auto; background: var(--card); border: 1px sol
 .tile, .panel { padding: .8rem; margin: 0; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }
 .tile b { display: block; font-size: 1.5rem; line-height: 1.3; font-variant-numeric: tabular-nums; }
-.panel svg, .panel img { display: block; width: 100%; height: auto; }
+.panel svg, .panel img, .panel video { display: block; width: 100%; height: auto; }
 .panel svg text { font-family: system-ui, sans-serif !important; }
-.panel img { border-radius: 6px; }
+.panel img, .panel video { border-radius: 6px; }
 .strip { display: grid; grid-template-columns: repeat(4, 1fr); gap: 3px; }
 .wide { overflow-x: auto; margin-top: .8rem; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }

@@ -9,6 +9,7 @@ from collections import Counter
 from datetime import datetime
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +17,22 @@ from PIL import Image
 
 from rf_exp.ablation import formats, page, plots, tables
 from rf_exp.ablation.paper import paper
-from rf_exp.ablation.rows import Results, load
+from rf_exp.ablation.rollouts import FILM, PICTURE, kind_of, rollout_file
+from rf_exp.ablation.rows import EvaluationRow, Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
 from rf_exp.artifacts.provenance import commit, installed
 from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
+from rf_exp.types import CONTROL_DT_S
 
 PACKAGES = (
     *("rf_exp", "mani-skill", "sapien", "torch", "diffusers", "hydra-core", "numpy", "zarr", "pin", "coal"),
     *("toppra", "rerun-sdk"),
 )
 PICTURES, CURVES, RECORDINGS = 24, 24, 40  # at most so many in one report; more are counted
+ROLLOUTS = 32  # the same of rollouts, shared by the tasks
+REASONS = 30
 PICTURE_WIDTH = 720  # pixels
 STRIP = 4  # frames of a demonstration
 
@@ -42,7 +47,7 @@ def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
 
 
 def write_report(out: Path) -> Path:
-    """`out/report.html`: self-contained, no script, no network.
+    """`out/report.html`: self-contained but for films, which lie beside it; no script, no network.
 
     Raises StageError when it cannot be written.
     """
@@ -58,10 +63,12 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
             for name, table in built.items()
             if name != "comparison"
         ),
+        ("policies", "Why policies failed", _policy_failures(results, suite)),
+        ("rollouts", "Rollouts", _rollouts(out, results, suite)),
         ("failures", "Why attempts failed", _failures(results, suite)),
         ("training", "Training curves", _curves(out)),
         ("data", "Demonstrations", _data(out)),
-        ("pictures", "Pictures", _pictures(out)),
+        ("pictures", "Pictures", _pictures(out, results)),
         ("comparison", built["comparison"].title, page.table_html(built["comparison"])),
         ("recordings", "Recordings", _recordings(out)),
         ("provenance", "Provenance", _provenance(out, results)),
@@ -111,6 +118,69 @@ def _table_section(table: Table) -> str:
     return page.table_html(table) + page.panels(drawn)
 
 
+def _policy_failures(results: Results, suite: Suite) -> str:
+    """Failures of one kind are counted together, for each policy."""
+    kinds: Counter[tuple[str, ...]] = Counter()
+    tried: Counter[tuple[str, ...]] = Counter()
+    scenes: dict[tuple[str, ...], int] = {}
+    for row in results.evaluation:
+        policy = (row.task, row.arch, _learnt_from(row))
+        tried[policy] += 1
+        if not row.success:
+            kind = (*policy, kind_of(row.reason))
+            kinds[kind] += 1
+            scenes[kind] = min(row.scene_seed, scenes.get(kind, row.scene_seed))
+    if not kinds:
+        return ""
+    order = sorted(kinds, key=lambda kind: (kind[:3], -kinds[kind], kind))
+    lines = [
+        [title_of(kind[0], suite), *kind[1:], f"{kinds[kind]} of {tried[kind[:3]]}", str(scenes[kind])]
+        for kind in order[:REASONS]
+    ]
+    rest = len(order) - len(lines)
+    more = page.bullets([f"{rest} more kinds are in the result rows."] if rest else [])
+    heading = ["Task", "Architecture", "Learnt from", "What failed", "Scenes", "First scene"]
+    lead = "<p class='soft'>Conditions of success that did not hold at the end, and what happened before.</p>"
+    return lead + page.plain_table(heading, lines) + more
+
+
+def _learnt_from(row: EvaluationRow) -> str:
+    trained = f", training seed {row.train_seed}" if row.train_seed else ""
+    return f"{row.constraints}, {row.demos} demonstrations{trained}"
+
+
+def _rollouts(out: Path, results: Results, suite: Suite) -> str:
+    """Films with the picture of their last moment, some of each task, failures first."""
+    by_task: dict[str, list[EvaluationRow]] = {}
+    for row in sorted(results.evaluation, key=lambda row: (row.success, *map(str, row.identity))):
+        if (out / rollout_file(row, PICTURE)).exists():
+            by_task.setdefault(row.task, []).append(row)
+    drawn, notes = [], []
+    for task, rows in sorted(by_task.items()):
+        share = max(2, ROLLOUTS // len(by_task))
+        won = [row for row in rows if row.success][: share // 2]
+        for row in (*[row for row in rows if not row.success][: share - len(won)], *won):
+            title = f"{title_of(task, suite)}, {row.arch}, {_learnt_from(row)}, scene {row.scene_seed}"
+            try:
+                drawn.append((title, _rollout(out, row)))
+            except OSError as error:
+                notes.append(f"{out / rollout_file(row, PICTURE)}: no picture: {error}")
+        notes += [f"{task}: {len(rows) - share} more are below recordings/."] if len(rows) > share else []
+    return page.panels(drawn) + page.bullets(notes)
+
+
+def _rollout(out: Path, row: EvaluationRow) -> str:
+    with Image.open(out / rollout_file(row, PICTURE)) as image:
+        shown = _image(image, PICTURE_WIDTH)
+    words = f"succeeded after {row.steps * CONTROL_DT_S:.1f} s" if row.success else row.reason
+    shown += f'<figcaption class="soft">{escape(words)}</figcaption>'
+    film = rollout_file(row, FILM)
+    if (out / film).exists():
+        video = f'<video controls preload="none" src="{quote(film.as_posix())}"></video>'
+        shown += f"<details><summary>Film, twice as fast</summary>{video}</details>"
+    return shown
+
+
 def _failures(results: Results, suite: Suite) -> str:
     reasons: Counter[tuple[str, str, str]] = Counter()
     tried: Counter[tuple[str, str]] = Counter()
@@ -124,7 +194,7 @@ def _failures(results: Results, suite: Suite) -> str:
         return ""
     lines = [
         [title_of(task, suite), constraints, reason, f"{count} of {tried[task, constraints]}"]
-        for (task, constraints, reason), count in reasons.most_common(30)
+        for (task, constraints, reason), count in reasons.most_common(REASONS)
     ]
     rest = len(reasons) - len(lines)
     more = page.bullets([f"{rest} rarer reasons are in the result rows."] if rest else [])
@@ -163,8 +233,10 @@ def _data(out: Path) -> str:
     return page.panels(drawn) + page.bullets(notes)
 
 
-def _pictures(out: Path) -> str:
-    found = sorted((out / "recordings").rglob("*.png"))
+def _pictures(out: Path, results: Results) -> str:
+    """Pictures beside the recordings, but for those of rollouts, which are shown with their films."""
+    rollouts = {out / rollout_file(row, PICTURE) for row in results.evaluation}
+    found = sorted({*(out / "recordings").rglob("*.png")} - rollouts)
     drawn, notes = [], []
     for path in found[:PICTURES]:
         try:

@@ -15,11 +15,12 @@ import torch
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy.account import Account
 from rf_exp.policy.dataset import proprioception
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.views import ACTION_SIZE, View
-from rf_exp.types import ARM_JOINTS, Rollout, Scene, Verdict, Violation, World
+from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Verdict, Violation, World
 
 
 class Actor:
@@ -42,6 +43,8 @@ class Actor:
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._targets: deque[NDArray[np.float64]] = deque()  # of (agents, 8)
         self._last: NDArray[np.float64] | None = None  # (agents, 7) arm targets given last
+        # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
+        self.predicted: dict[int, NDArray[np.float64]] = {}
         self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
 
     @property
@@ -51,6 +54,7 @@ class Actor:
 
     def __call__(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.float64]:
         """Commands (agents of the view, 8) for this control step; `pictures` matter when it looks."""
+        self.predicted = {}
         if self.looks:
             self._observe(scene, pictures)
         if not self._targets:
@@ -75,6 +79,7 @@ class Actor:
         chunk = actions[:, now : now + self._config.action_steps]
         chunk = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
         self._targets.extend(chunk)
+        self.predicted = {agent: chunk[:, row] for row, agent in enumerate(self.view.agents)}
 
     def _bounded(self, target: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
         if self._last is None:
@@ -113,14 +118,15 @@ def rollout(
     seed: int,
     step_limit: int,
     monitor: Callable[[Scene], Violation | None] | None = None,
-    on_step: Callable[[Scene], None] | None = None,
+    on_step: Callable[[RolloutStep], None] | None = None,
     start: Scene | None = None,
 ) -> Rollout:
     """Let the actors act in the scene of `seed` until strict success or for `step_limit` control steps.
 
-    `judge` and `monitor` see the scene after every step. `success_paper` is whether the paper's
-    criterion held at any step. `start` is the scene of `world.reset(seed)` where the caller has just
-    done that (a judge needs it). Raises ArgumentError unless the actors command each agent exactly once.
+    `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
+    `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
+    `world.reset(seed)` where the caller has just done that (a judge needs it). Raises ArgumentError unless
+    the actors command each agent exactly once.
     """
     if step_limit < 1:
         raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
@@ -133,7 +139,7 @@ def rollout(
         actor.reset(seed)
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
-    success_paper, violations, contacts, missing = False, 0, 0, ""
+    account, success_paper, violations = Account(), False, 0
     for step in range(1, step_limit + 1):
         pictures = world.pictures() if any(actor.looks for actor in actors) else {}
         for actor in actors:
@@ -141,15 +147,15 @@ def rollout(
         scene = world.step(action.copy())
         verdict = judge(scene)
         success_paper |= verdict.success_paper
-        violations += monitor is not None and monitor(scene) is not None
-        contacts += bool(scene.arm_contacts)
+        account.see(scene, verdict)
+        violation = monitor(scene) if monitor is not None else None
+        violations += violation is not None
         if on_step is not None:
-            on_step(scene)
+            predicted = {agent: chunk for actor in actors for agent, chunk in actor.predicted.items()}
+            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation))
         if verdict.success:
-            return Rollout(seed, True, success_paper, step, violations, contacts, "")
-        missing = ", ".join(f"not {name}" for name, holds in verdict.evidence.items() if not holds)
-    reason = missing or "success was not held long enough"
-    return Rollout(seed, False, success_paper, step_limit, violations, contacts, reason)
+            return Rollout(seed, True, success_paper, step, violations, account.contacts, "")
+    return Rollout(seed, False, success_paper, step_limit, violations, account.contacts, account.reason())
 
 
 def _generator(seed: int, agent: int) -> torch.Generator:

@@ -1,6 +1,6 @@
 """Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -75,12 +75,12 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
                     )
                     if made >= enough:
                         break
+        _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
         if made < enough and experiment.episodes is None:
             raise StageError(
                 f"{title}: only {made} of {len(tried)} seeds succeeded, {experiment.demos} demonstrations "
                 f"were wanted; the reasons are in {rows_path}"
             )
-        _record(experiment, task, row, store.seeds[: experiment.recordings].tolist())
         return made
 
 
@@ -114,8 +114,8 @@ def _lost(store: Store, known: Container[int], rows_path: Path) -> Iterator[Gene
             ) from error
 
 
-def _record(experiment: Experiment, task: Task, row: Row, seeds: list[int]) -> None:
-    """Makes the first successful episodes once more, being recorded: same seed, same episode."""
+def _record(experiment: Experiment, task: Task, row: Row, seeds: Sequence[int]) -> None:
+    """Makes episodes once more, being recorded, where the recording is missing: same seed, same episode."""
     settings = experiment.settings(task, row)
     settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
     sweep(recording_path(experiment, task, row, "generate", 0).parent)

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, replace
@@ -17,6 +17,7 @@ import torch
 from joblib import delayed
 
 from rf_exp.ablation import rows
+from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.artifacts.files import sweep, whole
 from rf_exp.artifacts.provenance import commit
@@ -29,7 +30,7 @@ from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
 from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
 from rf_exp.progress import Progress, console
-from rf_exp.recording import EpisodeRecorder
+from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim.pool import close_simulator, in_order, simulator
 from rf_exp.stages.artifacts import (
     data_path,
@@ -44,7 +45,7 @@ from rf_exp.stages.identity import evaluation_identity
 from rf_exp.stages.logs import Follower, curve_log, rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
-from rf_exp.types import Arch, Pictures, Rollout, Row, Scene
+from rf_exp.types import Arch, Pictures, Rollout, RolloutStep, Row
 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
@@ -107,14 +108,13 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, trained, there, [path])
         sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
-        ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
+        ours = [r for r in known if _belongs(r, experiment, task)]
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
         title = f"evaluate {task.name}/{row.name}/{arch.name}"
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
-            return
         successes = sum(r.success for r in ours)
         with (
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
@@ -129,11 +129,50 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
                 log(made)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        for seed in scenes[: experiment.recordings]:
-            name = f"evaluate-{arch.name}-{experiment.demos}"
-            with whole(recording_path(experiment, task, row, name, seed)) as draft:
-                evaluate_scene(task, experiment.pictures, folder, seed, limit, draft)
+        there = rows.read(path, EvaluationRow)
+        _look(experiment, task, row, arch, limit, [r for r in there if _belongs(r, experiment, task)])
         close_simulator()
+
+
+def _belongs(row: EvaluationRow, experiment: Experiment, task: Task) -> bool:
+    return (row.train_seed, row.version) == (experiment.train_seed, task.version)
+
+
+def _look(
+    experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, known: Sequence[EvaluationRow]
+) -> None:
+    """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
+    folder = policy_path(experiment, task, row, arch)
+    scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
+    recorded = experiment.recorded("evaluate", scenes)
+    filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
+    stage = rollout_name(arch.name, experiment.demos, experiment.train_seed)
+    before = {r.scene_seed: r for r in known}
+    for seed in sorted({*recorded, *filmed}):
+        record = recording_path(experiment, task, row, stage, seed)
+        film = record.with_suffix(FILM)
+        wanted = [record] if seed in recorded else []
+        wanted += [film, record.with_suffix(PICTURE)] if seed in filmed else []
+        missing = [path for path in wanted if not path.exists()]
+        if not missing:
+            continue
+        result, _ = evaluate_scene(
+            task,
+            experiment.pictures,
+            folder,
+            seed,
+            limit,
+            record=record if record in missing else None,
+            film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
+        )
+        for path in missing:
+            console.print(f"recorded {path}")
+        then = before.get(seed)
+        if then is not None and (then.success, then.steps) != (result.success, result.steps):
+            console.print(
+                f"warning: scene {seed} ended otherwise than in its row: success {result.success} after "
+                f"{result.steps} steps, there {then.success} after {then.steps}"
+            )
 
 
 def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
@@ -151,9 +190,18 @@ def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> di
 
 
 def evaluate_scene(
-    task: Task, pictures: Pictures, folder: Path, seed: int, limit: int, record: Path | None = None
+    task: Task,
+    pictures: Pictures,
+    folder: Path,
+    seed: int,
+    limit: int,
+    record: Path | None = None,
+    film: Path | None = None,
 ) -> tuple[Rollout, float]:
-    """A rollout in this process and the seconds it took; recorded to a file if one is named."""
+    """A rollout in this process and the seconds it took; recorded and filmed to the files that are named.
+
+    A film has the picture of its last moment beside it.
+    """
     began = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
@@ -161,11 +209,23 @@ def evaluate_scene(
     start = world.reset(seed)
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
-        look: Callable[[Scene], None] | None = None
+        observers: list[RolloutRecorder | RolloutFilm] = []
         if record is not None:
-            title = f"{task.title}, policy, scene {seed}"
-            look = stack.enter_context(EpisodeRecorder(record, task, world, title)).rolled
+            draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
+            observers.append(stack.enter_context(RolloutRecorder(draft, task, world, title)))
+        if film is not None:
+            draft, picture = (stack.enter_context(whole(path)) for path in (film, film.with_suffix(PICTURE)))
+            observers.append(stack.enter_context(RolloutFilm(draft, picture, task, world)))
+        for observer in observers:
+            observer.begun(start)
+
+        def look(step: RolloutStep) -> None:
+            for observer in observers:
+                observer.rolled(step)
+
         result = rollout(world, Judge(task, start), _actors(folder), seed, limit, monitor, look, start)
+        for observer in observers:
+            observer.ended(result)
     return result, time.perf_counter() - began
 
 

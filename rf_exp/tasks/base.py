@@ -6,7 +6,8 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
     PLAN_VERSION                  of its plan and places: of what it does for the demonstrations
     places(scene, task)           optional: named places on the table
     plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
-    conditions(scene, start, task)  strict success as named conditions, all of which must hold
+    conditions(scene, start, task)  strict success as named conditions, all of which must hold; one that
+                                  is a `Measured` also says by how much
     paper(scene, start, task)     the paper's criterion
 """
 
@@ -25,12 +26,15 @@ from shapely import MultiPoint
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import ARM_JOINTS, Scene, Verdict
+from rf_exp.types import ARM_JOINTS, Condition, Measured, Scene, Verdict
 
 REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
 ASIDE_QPOS = (0.0, -0.6, 0.0, -2.5, 0.0, 1.9, np.pi / 4)  # rad, pulled in over its own base
 FINGERS_OPEN_M = 0.04
 GAP_M = 0.005  # between objects at the start
+REACH_M = 0.855  # of a Panda from its base (its data sheet)
+OFF_M = 0.05  # below the top of the table
+DROP_M = 0.05  # that a thing falls after it was let go; what is set down sinks by millimetres
 _DRAWS = 1000
 
 
@@ -251,9 +255,36 @@ class Judge:
 
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
+        self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
+        self._reached = frozenset(name for name in task.objects if self._in_reach(start, name))
 
     def __call__(self, scene: Scene) -> Verdict:
-        evidence = self._task.module.conditions(scene, self._start, self._task)
+        conditions: Mapping[str, Condition] = self._task.module.conditions(scene, self._start, self._task)
+        evidence = {name: bool(holds) for name, holds in conditions.items()}
         self._steps = self._steps + 1 if all(evidence.values()) else 0
-        held = self._steps >= int(self._task.success["hold_steps"])
-        return Verdict(held, bool(self._task.module.paper(scene, self._start, self._task)), evidence)
+        return Verdict(
+            self._steps >= int(self._task.success["hold_steps"]),
+            bool(self._task.module.paper(scene, self._start, self._task)),
+            evidence,
+            {name: found for name, found in conditions.items() if isinstance(found, Measured)},
+            self._lost(scene),
+        )
+
+    def _lost(self, scene: Scene) -> dict[str, str]:
+        """What no arm can get at any more, and what fell out of a hand."""
+        lost = {}
+        for name in self._task.objects:
+            height_m = float(scene.poses[name][2, 3])
+            if name in scene.held:
+                self._let_go_m[name] = height_m
+            if height_m < -OFF_M:
+                lost[name] = "off the table"
+            elif name in self._reached and not self._in_reach(scene, name):
+                lost[name] = "out of reach"
+            elif self._let_go_m.get(name, height_m) - height_m > DROP_M:
+                lost[name] = "dropped"
+        return lost
+
+    def _in_reach(self, scene: Scene, name: str) -> bool:
+        place = scene.poses[name][:2, 3]
+        return any(np.hypot(*(place - (robot.x_m, robot.y_m))) < REACH_M for robot in self._task.robots)

@@ -3,7 +3,7 @@
 from rf_exp.tasks import say, studio
 from rf_exp.tasks.base import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import Proposal, Scene
+from rf_exp.types import Condition, Proposal, Scene
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -22,7 +22,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*studio.constraints(subgoals), *say.keep_clear(task.agents)))
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The camera is held by both sides, up and level; the steak is held, up and in its picture."""
     return studio.conditions(scene, task)
 

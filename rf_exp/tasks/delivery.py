@@ -4,26 +4,26 @@ The task's objects are `shoe` and `goal`, a mark on the table.
 """
 
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, near, released, set_down
-from rf_exp.types import Scene
+from rf_exp.tasks.measure import below, every, height_m, near, released, set_down
+from rf_exp.types import Condition, Scene
 
 
-def arrived(scene: Scene, task: Task) -> bool:
+def arrived(scene: Scene, task: Task) -> Condition:
     """Whether the shoe stands on the goal."""
-    down = height_m(scene, "shoe") < task.success["down_m"]
-    return down and near(scene, "shoe", "goal", task.success["goal_m"])
+    down = below(height_m(scene, "shoe"), task.success["down_m"], "m")
+    return every((near(scene, "shoe", "goal", task.success["goal_m"]), down))
 
 
 def done(scene: Scene, task: Task) -> bool:
     """Whether nothing is left to do: the shoe is on the goal and nobody holds it."""
-    return arrived(scene, task) and released(scene, ["shoe"])
+    return bool(arrived(scene, task)) and released(scene, ["shoe"])
 
 
-def conditions(scene: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, task: Task) -> dict[str, Condition]:
     """The shoe stands upright on the goal, let go and at rest."""
     return {"shoe on the goal": arrived(scene, task), **set_down(scene, ["shoe"], task.success)}
 
 
-def paper(scene: Scene, task: Task) -> bool:
+def paper(scene: Scene, task: Task) -> Condition:
     """The release's criterion: the shoe is near the goal, seen from above."""
     return near(scene, "shoe", "goal", task.success["paper_distance_m"])

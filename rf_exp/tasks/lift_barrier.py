@@ -2,8 +2,8 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, holders, risen_m, still, upright
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.tasks.measure import above, height_m, holders, risen_m, still, upright
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -36,12 +36,12 @@ def plan(scene: Scene, task: Task) -> Proposal:
     )
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Both arms hold the barrier, it is up, level and at rest."""
     limits = task.success
     return {
         "held by both arms": holders(scene, "barrier") == task.agents,
-        "lifted": risen_m(scene, start, "barrier") > limits["lift_m"],
+        "lifted": above(risen_m(scene, start, "barrier"), limits["lift_m"], "m"),
         "level": upright(scene, "barrier", limits["level_deg"]),
         "at rest": still(scene, "barrier", limits["still_m_s"]),
     }

@@ -6,7 +6,7 @@ from rf_exp.tasks import delivery, say
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import distance_xy_m, holders
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Constraint, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Constraint, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -55,11 +55,11 @@ def _turn(scene: Scene, task: Task) -> int:
     return min(CHAIN, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses["shoe"][1, 3]))
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The shoe stands upright on the goal, let go and at rest."""
     return delivery.conditions(scene, task)
 
 
-def paper(scene: Scene, start: Scene, task: Task) -> bool:
+def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the shoe is near the goal, seen from above."""
     return delivery.paper(scene, task)

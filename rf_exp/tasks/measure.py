@@ -6,7 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.transforms import Matrix
-from rf_exp.types import Scene
+from rf_exp.types import Condition, Measured, Scene
+
+
+def above(value: float, bound: float, unit: str) -> Measured:
+    """Whether a value is above its bound."""
+    return Measured(bool(value > bound), float(value), float(bound), unit, above=True)
+
+
+def below(value: float, bound: float, unit: str) -> Measured:
+    """Whether a value is below its bound."""
+    return Measured(bool(value < bound), float(value), float(bound), unit, above=False)
+
+
+def every(conditions: Iterable[Measured]) -> Measured:
+    """Whether all of them hold: the first that does not, or else the last. At least one is needed."""
+    for found in conditions:
+        if not found:
+            break
+    return found
 
 
 def height_m(scene: Scene, name: str) -> float:
@@ -29,9 +47,9 @@ def tilt_deg(pose: Matrix) -> float:
     return float(np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0))))
 
 
-def still(scene: Scene, name: str, below_m_s: float) -> bool:
+def still(scene: Scene, name: str, below_m_s: float) -> Measured:
     """Whether the object moves slower than a bound."""
-    return scene.speeds[name] < below_m_s
+    return below(scene.speeds[name], below_m_s, "m/s")
 
 
 def holders(scene: Scene, name: str) -> tuple[int, ...]:
@@ -39,15 +57,19 @@ def holders(scene: Scene, name: str) -> tuple[int, ...]:
     return tuple(agent for agent, held in enumerate(scene.held, start=1) if held == name)
 
 
-def upright(scene: Scene, name: str, within_deg: float) -> bool:
+def upright(scene: Scene, name: str, within_deg: float) -> Measured:
     """Whether the object's z axis is vertical."""
-    return tilt_deg(scene.poses[name]) < within_deg
+    return below(tilt_deg(scene.poses[name]), within_deg, "deg")
 
 
-def stacked(scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float) -> bool:
+def stacked(
+    scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float
+) -> Measured:
     """Whether `top` is `height_m` above `bottom`, to within `above_m`, and at most `beside_m` beside it."""
     a, b = scene.poses[top], scene.poses[bottom]
-    return distance_xy_m(a, b) <= beside_m and abs(float(a[2, 3] - b[2, 3]) - height_m) <= above_m
+    beside, off = distance_xy_m(a, b), abs(float(a[2, 3] - b[2, 3]) - height_m)
+    parts = ((beside, beside_m), (off, above_m))
+    return every(Measured(value <= bound, value, bound, "m", above=False) for value, bound in parts)
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:
@@ -60,19 +82,19 @@ def pushed_n(scene: Scene, agent: int, name: str, direction: NDArray[np.float64]
     return float(scene.finger_forces.get((agent, name), np.zeros(3)) @ direction)
 
 
-def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) -> dict[str, bool]:
+def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) -> dict[str, Condition]:
     """Conditions of things that have been put down: upright, let go, at rest.
 
     Reads `upright_deg` and `still_m_s` of the task's thresholds.
     """
     names = tuple(names)
     return {
-        "upright": all(upright(scene, name, limits["upright_deg"]) for name in names),
+        "upright": every(upright(scene, name, limits["upright_deg"]) for name in names),
         "released": released(scene, names),
-        "at rest": all(still(scene, name, limits["still_m_s"]) for name in names),
+        "at rest": every(still(scene, name, limits["still_m_s"]) for name in names),
     }
 
 
-def near(scene: Scene, name: str, target: str, within_m: float) -> bool:
+def near(scene: Scene, name: str, target: str, within_m: float) -> Measured:
     """Whether the object is that near to another one, seen from above."""
-    return distance_xy_m(scene.poses[name], scene.poses[target]) < within_m
+    return below(distance_xy_m(scene.poses[name], scene.poses[target]), within_m, "m")

@@ -4,7 +4,7 @@ from rf_exp.tasks import delivery, say
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import distance_xy_m
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -43,11 +43,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
     )
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The shoe stands upright on the goal, let go and at rest."""
     return delivery.conditions(scene, task)
 
 
-def paper(scene: Scene, start: Scene, task: Task) -> bool:
+def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the shoe is near the goal, seen from above."""
     return delivery.paper(scene, task)

@@ -2,8 +2,8 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, holders, risen_m, still
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.tasks.measure import above, height_m, holders, risen_m, still
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -24,11 +24,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The arm holds the steak, it is up and at rest."""
     return {
         "held": holders(scene, "steak") == (ARM,),
-        "lifted": risen_m(scene, start, "steak") > task.success["lift_m"],
+        "lifted": above(risen_m(scene, start, "steak"), task.success["lift_m"], "m"),
         "at rest": still(scene, "steak", task.success["still_m_s"]),
     }
 

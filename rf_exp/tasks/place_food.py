@@ -2,9 +2,20 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import distance_xy_m, height_m, holders, near, released, still, upright
+from rf_exp.tasks.measure import (
+    above,
+    below,
+    distance_xy_m,
+    every,
+    height_m,
+    holders,
+    near,
+    released,
+    still,
+    upright,
+)
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -50,30 +61,35 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), tuple(constraints))
 
 
-def _inside(scene: Scene, task: Task) -> bool:
+def _inside(scene: Scene, task: Task) -> Condition:
     rim_m = height_m(scene, "pot") + float(task.asset("pot").bounds_m[1, 2])
-    return near(scene, "steak", "pot", task.success["inside_m"]) and height_m(scene, "steak") < rim_m
+    beside = near(scene, "steak", "pot", task.success["inside_m"])
+    return every((beside, below(height_m(scene, "steak"), rim_m, "m")))
 
 
-def _lid_off(scene: Scene, task: Task) -> bool:
-    return distance_xy_m(scene.poses["lid"], scene.poses["pot"]) > task.success["lid_off_m"]
+def _lid_off(scene: Scene, task: Task) -> Condition:
+    return above(distance_xy_m(scene.poses["lid"], scene.poses["pot"]), task.success["lid_off_m"], "m")
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The steak lies in the upright pot, the lid beside it, nothing is held, nothing moves."""
     limits = task.success
     return {
         "steak inside the pot": _inside(scene, task),
         "lid off": _lid_off(scene, task),
-        "lid upright on the table": upright(scene, "lid", limits["upright_deg"])
-        and height_m(scene, "lid") < limits["lid_down_m"],
+        "lid upright on the table": every(
+            (
+                upright(scene, "lid", limits["upright_deg"]),
+                below(height_m(scene, "lid"), limits["lid_down_m"], "m"),
+            )
+        ),
         "pot upright": upright(scene, "pot", limits["upright_deg"]),
         "released": released(scene, ["steak", "lid"]),
-        "at rest": all(still(scene, name, limits["still_m_s"]) for name in task.objects),
+        "at rest": every(still(scene, name, limits["still_m_s"]) for name in task.objects),
     }
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: the steak is low and near the pot."""
     low = height_m(scene, "steak") < task.success["paper_height_m"]
-    return low and near(scene, "steak", "pot", task.success["paper_distance_m"])
+    return low and bool(near(scene, "steak", "pot", task.success["paper_distance_m"]))

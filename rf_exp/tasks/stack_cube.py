@@ -3,7 +3,7 @@
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import released, set_down, stacked
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -23,15 +23,15 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
 
 
-def _on_top(scene: Scene, task: Task) -> bool:
+def _on_top(scene: Scene, task: Task) -> Condition:
     return stacked(scene, "blue", "red", CUBE_M, task.success["beside_m"], task.success["above_m"])
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The blue cube lies on the red one, both level, let go and at rest."""
     return {"blue on red": _on_top(scene, task), **set_down(scene, task.objects, task.success)}
 
 
-def paper(scene: Scene, start: Scene, task: Task) -> bool:
+def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the blue cube is above the red one."""
     return stacked(scene, "blue", "red", CUBE_M, task.success["paper_beside_m"], task.success["above_m"])

@@ -4,9 +4,9 @@ import numpy as np
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import holders, upright
+from rf_exp.tasks.measure import below, every, holders, upright
 from rf_exp.transforms import Matrix, angle_between_rad
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -41,16 +41,18 @@ def _gap_m(scene: Scene, task: Task) -> float:
     return float(np.linalg.norm(_head(scene, task)[:3, 3] - top[:3, 3]))
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The held hammer stands on the cube with its face down, and the cube is where it was."""
     limits = task.success
     slipped_m = float(np.linalg.norm(scene.poses["cube"][:3, 3] - start.poses["cube"][:3, 3]))
     off_deg = float(np.degrees(angle_between_rad(_head(scene, task)[:3, 2], DOWN)))
     return {
         "hammer held": holders(scene, "hammer") == (ARM,),
-        "face on the cube": _gap_m(scene, task) < limits["struck_m"],
-        "face down": off_deg < limits["face_deg"],
-        "cube where it was": slipped_m < limits["slip_m"] and upright(scene, "cube", limits["face_deg"]),
+        "face on the cube": below(_gap_m(scene, task), limits["struck_m"], "m"),
+        "face down": below(off_deg, limits["face_deg"], "deg"),
+        "cube where it was": every(
+            (below(slipped_m, limits["slip_m"], "m"), upright(scene, "cube", limits["face_deg"]))
+        ),
     }
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, holders, still, upright
+from rf_exp.tasks.measure import above, below, every, height_m, holders, still, upright
 from rf_exp.transforms import Matrix, angle_between_rad, transform
-from rf_exp.types import Constraint, Scene, Subgoal
+from rf_exp.types import Condition, Constraint, Scene, Subgoal
 
 LEFT, RIGHT = 1, 2  # the agents at the sides of the camera
 GRIPS = {LEFT: "left", RIGHT: "right"}
@@ -54,17 +54,17 @@ def constraints(subgoals: list[Subgoal]) -> list[Constraint]:
     return stated
 
 
-def conditions(scene: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, task: Task) -> dict[str, Condition]:
     """The camera is held by both sides, up and level; the steak is held, up and in its picture."""
     limits = task.success
     return {
         "camera held by both arms": holders(scene, "camera") == tuple(GRIPS),
-        "camera up": height_m(scene, "camera") > limits["camera_up_m"],
+        "camera up": above(height_m(scene, "camera"), limits["camera_up_m"], "m"),
         "camera level": upright(scene, "camera", limits["level_deg"]),
         "steak held": holders(scene, "steak") == (MODEL,),
-        "steak up": height_m(scene, "steak") > limits["steak_up_m"],
-        "camera points at the steak": aim_deg(scene, task) < limits["aim_deg"],
-        "at rest": all(still(scene, name, limits["still_m_s"]) for name in ("camera", "steak")),
+        "steak up": above(height_m(scene, "steak"), limits["steak_up_m"], "m"),
+        "camera points at the steak": below(aim_deg(scene, task), limits["aim_deg"], "deg"),
+        "at rest": every(still(scene, name, limits["still_m_s"]) for name in ("camera", "steak")),
     }
 
 

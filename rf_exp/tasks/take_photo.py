@@ -7,7 +7,7 @@ from rf_exp.tasks import say, studio
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import pushed_n
 from rf_exp.transforms import Matrix, angle_between_rad
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -57,7 +57,7 @@ def _pressed(scene: Scene, task: Task) -> bool:
     )
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The camera is aligned with the steak, all of it held, and its shutter is pressed."""
     return {**studio.conditions(scene, task), "shutter pressed": _pressed(scene, task)}
 

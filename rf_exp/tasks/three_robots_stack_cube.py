@@ -4,8 +4,8 @@ from itertools import pairwise
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, near, released, set_down, stacked
-from rf_exp.types import Constraint, Proposal, Scene, Subgoal
+from rf_exp.tasks.measure import below, every, height_m, near, released, set_down, stacked
+from rf_exp.types import Condition, Constraint, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -36,18 +36,19 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*constraints, *say.keep_clear(task.agents)))
 
 
-def _standing(scene: Scene, task: Task) -> list[bool]:
+def _standing(scene: Scene, task: Task) -> list[Condition]:
     """Which of the cubes lies where it belongs: blue on the goal, the others on the one below."""
     limits = task.success
-    bottom = near(scene, "blue", "goal", limits["goal_m"]) and height_m(scene, "blue") < limits["above_m"]
+    down = below(height_m(scene, "blue"), limits["above_m"], "m")
+    bottom = every((near(scene, "blue", "goal", limits["goal_m"]), down))
     upper = [
-        stacked(scene, top, below, SIDE_M, limits["beside_m"], limits["above_m"])
-        for below, top in pairwise(STACK.values())
+        stacked(scene, top, bearer, SIDE_M, limits["beside_m"], limits["above_m"])
+        for bearer, top in pairwise(STACK.values())
     ]
     return [bottom, *upper]
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each cube is in its place, level, let go and at rest."""
     standing = zip(STACK.values(), _standing(scene, task), strict=True)
     return {

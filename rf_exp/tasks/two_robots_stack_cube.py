@@ -2,8 +2,8 @@
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import height_m, holders, near, released, set_down, stacked
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.tasks.measure import below, every, height_m, holders, near, released, set_down, stacked
+from rf_exp.types import Condition, Proposal, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -34,18 +34,16 @@ def plan(scene: Scene, task: Task) -> Proposal:
     )
 
 
-def _on_goal(scene: Scene, task: Task) -> bool:
-    return (
-        near(scene, "blue", "goal", task.success["goal_m"])
-        and height_m(scene, "blue") < task.success["above_m"]
-    )
+def _on_goal(scene: Scene, task: Task) -> Condition:
+    down = below(height_m(scene, "blue"), task.success["above_m"], "m")
+    return every((near(scene, "blue", "goal", task.success["goal_m"]), down))
 
 
-def _on_blue(scene: Scene, task: Task) -> bool:
+def _on_blue(scene: Scene, task: Task) -> Condition:
     return stacked(scene, "red", "blue", CUBE_M, task.success["beside_m"], task.success["above_m"])
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Blue on the goal, red on blue, both level, let go and at rest."""
     return {
         "blue on the goal": _on_goal(scene, task),
@@ -54,7 +52,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, bool]:
     }
 
 
-def paper(scene: Scene, start: Scene, task: Task) -> bool:
+def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: red above blue, blue near the goal, nothing grasped."""
     limits = task.success
     on_goal = near(scene, "blue", "goal", limits["paper_goal_m"])

@@ -1,8 +1,11 @@
 """What everything in a recording is called, which colour it has, and how the viewer lays it out."""
 
+from typing import Literal
+
 import rerun.blueprint as rrb
 
 Rgb = tuple[int, int, int]  # sRGB, 0..255
+Panels = Literal["plan", "rollout"]  # what a recording tells beside the scene
 
 # Okabe and Ito (2008): told apart with every common colour blindness, here in the order that reads
 # best on the viewer's dark ground. Vermillion is kept for violations.
@@ -16,6 +19,7 @@ AGENT_COLOURS: tuple[Rgb, ...] = (
 )
 VIOLATED: Rgb = (213, 94, 0)  # vermillion
 HOLDS: Rgb = (84, 130, 110)  # muted green: what is fine should not shout
+NOT_YET: Rgb = (128, 92, 60)  # a condition of success that does not hold: no violation either
 OBJECT: Rgb = (150, 150, 150)
 JOINT_COLOURS: tuple[Rgb, ...] = (*AGENT_COLOURS, (235, 235, 235))  # seven joints
 
@@ -42,6 +46,9 @@ LOOK_AT_M = (0.0, 0.0, 0.15)
 PICTURE_COLUMNS = 3
 
 PROPOSALS, CHECKS, DIAGRAMS, MOTIONS = "plan/proposals", "plan/checks", "plan/diagrams", "motions"
+CONDITIONS, MARGINS, VERDICT = "conditions", "margins", "verdict"
+DISTANCES, CONTACTS = "arms/distances", "contacts"
+PATHS = "world/paths"
 
 
 def agent_colour(agent: int) -> Rgb:
@@ -77,22 +84,27 @@ def camera_entity(name: str) -> str:
 
 
 def blueprint(
-    agents: int, cameras: tuple[str, ...], diagrams_px: tuple[int, int] | None = None
+    agents: int, cameras: tuple[str, ...], panels: Panels, diagrams_px: tuple[int, int] | None = None
 ) -> rrb.Blueprint:
     """How the viewer opens: the scene and what each agent does on the left, evidence on the right.
 
     `diagrams_px`: width and height of the picture of coordination diagrams, None without one.
     """
     pictures = [rrb.Spatial2DView(name=name, origin=camera_entity(name)) for name in cameras]
-    right: list[rrb.View | rrb.Container] = [_reasons(diagrams_px), _evidence()]
-    shares = [1.15, 1.0]
+    if panels == "plan":
+        below, low = _curves(agents), 0.35 + 0.2 * agents
+        middle, bottom, shares = _reasons(diagrams_px), _evidence(), [1.15, 1.0]
+    else:
+        below, low = rrb.Horizontal(_joints(agents), _conditions()), 1.6
+        middle, bottom, shares = _near(agents), _outcome(), [0.8, 1.0]
+    right: list[rrb.View | rrb.Container] = [middle, bottom]
     if pictures:
         columns = min(len(pictures), PICTURE_COLUMNS)
         right.insert(0, rrb.Grid(*pictures, grid_columns=columns))
         shares.insert(0, 0.5 * -(-len(pictures) // columns))
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_scene(), _curves(agents), row_shares=[3.0, 0.35 + 0.2 * agents]),
+            rrb.Vertical(_scene(), below, row_shares=[3.0, low]),
             rrb.Vertical(*right, row_shares=shares),
             column_shares=[3, 2],
         ),
@@ -123,12 +135,41 @@ def _scene() -> rrb.Tabs:
 def _curves(agents: int) -> rrb.Tabs:
     """A lane for each agent: what it does when; in the tabs beside it its joints."""
     motions = rrb.StateTimelineView(name="who does what when", origin=MOTIONS)
+    return rrb.Tabs(motions, *_series(agents), active_tab=0)
+
+
+def _series(agents: int) -> list[rrb.View]:
     grippers = rrb.TimeSeriesView(name="grippers (mm open)", origin="gripper")
     joints = [
         rrb.TimeSeriesView(name=f"agent {agent} joints (rad)", origin=f"joints/agent{agent}")
         for agent in range(1, agents + 1)
     ]
-    return rrb.Tabs(motions, *joints, grippers, active_tab=0)
+    return [*joints, grippers]
+
+
+def _joints(agents: int) -> rrb.Tabs:
+    """Predicted beside commanded and measured."""
+    return rrb.Tabs(*_series(agents), active_tab=0)
+
+
+def _conditions() -> rrb.Tabs:
+    """The conditions of success over time: which hold, and how near to its bound each number is."""
+    lanes = rrb.StateTimelineView(name="conditions over time", origin=CONDITIONS)
+    margins = rrb.TimeSeriesView(name="value / bound", origin=MARGINS)
+    return rrb.Tabs(lanes, margins, active_tab=0)
+
+
+def _near(agents: int) -> rrb.Container | rrb.View:
+    """How near the arms are to one another, and who pushes what."""
+    forces = rrb.TimeSeriesView(name="contacts (N)", origin=CONTACTS)
+    if agents == 1:
+        return forces
+    return rrb.Horizontal(rrb.TimeSeriesView(name="distance of arms (cm)", origin=DISTANCES), forces)
+
+
+def _outcome() -> rrb.Tabs:
+    """The verdict; everything that was said, in order."""
+    return rrb.Tabs(rrb.TextDocumentView(name="verdict", origin=VERDICT), _log(), active_tab=0)
 
 
 def _reasons(diagrams_px: tuple[int, int] | None) -> rrb.Tabs:
@@ -151,10 +192,13 @@ def _reasons(diagrams_px: tuple[int, int] | None) -> rrb.Tabs:
 
 def _evidence() -> rrb.Tabs:
     """What was checked, with the verdicts; everything that was said, in order."""
-    log = rrb.TextLogView(
+    document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
+    return rrb.Tabs(document, _log(), active_tab=0)
+
+
+def _log() -> rrb.TextLogView:
+    return rrb.TextLogView(
         name="log",
-        contents=["log/**", f"{MOTIONS}/**", "checks/**"],
+        contents=["log/**", f"{MOTIONS}/**", "checks/**", f"{CONDITIONS}/**"],
         columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["loglevel", "body"]),
     )
-    document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
-    return rrb.Tabs(document, log, active_tab=0)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
-from rerun.components import FillMode
+from rerun.components import FillMode, MarkerShape
 
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.transforms import Matrix
@@ -29,15 +29,24 @@ from rf_exp.types import (
 from rf_exp.viz import text
 from rf_exp.viz.figures import Coordination, Mask, Pair, coordination, coordination_size_px
 from rf_exp.viz.layout import (
+    AGENT_COLOURS,
     CHECKS,
+    CONDITIONS,
+    CONTACTS,
     DIAGRAMS,
+    DISTANCES,
     HOLDS,
     JOINT_COLOURS,
+    MARGINS,
     MOTIONS,
+    NOT_YET,
     OBJECT,
+    PATHS,
     PROPOSALS,
+    VERDICT,
     VIOLATED,
     WAITS,
+    Panels,
     Rgb,
     agent_colour,
     blueprint,
@@ -60,6 +69,7 @@ VOXEL_EDGE_M = 0.0004
 NOW: Rgb = (255, 255, 255)
 NOW_POINTS = 4.0  # radius on the screen, however far the picture is zoomed
 FAINT = 110  # alpha of commanded curves, next to measured ones
+PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
 
 
 @dataclass(frozen=True)
@@ -81,7 +91,8 @@ class Recorder:
     `cameras`: camera name -> CameraModel; empty without rendering. `moving`: the cameras whose pose
     each step is told under `camera_entity(name)`. `meshes`: entity path (`link_entity`,
     `object_entity`) -> Mesh; an entity that never gets a pose stands in the world frame. An existing
-    file at `path` is replaced, missing folders are made.
+    file at `path` is replaced, missing folders are made. `panels`: whether the layout shows plans and
+    their checks, or what a policy predicted and how it was judged.
 
     Raises ArgumentError for a value of the wrong shape, type or name, naming it; StageError when
     the file cannot be written or was closed.
@@ -97,6 +108,7 @@ class Recorder:
         cameras: Mapping[str, CameraModel],
         meshes: Mapping[str, Mesh],
         moving: Collection[str] = (),
+        panels: Panels = "plan",
     ) -> None:
         if path.suffix != ".rrd":
             raise ArgumentError(f"recording {path}: the viewer opens only names that end in .rrd")
@@ -114,16 +126,19 @@ class Recorder:
         self._marks: list[tuple[str, NDArray[np.float64]]] = []  # (check, where) now in the scene
         self._marked_step = 0
         self._coordination: Coordination | None = None
+        self._curved: dict[str, int] = {}  # group -> curves in it so far
+        self._styled: set[str] = set()  # entities that have their style
         self._closed = False
 
         batches = rr.ChunkBatcherConfig.DEFAULT()
         batches.flush_tick = FLUSH_S
-        # One application per task: the viewer keeps one layout for each, and tasks differ in agents.
-        self._stream = rr.RecordingStream(f"rf_exp {task}", batcher_config=batches)
+        # One application per task and kind: the viewer keeps one layout for each, and tasks differ in agents.
+        kind = "" if panels == "plan" else f" {panels}"
+        self._stream = rr.RecordingStream(f"rf_exp {task}{kind}", batcher_config=batches)
         self._stream.set_log_time_enabled(False)  # the machine's clock is no part of an episode
         self._stream.set_log_tick_enabled(False)
         pairs = agents * (agents - 1) // 2
-        layout = blueprint(agents, tuple(cameras), coordination_size_px(pairs) if pairs else None)
+        layout = blueprint(agents, tuple(cameras), panels, coordination_size_px(pairs) if pairs else None)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._stream.save(path, default_blueprint=layout)
@@ -182,9 +197,8 @@ class Recorder:
             self._log(f"gripper/agent{agent}/measured", rr.Scalars(1000.0 * row[ARM_JOINTS:].sum()))
             if action is not None:
                 target = action[agent - 1]
-                opening = (target[ARM_JOINTS] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
                 self._log(f"joints/agent{agent}/target", rr.Scalars(target[:ARM_JOINTS]))
-                self._log(f"gripper/agent{agent}/target", rr.Scalars(OPEN_MM * opening))
+                self._log(f"gripper/agent{agent}/target", rr.Scalars(_opening_mm(target)))
         for name, picture in (pictures or {}).items():
             self._log(camera_entity(name), _compressed(picture))
 
@@ -286,6 +300,63 @@ class Recorder:
             now = rr.Points2D(where, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
             self._log(f"{DIAGRAMS}/now", now)
 
+    # -- what a policy does and how it is judged ---------------------------------------------------
+
+    def predicted(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
+        """What a policy predicts for an agent from step `first` on: (T, 8) rad and gripper command."""
+        self._colour(f"agent{agent}")
+        _expect("targets", targets, (len(targets), ARM_JOINTS + 1))
+        entity, colour = f"joints/agent{agent}/predicted", agent_colour(agent)
+        if entity not in self._styled:
+            self._styled.add(entity)
+            dots = [(*each, 255) for each in JOINT_COLOURS]
+            self._points(entity, dots, ["predicted"] * ARM_JOINTS)
+            self._points(f"gripper/agent{agent}/predicted", [(*colour, 255)], [f"agent {agent} predicted"])
+        now = self._step
+        for step, target in enumerate(targets, start=first):
+            self._set_time(step)
+            self._log(entity, rr.Scalars(target[:ARM_JOINTS]))
+            self._log(f"gripper/agent{agent}/predicted", rr.Scalars(_opening_mm(target)))
+        self._set_time(now)
+
+    def path(self, agent: int, kind: str, places_m: NDArray[np.floating]) -> None:
+        """A path of an agent's hand (K, 3) in the scene: `predicted` is pale."""
+        colour = self._colour(f"agent{agent}")
+        _expect("places_m", places_m, (len(places_m), 3))
+        shown = shade(colour, 3.0) if kind == "predicted" else colour
+        radius = rr.Radius.ui_points(3.0 if kind == "predicted" else 2.0)
+        strip = rr.LineStrips3D([places_m], colors=[shown], radii=radius)
+        self._log(f"{PATHS}/agent{agent}/{rr.escape_entity_path_part(kind)}", strip)
+
+    def distance(self, a: int, b: int, distance_m: float) -> None:
+        """How far two arms are from one another, drawn in cm."""
+        self._curve(DISTANCES, f"agents {a} and {b}", 100 * distance_m)
+
+    def contact(self, what: str, force_n: float) -> None:
+        """With which force something is pushed now, 0 when it no longer is."""
+        self._curve(CONTACTS, what, force_n)
+
+    def margin(self, condition: str, value: float) -> None:
+        """A condition's number as a part of its bound: 1 is where it begins to hold, or ends."""
+        self._curve(MARGINS, condition, value)
+
+    def condition(
+        self, name: str, holds: bool, line: str, states: tuple[str, str] = ("holds", "not yet")
+    ) -> None:
+        """A condition of success as a lane, from now on; the line goes to the log."""
+        lane = f"{CONDITIONS}/{_lane(name)}"
+        if lane not in self._styled:
+            self._styled.add(lane)
+            colours = [HOLDS, NOT_YET if states[1] == "not yet" else VIOLATED]
+            self._log(lane, rr.StateConfiguration(values=list(states), colors=colours), static=True)
+        self._log(
+            lane, rr.TextLog(line, level="INFO"), rr.StateChange(state=states[0] if holds else states[1])
+        )
+
+    def judged(self, markdown: str) -> None:
+        """What the judge says, from now on."""
+        self._log(VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+
     def note(self, line: str, level: str = "INFO") -> None:
         """A line in the log: INFO, WARN or ERROR."""
         self._log("log", rr.TextLog(line, level=level))
@@ -364,6 +435,24 @@ class Recorder:
         lines = rr.SeriesLines(colors=list(colours), names=names, widths=[width] * len(names))
         self._log(entity, lines, static=True)
 
+    def _points(self, entity: str, colours: Iterable[tuple[int, ...]], names: list[str]) -> None:
+        dots = rr.SeriesPoints(
+            colors=list(colours),
+            names=names,
+            marker_sizes=[PREDICTED_PX] * len(names),
+            markers=[MarkerShape.Circle] * len(names),
+        )
+        self._log(entity, dots, static=True)
+
+    def _curve(self, group: str, name: str, value: float) -> None:
+        """A number now, in a group of curves that are told apart by their colours."""
+        entity = f"{group}/{rr.escape_entity_path_part(name)}"
+        if entity not in self._styled:
+            self._styled.add(entity)
+            index = self._curved[group] = self._curved.get(group, -1) + 1
+            self._curves(entity, [AGENT_COLOURS[index % len(AGENT_COLOURS)]], [name], 2)
+        self._log(entity, rr.Scalars(value))
+
     def _mesh(self, entity: str, mesh: Mesh) -> rr.Mesh3D:
         count = len(mesh.vertices)
         _expect(f"vertices of {entity!r}", mesh.vertices, (count, 3))
@@ -396,8 +485,13 @@ def _expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | 
         raise ArgumentError(f"{name} holds {array[~np.isfinite(array)][0]}; expected finite numbers")
 
 
+def _opening_mm(target: NDArray[np.floating]) -> float:
+    """Between the fingers, for a commanded target (8,)."""
+    return OPEN_MM * float(target[ARM_JOINTS] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
+
+
 def _lane(code: str) -> str:
-    """Check code as an entity path shows it without escapes."""
+    """Check code or a condition as an entity path shows it without escapes."""
     return re.sub(r"\W+", "-", code).strip("-")
 
 

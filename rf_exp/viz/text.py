@@ -1,10 +1,10 @@
 """Proposals, check code and evidence as Markdown, for recordings and for pages."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from rf_exp.types import Proposal, Subgoal, Violation
+from rf_exp.types import CONTROL_DT_S, Proposal, Rollout, Subgoal, Verdict, Violation
 
 
 @dataclass(frozen=True)
@@ -84,6 +84,26 @@ def violation(found: Violation) -> str:
     agents = " and ".join(f"agent {agent}" for agent in found.agents)
     measured = f"{found.value:.4g}, bound {found.bound:.4g}, " if found.value or found.bound else ""
     return f"{f'{agents}: ' if agents else ''}{found.reason} ({measured}at {found.time_s:.2f} s)"
+
+
+def conditions(verdict: Verdict, since: Mapping[str, int]) -> str:
+    """A table: a row for each condition of success, with its number, and the step since when it is so."""
+    lines = ["| | condition | value | asked | since |", "|---|---|---|---|---|"]
+    for name, holds in verdict.evidence.items():
+        found = verdict.measured.get(name)
+        value, asked = (f"{found.value:.3g} {found.unit}", found.asked) if found is not None else ("", "")
+        mark = "holds" if holds else "**not yet**"
+        lines += [f"| {mark} | {_cell(name)} | {value} | {asked} | {since[name] * CONTROL_DT_S:.2f} s |"]
+    lost = [f"- {name} is {how}" for name, how in verdict.lost.items()]
+    return "\n".join([*lines, *(["", *lost] if lost else [])])
+
+
+def outcome(result: Rollout) -> str:
+    """How a rollout ended, and why: a bullet for each part of the reason."""
+    ended = f"{'Succeeded' if result.success else 'Failed'} after {result.steps * CONTROL_DT_S:.2f} s"
+    counts = f"{result.violations} steps with a violation, {result.contacts} with contact between arms."
+    reasons = [f"- {part}" for part in result.reason.split("; ") if part]
+    return "\n".join([f"**{ended}**", "", counts, "", *reasons])
 
 
 def quantity(number: float, unit: str) -> str:

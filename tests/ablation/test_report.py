@@ -4,6 +4,7 @@ import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -95,6 +96,42 @@ def test_reasons_are_counted_without_their_measured_values(out: Path) -> None:
     text = write_report(out).read_text("utf-8")
     assert "agents 1 and 2 came within … m</td><td>4 of 10</td>" in text
     assert "agents 1 and 2 came within … m</td><td>3 of 3</td>" in text
+
+
+DROPPED = "failed: lifted (never: 0.1 m, asked > 0.15); at best 3 of 4 (1.05 s); barrier dropped (1.10 s)"
+FELL = "failed: lifted (never: 0.0 m, asked > 0.15); at best 2 of 4 (2.20 s); barrier dropped (0.90 s)"
+
+
+def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
+    for row in evaluation("place_food", "separate_local", 50, 3, 5):
+        reason = "" if row.success else DROPPED if row.scene_seed % 2 else FELL
+        append(out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, reason=reason))
+    text = write_report(out).read_text("utf-8")
+    section = text[text.index('<section id="policies">') :]
+    kind = "<td>lifted; barrier dropped</td><td>5 of 8</td><td>1000003</td>"
+    assert f"<th>Place Food</th><td>separate_local</td><td>full, 50 demonstrations</td>{kind}" in section
+
+
+def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> None:
+    folder = out / "recordings/place_food/full"
+    folder.mkdir(parents=True)
+    for row in evaluation("place_food", "separate_local", 50, 1, 2):
+        reason = "" if row.success else DROPPED
+        append(out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, reason=reason))
+        name = f"evaluate-separate_local-50-{row.scene_seed}"
+        Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(folder / f"{name}.png")
+        if row.scene_seed != 1_000_002:
+            (folder / f"{name}.mp4").write_bytes(b"film")
+    text = write_report(out).read_text("utf-8")
+    parser = Balance()
+    parser.feed(text)
+    assert parser.open == [] and "video" in parser.seen
+    films = re.findall(r'<video controls preload="none" src="([^"]*)"', text)
+    assert [(out / film).read_bytes() for film in films] == [b"film"] * 2  # relative to the report
+    assert text.count("data:image/jpeg;base64,") == 3
+    assert text.count(f'<figcaption class="soft">{DROPPED.replace(">", "&gt;")}') == 2
+    assert "succeeded after 5.0 s" in text
+    assert '<section id="pictures">' not in text  # each is shown once
 
 
 def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:

@@ -14,7 +14,7 @@ from rf_exp.policy.dataset import proprioception
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.views import View, views
-from rf_exp.types import Rollout, Scene, Verdict, Violation
+from rf_exp.types import Rollout, RolloutStep, Scene, Verdict, Violation
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture
 
 FASTEST_RAD = 0.02  # a control step, of the policies here
@@ -75,7 +75,7 @@ def test_every_architecture_commands_every_agent(arch, agents: int, make_actor) 
     world = Table(agents)
     actors = [make_actor(view) for view in views(arch, agents)]
     assert rollout(world, judge, actors, 3, 8) == Rollout(
-        3, False, False, 8, 0, 0, "success was not held long enough"
+        3, False, False, 8, 0, 0, "failed: success was not held long enough"
     )
     actions = np.stack(world.actions)  # (T, N, 8)
     assert actions.shape == (8, agents, 8)
@@ -136,7 +136,7 @@ def test_the_history_is_that_of_training(make_actor) -> None:
         return act(features, proprio, generators)
 
     actor._policy.act = spy
-    rollout(world, judge, [actor], 0, 8, on_step=lambda scene: positions.append(scene.qpos))
+    rollout(world, judge, [actor], 0, 8, on_step=lambda step: positions.append(step.scene.qpos))
     first = np.append(REST, [0.04, 0.04])[None]
     assert np.allclose(given[0][0], np.repeat(proprioception(first[None]), 3, axis=0))
     assert np.allclose(given[1][0], proprioception(np.stack(positions[3:6])))
@@ -162,6 +162,33 @@ def test_violations_are_counted_in_steps(make_actor) -> None:
         return violation if scene.step in (2, 3, 7) else None
 
     assert rollout(world, judge, actors, 0, 9, monitor).violations == 3
+
+
+def test_a_failure_has_its_reason_and_a_success_has_none(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+
+    def never(scene: Scene) -> Verdict:
+        return Verdict(False, False, {"held": scene.step < 4, "lifted": False})
+
+    reason = "failed: held (since 0.20 s), lifted (never); at best 1 of 2 (0.05 s)"
+    assert rollout(world, never, actors, 0, 9).reason == reason
+    assert rollout(world, lambda scene: Verdict(True, True, {"held": True}), actors, 0, 9).reason == ""
+
+
+def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_actor) -> None:
+    world, actors = Table(2), [make_actor(view) for view in views(ARCHS[3], 2)]
+    violation = Violation("ValidateSpatialOccupancy", "space", (1,), 0.0, 0.0, 0.0, "too close")
+    told: list[RolloutStep] = []
+    rollout(world, judge, actors, 3, 8, lambda scene: violation if scene.step == 2 else None, told.append)
+    assert [step.scene.step for step in told] == list(range(1, 9))
+    assert np.array_equal(np.stack([step.action for step in told]), np.stack(world.actions))
+    assert [step.violation for step in told[:3]] == [None, violation, None]
+    assert [sorted(step.predicted) for step in told] == [[1, 2], *[[]] * 5, [1, 2], []]  # six steps a chunk
+    chunk = told[0].predicted[2]
+    assert chunk.shape == (6, 8)
+    done = np.stack([step.action[1, :7] for step in told[:6]])
+    assert (np.abs(done - REST).max(axis=1) <= FASTEST_RAD * np.arange(1, 7) + 1e-9).all()
+    assert np.abs(chunk[:, :7] - done).max() > FASTEST_RAD  # what a network without training asks for
 
 
 def test_a_start_the_caller_made_is_not_made_again(make_actor) -> None:

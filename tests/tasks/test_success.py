@@ -145,3 +145,41 @@ def test_the_papers_criterion_does_not_see_the_lid(place_food, cooked):
 def test_nothing_is_left_to_do_after_success(lift_barrier, lifted, place_food, cooked):
     for task, (_, scene) in ((lift_barrier, lifted), (place_food, cooked)):
         assert task.module.plan(scene, task).subgoals == ()
+
+
+@pytest.mark.parametrize(
+    ("steps", "lost"),
+    [
+        ([("barrier", 0.2), (None, 0.19), (None, 0.16)], {}),  # set down
+        ([("barrier", 0.2), (None, 0.14)], {"barrier": "dropped"}),
+        ([("barrier", 0.2), (None, 0.14), ("barrier", 0.1)], {}),  # and caught again
+        ([(None, 0.2), (None, 0.1)], {}),  # nobody had it
+        ([("barrier", 0.2), (None, -0.1)], {"barrier": "off the table"}),
+    ],
+)
+def test_a_thing_that_falls_is_lost(lift_barrier, steps, lost):
+    start = start_scene(lift_barrier, 0)
+    judge, verdict = Judge(lift_barrier, start), None
+    for holder, height_m in steps:
+        pose = start.poses["barrier"].copy()
+        pose[2, 3] = height_m
+        verdict = judge(replace(start, poses={"barrier": pose}, held=(holder, None)))
+    assert verdict is not None and verdict.lost == lost
+
+
+def test_what_no_arm_reaches_any_more_is_lost(lift_barrier):
+    start = start_scene(lift_barrier, 0)
+    for x_m, lost in ((0.3, {}), (0.9, {"barrier": "out of reach"})):
+        moved = replace(start, poses={"barrier": planar(x_m, 0.0, 0.0)})
+        assert Judge(lift_barrier, start)(moved).lost == lost
+
+
+def test_conditions_with_a_number_say_by_how_much(place_food, cooked):
+    start, scene = cooked
+    beside = replace(scene, poses={**scene.poses, "steak": planar(0.4, 0.0, 0.0, 0.012)})
+    verdict = judged(place_food, start, beside, 1)
+    inside = verdict.measured["steak inside the pot"]
+    assert not inside and verdict.evidence["steak inside the pot"] is False
+    assert inside.value == pytest.approx(np.hypot(*(np.array([0.4, 0.0]) - start.poses["pot"][:2, 3])))
+    assert (inside.bound, inside.unit, inside.asked) == (place_food.success["inside_m"], "m", "< 0.055")
+    assert "released" not in verdict.measured  # a condition may be a bare yes or no

@@ -1,0 +1,37 @@
+"""Rollouts to look at: which are filmed, how their files are called, and of what kind a failure is."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from rf_exp.ablation.rows import EvaluationRow
+
+RECORDING, FILM, PICTURE = ".rrd", ".mp4", ".png"
+_DIFFERS = re.compile(r" \([^()]*\)|; at best [^;]*")  # from scene to scene, in a reason
+
+
+def kind_of(reason: str) -> str:
+    """The reason of a failed rollout without what differs from scene to scene: equal failures are equal."""
+    return _DIFFERS.sub("", reason).removeprefix("failed: ") or "no reason given"
+
+
+def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
+    """Scene seeds of the first `count` successes and of as many failures, of different kinds first."""
+    ordered = sorted(rows, key=lambda row: row.scene_seed)
+    won = [row.scene_seed for row in ordered if row.success]
+    lost = [row for row in ordered if not row.success and row.steps]  # without steps there is nothing to see
+    kinds = {kind_of(row.reason): row.scene_seed for row in reversed(lost)}
+    first = sorted(kinds.values())
+    others = [row.scene_seed for row in lost if row.scene_seed not in first]
+    return (*won[:count], *[*first, *others][:count])
+
+
+def rollout_name(arch: str, demos: int, train_seed: int) -> str:
+    """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
+    return f"evaluate-{arch}-{demos}" + (f"-t{train_seed}" if train_seed else "")
+
+
+def rollout_file(row: EvaluationRow, suffix: str) -> Path:
+    """The file about a rollout, below the output folder."""
+    name = rollout_name(row.arch, row.demos, row.train_seed)
+    return Path("recordings", row.task, row.constraints, f"{name}-{row.scene_seed}{suffix}")

@@ -1,0 +1,108 @@
+"""An expert episode: the bridge from checker and generation loop to `rf_exp.viz`."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.constraints.clearance import Mask
+from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.occupancy import centres_m
+from rf_exp.constraints.timing import Demands
+from rf_exp.datagen.episode import Plan
+from rf_exp.recording.scene import SceneRecorder
+from rf_exp.sim.simulator import Simulator
+from rf_exp.tasks import Task
+from rf_exp.types import Scene, Trajectory, Violation
+from rf_exp.viz.text import CheckResult
+
+CAMERAS = "cameras"  # owner of the voxels that they see
+
+
+class EpisodeRecorder(SceneRecorder):
+    """Records one episode; an observer of the generation loop, a context manager."""
+
+    def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
+        super().__init__(path, task, world, title, "plan")
+        self._plan: Plan | None = None
+        self._since = 0  # step at which the plan began
+        self._doing: dict[int, tuple[str, str]] = {}  # agent -> subgoal, primitive
+
+    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+        """Proposal, check code, the evidence of every check, the diagrams, and what the cameras saw."""
+        self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
+        self._recorder.proposal(plan.proposal)
+        self._recorder.checked(check_results(checker))
+        if checker.plan is not None:
+            seen = checker.plan.scene.seen
+            if seen is not None:
+                self._recorder.occupancy(CAMERAS, centres_m(seen))
+            self._recorder.coordination(
+                plan.trajectories,
+                plan.schedule,
+                checker.plan.diagrams,
+                orders(checker, plan.trajectories),
+            )
+
+    def rejected(self, violation: Violation) -> None:
+        """A violation, marked at the hands of the agents involved; it ends what was going on."""
+        self._recorder.violation(violation, self._hands_m(violation.agents))
+        self._plan = None
+        for agent in self._task.agents:
+            self._do(agent, "", "")
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        """One control step: poses, curves, pictures, occupancy, and what each agent is about."""
+        self.look(scene, action, pictures)
+        if self._plan is not None:
+            self._follow(self._plan, scene.step - self._since + 1)
+
+    def _follow(self, plan: Plan, step: int) -> None:
+        """What each agent does in a control step of the plan, the first being 1."""
+        positions = plan.schedule.positions
+        now, before = positions[min(step, len(plan.schedule))], positions[min(step, len(plan.schedule)) - 1]
+        self._recorder.positions(now)
+        for trajectory in plan.trajectories:
+            at = int(now[trajectory.agent - 1])
+            moves = at != before[trajectory.agent - 1] and step <= len(plan.schedule)
+            if not moves and at == len(trajectory):
+                self._do(trajectory.agent, "", "")
+                continue
+            segment = trajectory.segments[int(np.searchsorted(trajectory.knots[1:], at))]
+            self._do(trajectory.agent, segment.subgoal.text, segment.primitive if moves else "")
+
+    def _do(self, agent: int, subgoal: str, primitive: str) -> None:
+        if self._doing.get(agent, ("", "")) != (subgoal, primitive):
+            self._doing[agent] = subgoal, primitive
+            self._recorder.motion(agent, subgoal, primitive)
+
+
+def check_results(checker: RoboChecker) -> tuple[CheckResult, ...]:
+    """The evidence of all checks on the plan checked last, ready to be shown."""
+    return tuple(check_result(check, evidence) for check, evidence in checker.evidence)
+
+
+def check_result(check: Check, evidence: Evidence) -> CheckResult:
+    """A check with its evidence, ready to be shown."""
+    return CheckResult(
+        repr(check),
+        check.text,
+        evidence.ok,
+        evidence.value,
+        evidence.bound,
+        check.unit,
+        evidence.time_s,
+        evidence.reason,
+    )
+
+
+def orders(checker: RoboChecker, trajectories: Sequence[Trajectory]) -> Mapping[tuple[int, int], Mask]:
+    """(P_i, P_j) for pairs of agents i < j: True where the temporal constraints of a plan forbid to be."""
+    demands = Demands(trajectories)
+    for rule in checker.rules:
+        rule.demand(demands)
+    return demands.cells

@@ -1,0 +1,74 @@
+"""A rollout as a short film and a picture of its last moment, small enough for a report."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rf_exp.sim.simulator import Simulator
+from rf_exp.tasks import Task
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.viz.film import Film
+from rf_exp.viz.frames import INK, SOFT, Line, frame
+from rf_exp.viz.layout import HOLDS, VIOLATED
+
+EVERY = 4  # control steps from one frame to the next
+RATE = 2 * CONTROL_HZ // EVERY  # frames a second: twice as fast as real
+REST_FRAMES = 2 * RATE  # the last one stays a while
+HEIGHT_PX = 240  # of the global view
+QUALITY = 28  # see Film
+
+
+class RolloutFilm:
+    """Films one rollout; an observer of the rollout loop, a context manager.
+
+    Shows all cameras, the time, and which conditions of success hold. The picture of the last moment is
+    written to `picture`.
+    """
+
+    def __init__(self, path: Path, picture: Path, task: Task, world: Simulator) -> None:
+        self._film, self._picture = Film(path, RATE, QUALITY), picture
+        self._task, self._world = task, world
+        self._last: RolloutStep | None = None
+
+    def __enter__(self) -> Self:
+        self._film.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._film.__exit__(kind, error, trace)
+
+    def begun(self, scene: Scene) -> None:
+        """The start, which nobody has judged."""
+
+    def rolled(self, step: RolloutStep) -> None:
+        """One control step."""
+        self._last = step
+        if step.scene.step % EVERY == 0:
+            self._film.add(self._frame(step, ""))
+
+    def ended(self, result: Rollout) -> None:
+        """The last moment, with how it ended."""
+        assert self._last is not None  # a rollout has at least one step
+        last = self._frame(self._last, ", succeeded" if result.success else ", failed")
+        self._film.add(last, REST_FRAMES)
+        Image.fromarray(last).save(self._picture)
+
+    def _frame(self, step: RolloutStep, ending: str) -> NDArray[np.uint8]:
+        title = f"{step.scene.step * CONTROL_DT_S:.1f} s{ending}"
+        return frame(self._world.pictures(), title, _lines(step.verdict), HEIGHT_PX)
+
+
+def _lines(verdict: Verdict) -> list[Line]:
+    """A line for each condition: a mark in green where it holds, its number if it has one."""
+    lines = []
+    for name, holds in verdict.evidence.items():
+        found = verdict.measured.get(name)
+        number = f": {found.value:.2g} {found.unit}, asked {found.asked}" if found is not None else ""
+        lines.append(Line(f"{name}{number}", HOLDS if holds else VIOLATED, INK if holds else SOFT))
+    return lines

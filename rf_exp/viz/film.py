@@ -1,0 +1,56 @@
+"""Frames as an MP4 that browsers play: H.264, its index first."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import imageio_ffmpeg
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import StageError
+
+
+class Film:
+    """Writes one film. A context manager; `rate` in frames a second.
+
+    `quality` is the constant rate factor of x264: lower is better and larger. Raises StageError when
+    the file cannot be written.
+    """
+
+    def __init__(self, path: Path, rate: int = 20, quality: int = 24) -> None:
+        self._path, self._rate, self._quality = path, rate, quality
+        self._writer = None
+
+    def add(self, frame: NDArray[np.uint8], times: int = 1) -> None:
+        """A frame (H, W, 3) of even sizes, the same for all, shown for so many times."""
+        try:
+            if self._writer is None:
+                self._writer = self._open((frame.shape[1], frame.shape[0]))
+            for _ in range(times):
+                self._writer.send(frame.tobytes())
+        except OSError as error:
+            raise StageError(f"cannot write the film {self._path}: {error}") from error
+
+    def _open(self, size: tuple[int, int]):
+        quality = ["-crf", str(self._quality), "-preset", "fast"]
+        writer = imageio_ffmpeg.write_frames(
+            str(self._path),
+            size,
+            fps=self._rate,
+            codec="libx264",
+            macro_block_size=2,
+            ffmpeg_log_level="error",
+            output_params=[*quality, "-movflags", "+faststart", "-threads", "1"],
+        )
+        writer.send(None)
+        return writer
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            self._writer.close()

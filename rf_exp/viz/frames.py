@@ -1,0 +1,91 @@
+"""Pictures of cameras laid out with words that can be read: sheets, and frames of a film."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from rf_exp.viz.layout import Rgb, agent_colour
+
+GROUND, INK, SOFT = (22, 24, 28), (236, 238, 240), (150, 154, 160)
+GAP_PX = 8
+TEXT_PX, SMALL_PX = 17, 15  # sizes of letters
+LINE_PX = 25  # from one line to the next
+ROWS = 2  # agents' views below one another at most, beside the global view
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of words below the pictures, with a mark before it."""
+
+    text: str
+    mark: Rgb
+    ink: Rgb = INK
+
+
+def frame(
+    pictures: Mapping[str, NDArray[np.uint8]], title: str, lines: Sequence[Line], height_px: int
+) -> NDArray[np.uint8]:
+    """One frame of a film (H, W, 3): global view of that height, agents' views beside it, lines below.
+
+    Even sizes, which video needs. The same size for the same cameras and number of lines.
+    """
+    agents = sorted(int(name.removeprefix("agent")) for name in pictures if name != "global")
+    large = pictures["global"]
+    width_px = height_px * large.shape[1] // large.shape[0]
+    rows = max(1, min(ROWS, len(agents)))
+    high = (height_px - (rows - 1) * GAP_PX) // rows
+    view_px = (high * large.shape[1] // large.shape[0], high)
+    size = (
+        width_px + ceil(len(agents) / rows) * (view_px[0] + GAP_PX),
+        height_px + LINE_PX * len(lines) + 3 * GAP_PX,
+    )
+    whole, draw = blank((size[0] + size[0] % 2, size[1] + size[1] % 2))
+    whole.paste(scaled(large, (width_px, height_px)), (0, 0))
+    label(draw, (0, 0), title, INK)
+    for place, agent in enumerate(agents):
+        column, row = divmod(place, rows)
+        at = (width_px + GAP_PX + column * (view_px[0] + GAP_PX), row * (high + GAP_PX))
+        whole.paste(scaled(pictures[f"agent{agent}"], view_px), at)
+        label(draw, at, f"view of Agent_{agent}", agent_colour(agent))
+    write_lines(draw, (GAP_PX, height_px + GAP_PX), lines)
+    return np.asarray(whole)
+
+
+def write_lines(draw: ImageDraw.ImageDraw, at: tuple[int, int], lines: Sequence[Line]) -> None:
+    """Lines of words below one another, each with its mark."""
+    for row, line in enumerate(lines):
+        x, y = at[0], at[1] + row * LINE_PX
+        draw.rectangle((x, y + 3, x + 12, y + 15), fill=line.mark)
+        write(draw, (x + 22, y - 2), line.text, TEXT_PX, line.ink)
+
+
+def label(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, colour: Rgb) -> None:
+    """Words on a dark strip in the corner of a picture."""
+    width = draw.textlength(text, font(SMALL_PX))
+    draw.rectangle((at[0], at[1], at[0] + width + 12, at[1] + SMALL_PX + 8), fill=GROUND)
+    write(draw, (at[0] + 6, at[1] + 2), text, SMALL_PX, colour)
+
+
+def write(draw: ImageDraw.ImageDraw, at: tuple[int, int], text: str, size_px: int, colour: Rgb = INK) -> None:
+    draw.text(at, text, fill=colour, font=font(size_px))
+
+
+@cache
+def font(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size_px)
+
+
+def blank(size: tuple[int, int]) -> tuple[Image.Image, ImageDraw.ImageDraw]:
+    """An empty sheet of so many pixels, and what draws on it."""
+    empty = Image.new("RGB", size, GROUND)
+    return empty, ImageDraw.Draw(empty)
+
+
+def scaled(picture: NDArray[np.uint8], size: tuple[int, int]) -> Image.Image:
+    image = Image.fromarray(picture)
+    return image if image.size == size else image.resize(size, Image.Resampling.LANCZOS)

@@ -1,0 +1,173 @@
+"""What is asked for and missing is made, whatever was finished before: recordings, films, pictures."""
+
+import shutil
+from dataclasses import replace
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+from PIL import Image
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.errors import ArgumentError
+from rf_exp.experiment import Experiment
+from rf_exp.policy.train import train
+from rf_exp.policy.views import views
+from rf_exp.stages import evaluate_policies, generate_data
+from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path
+from rf_exp.store import Store
+from tests.ablation.conftest import generation
+from tests.policy.conftest import HEIGHT, WIDTH, make_episode
+from tests.test_configuration import experiment
+from tests.test_viz import Content
+
+SMALL = (
+    *("arch=shared_local", "demos=1", "scenes=3", "workers=1", "wandb=disabled", "stages=[evaluate]"),
+    *("training.steps=1", "training.batch_size=4", "policy.unet_channels=[16,32]"),
+    f"picture={{width: {WIDTH}, height: {HEIGHT}}}",
+)
+STEPS = 6  # of a rollout: twice as long as the episodes of the expert, which are made up
+RRD, MP4, PNG = ".rrd", ".mp4", ".png"
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory) -> Experiment:
+    """A policy that has seen one episode of another world, and three scenes it failed in."""
+    small = replace(experiment(*SMALL, "recordings=0", "films=0"), out=tmp_path_factory.mktemp("out"))
+    (task,), (row,), (arch,) = small.tasks, small.rows, small.archs
+    data = data_path(small, task, row)
+    with Store.create(data, {"task": "reach"}, 2, ("global", "agent1", "agent2"), HEIGHT, WIDTH) as store:
+        store.append(make_episode(0, 2))
+    for made in generation(task.name, row.name, 1, 0, steps=STEPS // 2, version=task.version):
+        rows.append(generation_path(small, task, row), made)
+    for view in views(arch, len(task.agents)):
+        folder = policy_path(small, task, row, arch) / view.name
+        train(Store.open(data), view, small.policy, replace(small.training, seed=0), folder)
+    evaluate(small)
+    return small
+
+
+def evaluate(given: Experiment, **changed) -> set[str]:
+    """Runs the stage with other settings; the names of all files to look at that are there then."""
+    (task,), (row,), (arch,) = given.tasks, given.rows, given.archs
+    evaluate_policies(replace(given, **changed), task, row, arch)
+    folder = given.out / "recordings" / task.name / row.name
+    return {path.name for path in folder.iterdir()} if folder.exists() else set()
+
+
+def name(seed: int, suffix: str) -> str:
+    return f"evaluate-shared_local-1-{1_000_000 + seed}{suffix}"
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_recordings_of_a_finished_evaluation_are_made_and_kept(trained: Experiment) -> None:
+    path = evaluation_path(trained, trained.tasks[0], trained.rows[0], trained.archs[0])
+    before = path.read_bytes()
+    assert evaluate(trained) == set()
+    assert evaluate(trained, recordings=2) == {name(0, RRD), name(1, RRD)}
+    folder = trained.out / "recordings/lift_barrier/full"
+    kept = (folder / name(0, RRD)).stat()
+    (folder / name(1, RRD)).unlink()  # as after a crash
+    assert evaluate(trained, recordings=(1_000_001, 1_000_002)) == {name(seed, RRD) for seed in range(3)}
+    assert (folder / name(0, RRD)).stat() == kept
+    assert path.read_bytes() == before  # the same rollouts once more are no new rows
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_films_of_a_finished_evaluation_are_made_and_bounded(trained: Experiment) -> None:
+    made = {each for each in evaluate(trained, films=1) if not each.endswith(RRD)}
+    assert made == {name(0, MP4), name(0, PNG)}  # one failure; there is no success
+    folder = trained.out / "recordings/lift_barrier/full"
+    frames = imageio_ffmpeg.read_frames(str(folder / name(0, MP4)))
+    assert next(frames)["codec"] == "h264"
+    shown = [np.frombuffer(frame, np.uint8) for frame in frames]
+    with Image.open(folder / name(0, PNG)) as picture:
+        last = np.asarray(picture).ravel()
+    assert last.size == shown[-1].size and np.abs(last.astype(int) - shown[-1]).mean() < 10
+    assert (folder / name(0, MP4)).stat().st_size < 200_000
+    (folder / name(0, PNG)).unlink()
+    assert {each for each in evaluate(trained, films=1) if not each.endswith(RRD)} == made
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Experiment) -> None:
+    """And ends as its row says."""
+    evaluate(trained, recordings=(1_000_000,))
+    content = Content(trained.out / "recordings/lift_barrier/full" / name(0, RRD))
+    path = evaluation_path(trained, trained.tasks[0], trained.rows[0], trained.archs[0])
+    row = rows.read(path, EvaluationRow)[0]
+    steps = list(range(1, STEPS + 1))
+    for agent in (1, 2):
+        measured = content.steps(f"/joints/agent{agent}/measured", "Scalars:scalars")
+        assert sorted(measured) == [0, *steps]
+        for kind in ("target", "predicted"):
+            assert sorted(content.steps(f"/joints/agent{agent}/{kind}", "Scalars:scalars")) == steps
+        assert content.column(f"/world/paths/agent{agent}/predicted", "LineStrips3D:strips")
+        assert len(content.column(f"/world/paths/agent{agent}/done", "LineStrips3D:strips")) == STEPS
+    distances = content.column("/arms/distances/agents\\ 1\\ and\\ 2", "Scalars:scalars")
+    assert len(distances) == 1 + STEPS // 2 and all(0 < cm < 200 for [cm] in distances)
+    lane = "/conditions/lifted"
+    assert content.column(lane, "StateChange:state") == [["not yet"]]
+    [verdict] = content.column("/verdict", "TextDocument:text")[-1]
+    assert f"**Failed after {STEPS * 0.05:.2f} s**" in verdict and row.reason.split("; ")[0] in verdict
+    assert "| **not yet** | lifted | " in verdict and "> 0.15" in verdict
+    pictures = content.column("/world/cameras/global", "EncodedImage:blob")
+    assert len(pictures) == STEPS + 1
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment, tmp_path, capsys) -> None:
+    other = replace(trained, out=tmp_path / "out")
+    shutil.copytree(trained.out, other.out, ignore=shutil.ignore_patterns("recordings"))
+    path = evaluation_path(other, other.tasks[0], other.rows[0], other.archs[0])
+    row = rows.read(path, EvaluationRow)[-1]
+    rows.append(path, replace(row, steps=STEPS - 1))
+    evaluate(other, recordings=(row.scene_seed,))
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"warning: scene {row.scene_seed} ended otherwise than in its row: success False after 6" in said
+
+
+@pytest.mark.slow
+def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
+    """Of the first demonstrations, or of seeds: also of one that is no demonstration, to see why."""
+    small = replace(
+        experiment("stages=[generate]", "render=false", "demos=1", "workers=1", "recordings=0"), out=tmp_path
+    )
+    (task,), (row,) = small.tasks, small.rows
+    folder = tmp_path / "recordings" / task.name / row.name
+    generate_data(small, task, row)
+    assert not list(folder.glob("*.rrd"))
+    path = generation_path(small, task, row)
+    before = path.read_bytes()
+    generate_data(replace(small, recordings=2), task, row)
+    assert [each.name for each in folder.glob("*.rrd")] == ["generate-0.rrd"]
+    generate_data(replace(small, recordings=(1,)), task, row)
+    assert {each.name for each in folder.glob("*.rrd")} == {"generate-0.rrd", "generate-1.rrd"}
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["recordings=-1"], "recordings is -1; it must be at least 0"),
+        (["recordings=[3,-1]"], "recordings names seed -1"),
+        (["recordings=[1000000]", "stages=[generate]"], "from 1000000 on, by evaluate; stages is"),
+        (["recordings=[3]", "stages=[evaluate]"], "from 0 on, recorded by stage generate"),
+        (["films=-1"], "films is -1; it must be at least 0"),
+    ],
+)
+def test_recordings_that_no_stage_would_make_are_refused(arguments: list[str], message: str) -> None:
+    with pytest.raises(ArgumentError, match=message.replace("[", "\\[")):
+        experiment(*arguments)
+
+
+def test_recordings_are_a_number_or_seeds() -> None:
+    numbered, named = experiment("recordings=2"), experiment("recordings=[1000003,5,1000007]")
+    assert numbered.recorded("generate", [4, 6, 9]) == (4, 6)
+    assert named.recorded("generate", [4, 6, 9]) == (5,)
+    assert named.recorded("evaluate", range(1_000_000, 1_000_002)) == (1_000_003, 1_000_007)
