@@ -16,12 +16,12 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from statistics import mean
 from typing import Any
 
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
@@ -30,7 +30,8 @@ from rf_exp.constraints.spatial import CONTACT_N
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Plan, Settings
 from rf_exp.errors import choices
-from rf_exp.sim.pool import in_order, simulator
+from rf_exp.processes import in_order
+from rf_exp.sim.pool import simulator
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
 from rf_exp.types import CameraModel, Pictures, Row, Scene, SeeingWorld, Violation
@@ -203,7 +204,7 @@ def jobs(
     for at, task in enumerate(tasks):
         for seed in range(plans * at // len(tasks), plans * (at + 1) // len(tasks)):
             if ("clean", task.name, "", seed) not in known:
-                yield delayed(clean)(task, seed)
+                yield partial(clean, task, seed)
         cells = [
             (fault, seed)
             for fault in faults
@@ -213,7 +214,7 @@ def jobs(
         room = room_for(task) if cells else set()
         for fault, seed in cells:
             if fault in room:
-                yield delayed(faulty)(task, fault, seed)
+                yield partial(faulty, task, fault, seed)
 
 
 HEADINGS = (

@@ -24,9 +24,11 @@ CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 
 def per_hour(settings: Settings, pictures: Pictures, episodes: int, workers: int) -> float:
     """Successful episodes an hour of wall time."""
-    list(generate(settings, pictures, range(workers), workers))  # starts processes and renderers
+    outcomes = generate(settings, pictures, [*range(workers), *range(episodes)], workers)
+    for _ in range(workers):
+        next(outcomes)  # starts processes and renderers
     began = time.perf_counter()
-    made = sum(outcome.success for outcome in generate(settings, pictures, range(episodes), workers))
+    made = sum(outcome.success for outcome in outcomes)
     return made / (time.perf_counter() - began) * 3600
 
 

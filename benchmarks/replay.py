@@ -12,16 +12,17 @@ one another, in how many they overlapped, and the deepest overlap.
 
 import argparse
 import json
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 
 from rf_exp.constraints.spatial import overlapping, pressing
-from rf_exp.sim.pool import in_order, simulator
+from rf_exp.processes import in_order
+from rf_exp.sim.pool import simulator
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
 from rf_exp.tasks.configuration import CONFIGURED, stored_task
@@ -72,7 +73,7 @@ def main() -> None:
         with Store.open(path) as store:
             task = stored_task(store.identity, given.tasks)
             episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
-        jobs = (delayed(replay)(task, each.seed, each.qpos, each.action) for each in episodes)
+        jobs = (partial(replay, task, each.seed, each.qpos, each.action) for each in episodes)
         results = list(in_order(jobs, given.workers))
         total += results
         print(f"{path}: {_said(results)}", flush=True)

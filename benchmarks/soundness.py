@@ -21,12 +21,12 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, pairwise
 from pathlib import Path
 
 import coal
 import numpy as np
-from joblib import delayed
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 from scipy.optimize import brentq
@@ -37,8 +37,8 @@ from rf_exp.constraints.clearance import Swept, folded, nearest
 from rf_exp.constraints.evidence import Plan
 from rf_exp.constraints.spatial import AvoidAgents, touching
 from rf_exp.constraints.world import AGENT_MARGIN_M
+from rf_exp.processes import in_order
 from rf_exp.robots.panda import limits_rad, self_pairs
-from rf_exp.sim.pool import in_order
 from rf_exp.tasks import ObjectSpec, Task
 from rf_exp.tasks.base import FINGERS_OPEN_M, REST_QPOS
 from rf_exp.tasks.configuration import load_task
@@ -326,7 +326,7 @@ def main() -> None:
     measure("random", len(TEAMS), arguments.seed + 1, 0)  # warm up: shapes are made once
     wanted = {"random": arguments.states, "near": arguments.near}
     jobs = [
-        delayed(measure)(kind, min(CHUNK, count - begin), arguments.seed, begin // CHUNK)
+        partial(measure, kind, min(CHUNK, count - begin), arguments.seed, begin // CHUNK)
         for kind, count in wanted.items()
         for begin in range(0, count, CHUNK)
     ]

@@ -1,18 +1,29 @@
-"""What all commands of the suite have in common: where their configuration is, and how they end."""
+"""What all commands of the suite share: their configuration, and how they end, whatever ends them."""
 
+import functools
 import os
+import signal
 import sys
-from collections.abc import Callable
+import tempfile
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from rf_exp.errors import ArgumentError, RfError
+from rf_exp.errors import ArgumentError, RfError, StageError
+from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.secrets import refuse_keys
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
+FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
+WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
 
 
 def register_all_tasks() -> None:
@@ -21,20 +32,118 @@ def register_all_tasks() -> None:
     ConfigStore.instance().store(group="task", name="all", node={"defaults": names})
 
 
+class _Told(KeyboardInterrupt):
+    """A signal told this process to end."""
+
+    def __init__(self, number: int) -> None:
+        self.number = signal.Signals(number)
+
+
 def guarded(job: Callable[[], None]) -> int:
-    """Runs `job`; its exit code. 0 done, 1 a stage failed, 2 a wrong argument, 130 interrupted."""
+    """Runs `job`; its exit code: 0 done, 1 a stage failed, 2 a wrong argument, 130 Ctrl-C, 143 SIGTERM.
+
+    Every error is a line. HYDRA_FULL_ERROR=1 shows the traceback as well.
+    """
+    full = os.environ.get(FULL)
     # Hydra would print every error itself and exit with 1; this lets them through to here.
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+    os.environ[FULL] = "1"
     try:
-        refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
-        job()
-    except (ArgumentError, HydraException, OmegaConfBaseException) as error:
-        print(f"wrong argument: {error}", file=sys.stderr)
-        return 2
-    except RfError as error:
-        print(f"failed: {error}", file=sys.stderr)
-        return 1
+        with _told():
+            refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
+            job()
+    except _Told as told:
+        print(f"ended by {told.number.name}; the same command goes on from here", file=sys.stderr)
+        return SHELL_SIGNAL + told.number
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+        return SHELL_SIGNAL + signal.SIGINT
+    except Exception as error:
+        if full == "1":
+            traceback.print_exception(error)
+        code, line = _line(error)
+        print(line, file=sys.stderr)
+        return code
+    finally:
+        os.environ.pop(FULL)
+        if full is not None:
+            os.environ[FULL] = full
     return 0
+
+
+def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]:
+    """For the function below `hydra.main`: what it did not expect becomes a StageError and a file.
+
+    A job that a launcher has put into a process of its own ends with the command.
+    """
+
+    @functools.wraps(main)
+    def run(config: DictConfig) -> None:
+        end_with_parent()
+        try:
+            main(config)
+        except (*WRONG, RfError):
+            raise
+        except Exception as error:
+            raise _unexpected(error, Path(HydraConfig.get().runtime.output_dir)) from error
+
+    return run
+
+
+def _line(error: Exception) -> tuple[int, str]:
+    """Exit code and last line for an error that has come up to the command."""
+    if isinstance(error, WRONG):
+        return 2, f"wrong argument: {error}"
+    if isinstance(error, OSError) and error.filename is not None:  # not of the job: Hydra makes its folder
+        why = f"cannot make {error.filename}: {error.strerror}"
+        return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
+    if not isinstance(error, RfError):
+        error = _unexpected(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
+    return 1, f"failed: {error}"
+
+
+def _unexpected(error: Exception, folder: Path) -> StageError:
+    """One line for an error that nobody foresaw; its traceback is in a file."""
+    if _out_of_memory(error):
+        return StageError(
+            f"memory ran out ({_first_line(error)}); fewer workers, smaller pictures or a smaller "
+            "batch_size need less; the same command goes on from here"
+        )
+    path = folder / "error.log"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(traceback.format_exception(error)))
+        where = f"the traceback is in {path}"
+    except OSError:
+        where = f"{FULL}=1 shows the traceback"
+    return StageError(f"unexpected {type(error).__name__}: {_first_line(error)}; {where}")
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or ["without a message"])[0]
+
+
+def _out_of_memory(error: Exception) -> bool:
+    """Python, NumPy, torch and Vulkan have words of their own for it."""
+    words = ("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory")
+    words = (*words, "OutOfDeviceMemory", "OutOfHostMemory")
+    return isinstance(error, MemoryError) or any(each in str(error) for each in words)
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Within, SIGTERM and SIGHUP end the command as Ctrl-C does; the second one at once."""
+
+    def tell(number: int, _: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise _Told(number)
+
+    numbers = [
+        n for n in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(n) is signal.SIG_DFL
+    ]  # not nohup
+    for number in numbers:
+        signal.signal(number, tell)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)

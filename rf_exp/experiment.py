@@ -1,5 +1,6 @@
 """An experiment as plain, checked values: what `conf/` says, before any work begins."""
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from rf_exp.datagen.episode import Settings
 
 STAGES = ("generate", "train", "evaluate", "report")
+_FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
 
 
@@ -36,6 +38,7 @@ class Experiment:
     episodes: int | None
     demos: int
     workers: int
+    seed_limit_s: float
     pictures: Pictures
     occupancy: Occupancy
     attempts: int
@@ -49,6 +52,10 @@ class Experiment:
     scenes: int
 
     def __post_init__(self) -> None:
+        check_file_name("name", self.name)
+        for kind, chosen in (("task", self.tasks), ("constraints", self.rows), ("arch", self.archs)):
+            for each in chosen:
+                check_file_name(kind, each.name)
         unknown = [stage for stage in self.stages if stage not in STAGES]
         if unknown:
             raise ArgumentError(f"unknown stage {unknown[0]!r}; available: {', '.join(STAGES)}")
@@ -56,6 +63,7 @@ class Experiment:
             "seed": 0,
             "demos": 1,
             "workers": 1,
+            "seed_limit_s": 1,
             "attempts": 1,
             "films": 0,
             "scenes": 1,
@@ -106,6 +114,15 @@ class Experiment:
         from rf_exp.datagen.episode import Settings  # slow to import; arguments are checked without it
 
         return Settings(task, row, self.brain, self.limits, self.attempts, self.occupancy)
+
+
+def check_file_name(key: str, value: str) -> None:
+    """Raises ArgumentError for what is no name of one file or folder, such as a path out of `out`."""
+    if not _FILE_NAME.fullmatch(value):
+        raise ArgumentError(
+            f"{key} is {value!r}; expected a name for a file: letters, digits, '_', '-', '+', '=' and '.', "
+            "not first a '.', at most 100 of them"
+        )
 
 
 def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Experiment:

@@ -12,13 +12,14 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import CONF, guarded, register_all_tasks
+from rf_exp.command import CONF, explained, guarded, register_all_tasks
 from rf_exp.errors import StageError
 
 register_all_tasks()
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+@explained
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen row of constraints and architecture."""
     # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
@@ -26,9 +27,10 @@ def main(config: DictConfig) -> None:
 
     given = HydraConfig.get().overrides.task
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
-    from rf_exp.stages import evaluate_policies, generate_data, train_policies, write_tables
+    from rf_exp.stages import check_folders, evaluate_policies, generate_data, train_policies, write_tables
 
     stages = set(experiment.stages)
+    check_folders(experiment)
     demonstrations = 0
 
     for task, row in product(experiment.tasks, experiment.rows):

@@ -462,7 +462,10 @@ def _blames(path: Path, what: str) -> Iterator[None]:
 
 
 def _damaged(path: Path, what: str) -> StageError:
-    return StageError(f"{path} is damaged: {what}; restore it from a copy, or delete it and generate again")
+    return StageError(
+        f"{path} is damaged: {what}; restore it from a copy, keep what is "
+        f"whole with `python -m rf_exp.rescue {path}`, or delete it and generate again"
+    )
 
 
 def _raise_full(path: Path, needed: int, doing: str, error: OSError, episodes: int = 0) -> NoReturn:

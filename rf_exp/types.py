@@ -17,6 +17,7 @@ from rf_exp.transforms import Matrix
 CONTROL_HZ = 20
 CONTROL_DT_S = 1.0 / CONTROL_HZ
 ARM_JOINTS = 7
+SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes of the largest ones take gigabytes
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
 COLLISION = "Collision"  # the check that arms fail which have hit something
 MOTION = "Motion"  # the check that a proposal fails for which no motion was found
@@ -49,11 +50,18 @@ class Arch:
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the cameras take: size in pixels, or nothing at all."""
+    """What the cameras take: size in pixels, or nothing at all. Raises ArgumentError for other sizes."""
 
     width: int = 320
     height: int = 240
     render: bool = True
+
+    def __post_init__(self) -> None:
+        for name, side in (("width", self.width), ("height", self.height)):
+            if not SMALLEST_PX <= side <= LARGEST_PX:
+                raise ArgumentError(
+                    f"picture.{name} is {side}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels"
+                )
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,13 @@ def run(*arguments, environment=None, timeout_s=600):
         (["training.steps=-5"], "steps is -5; expected a number above 0"),
         (["scenes=0"], "scenes is 0; it must be at least 1"),
         (["limits.velocity_rad_s=-1"], "velocity_rad_s is -1"),
+        (["seed_limit_s=0"], "seed_limit_s is 0.0; it must be at least 1"),
+        (["name=../../../x"], "name is '../../../x'; expected a name for a file: letters, digits"),
+        (["name=.."], "name is '..'; expected a name for a file"),
+        (["name=''"], "name is ''; expected a name for a file"),
+        (["+constraints={../../x: {}}"], "constraints is '../../x'"),
+        (["picture={width: 100000, height: 100000}"], "picture.width is 100000; possible are 16 to 2048"),
+        (["picture.height=0"], "picture.height is 0; possible are 16 to 2048 pixels"),
         (["seed=1000000"], "generation must stay below 1000000"),
         (["render=false"], "render=false makes no pictures to learn from"),
         (["stages=[generate]", "render=false", "occupancy=depth"], "render=true or occupancy=state"),
@@ -85,6 +92,31 @@ def test_output_below_a_file_cannot_be_written(command, tmp_path):
     )
     assert result.returncode == 2
     assert "cannot write below" in result.stderr and "out=FOLDER" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("stages", "blocked"),
+    [
+        ("generate", "recordings"),
+        ("generate", "recordings/lift_barrier/full"),
+        ("generate", "data/lift_barrier"),
+        ("generate", "results"),
+        ("train", "wandb"),
+        ("train", "policies/lift_barrier/full/separate_local/50-0"),
+        ("evaluate", "recordings"),
+        ("evaluate", "results/evaluate/lift_barrier"),
+        ("report", "tables"),
+    ],
+)
+def test_a_folder_in_the_way_is_found_before_any_work(command, tmp_path, stages, blocked):
+    (tmp_path / blocked).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / blocked).write_text("in the way")
+    result = command(f"stages=[{stages}]", f"out={tmp_path}")
+    assert result.returncode == 2, result.stderr
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith(f"wrong argument: cannot write below {tmp_path / blocked.split('/')[0]}")
+    assert "out=FOLDER" in last and "Traceback" not in result.stderr
+    assert not list(tmp_path.glob("data/*/*/*")), "no work before"
 
 
 def test_training_without_data_says_what_to_run(command, tmp_path):

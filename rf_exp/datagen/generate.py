@@ -1,11 +1,11 @@
 """Many episodes: consecutive seeds spread over processes, results in the order of the seeds."""
 
 from collections.abc import Iterator, Sequence
-
-from joblib import delayed
+from functools import partial
 
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
-from rf_exp.sim.pool import in_order, simulator
+from rf_exp.processes import Overdue, in_order
+from rf_exp.sim.pool import simulator
 from rf_exp.types import Pictures
 
 
@@ -14,9 +14,32 @@ def make_episode(settings: Settings, pictures: Pictures, seed: int) -> Outcome:
     return EpisodeMaker(settings, simulator(settings.task, pictures), settings.make_brain(seed)).make(seed)
 
 
-def generate(settings: Settings, pictures: Pictures, seeds: Sequence[int], workers: int) -> Iterator[Outcome]:
+def generate(
+    settings: Settings,
+    pictures: Pictures,
+    seeds: Sequence[int],
+    workers: int,
+    limit_s: float | None = None,
+) -> Iterator[Outcome]:
     """Outcomes of `seeds` in their order, made by `workers` processes.
 
-    The caller may stop early; seeds then under way are thrown away. Bytes do not depend on `workers`.
+    A seed that takes longer than `limit_s` has failed, and the others go on. The caller may stop
+    early; seeds then under way are thrown away. Bytes do not depend on `workers`.
     """
-    return in_order((delayed(make_episode)(settings, pictures, seed) for seed in seeds), workers)
+    jobs = (partial(make_episode, settings, pictures, seed) for seed in seeds)
+    for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
+        yield _failed(seed, made) if isinstance(made, Overdue) else made
+
+
+def _failed(seed: int, overdue: Overdue) -> Outcome:
+    return Outcome(
+        seed,
+        success=False,
+        success_paper=False,
+        steps=0,
+        attempts=1,
+        violations=0,
+        contacts=0,
+        reason=str(overdue),
+        wall_s=overdue.limit_s,
+    )

@@ -11,7 +11,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.artifacts.files import whole
-from rf_exp.command import CONF, guarded
+from rf_exp.command import CONF, explained, guarded
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.demonstration.notes import Notes, Overheard, Together
 from rf_exp.demonstration.page import write_page
@@ -26,6 +26,7 @@ SEEDS = 20  # tried for one success
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="demonstration")
+@explained
 def main(config: DictConfig) -> None:
     """A page for every chosen task, of the first seed that succeeds."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]

@@ -13,7 +13,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import CONF, guarded, register_all_tasks
+from rf_exp.command import CONF, explained, guarded, register_all_tasks
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.gallery.draw import contact_sheet, overview, panel
@@ -30,6 +30,7 @@ register_all_tasks()
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+@explained
 def main(config: DictConfig) -> None:
     """One job: every chosen task, then all of them on one sheet."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]

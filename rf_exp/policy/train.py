@@ -21,6 +21,7 @@ from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rf_exp.artifacts.files import whole
 from rf_exp.artifacts.identity import digest
 from rf_exp.errors import StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
@@ -58,7 +59,8 @@ def train(
     """Train one policy into its folder (layout: `rf_exp.policy.saved`) and return the folder.
 
     A finished folder of the same configuration is returned untouched, an unfinished one is gone on
-    with. Ctrl-C is answered between two steps, after what is needed to go on has been written.
+    with. Ctrl-C and SIGTERM are answered between two steps, after what is needed to go on has been written,
+    by a KeyboardInterrupt.
     Raises StageError when the folder holds another configuration or the loss is no longer finite,
     ArgumentError when the store does not fit the view or the pictures.
     """
@@ -225,11 +227,14 @@ def _curves(path: Path, step: int) -> Iterator[Callable[[Curve], None]]:
     kept: list[dict[str, Any]] = []
     if path.exists():
         with path.open(newline="") as file:
-            kept = [row for row in csv.DictReader(file) if int(row["step"]) <= step]
-    with path.open("w", newline="") as file:
+            lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
+        kept = [row for row in csv.DictReader(lines) if int(row["step"]) <= step]
+    with whole(path) as draft, draft.open("w", newline="") as file:
         writer = csv.DictWriter(file, names)
         writer.writeheader()
         writer.writerows(kept)
+    with path.open("a", newline="") as file:
+        writer = csv.DictWriter(file, names)
 
         def write(curve: Curve) -> None:
             writer.writerow(asdict(curve))
@@ -240,19 +245,21 @@ def _curves(path: Path, step: int) -> Iterator[Callable[[Curve], None]]:
 
 @contextmanager
 def _deferred_interrupt() -> Iterator[threading.Event]:
-    """Within, Ctrl-C only sets the event, so that no step is torn. A second Ctrl-C acts at once."""
+    """Within, Ctrl-C and SIGTERM only set the event: no step is torn. A second Ctrl-C acts at once."""
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event  # signals reach the main thread only
         return
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def note(*_: object) -> None:
         event.set()
-        signal.signal(signal.SIGINT, before)
+        signal.signal(signal.SIGINT, before[signal.SIGINT])
 
-    signal.signal(signal.SIGINT, note)
+    for number in before:
+        signal.signal(number, note)
     try:
         yield event
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -4,16 +4,15 @@ The layout below `out` is a contract that other people's scripts rely on.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
-
-from filelock import FileLock
 
 from rf_exp.artifacts.files import read_json, sweep, write_json
 from rf_exp.artifacts.identity import differing
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
+from rf_exp.stages.locks import locked
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, Row
 
@@ -50,27 +49,25 @@ def recording_path(experiment: Experiment, task: Task, row: Row, stage: str, see
 def owned(
     artifact: Path, configuration: Mapping[str, Any] | None = None, also: Sequence[Path] = ()
 ) -> Iterator[None]:
-    """Holds the right to make an artifact; other jobs that want it wait here until it is made.
+    """Holds the right to make an artifact; other jobs that want it wait here, and say for whom.
 
     What a kill left half-written beside it is removed. With `configuration`, the artifact must be
     made of that (`same_configuration`; `also` is made together with it). Raises StageError naming
     what differs, ArgumentError where nothing can be written.
     """
-    try:
-        artifact.parent.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(artifact.with_name(f".{artifact.name}.lock"))
-        lock.acquire()
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write below {artifact.parent}: {error.strerror}; choose another folder with out=FOLDER"
-        ) from error
-    try:
+    with ExitStack() as stack:
+        try:
+            artifact.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(artifact.with_name(f".{artifact.name}.lock"), str(artifact)))
+        except OSError as error:
+            raise ArgumentError(
+                f"cannot write below {artifact.parent}: {error.strerror}; "
+                "choose another folder with out=FOLDER"
+            ) from error
         sweep(artifact.parent)
         if configuration is not None:
             same_configuration(artifact, configuration, artifact.exists(), also)
         yield
-    finally:
-        lock.release()
 
 
 def same_configuration(

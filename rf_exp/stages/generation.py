@@ -55,13 +55,12 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
         else:
             by_seed = experiment.episodes is not None
             unit, total = ("seeds", len(span)) if by_seed else ("demonstrations", enough)
+            missing, limit_s = [seed for seed in span if seed not in tried], experiment.seed_limit_s
             with (
                 Progress(title, total, unit, len(tried) if by_seed else made) as progress,
                 rate_log(experiment, "generate", task, row, known=known.values()) as log,
             ):
-                for outcome in generate(
-                    settings, pictures, [s for s in span if s not in tried], experiment.workers
-                ):
+                for outcome in generate(settings, pictures, missing, experiment.workers, limit_s):
                     tells = generation_row(task, row, settings.brain.name, outcome)
                     if outcome.episode is not None:
                         store.append(_with_row(outcome.episode, tells))

@@ -3,18 +3,15 @@
 import os
 import time
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import asdict, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
 from statistics import mean
 from typing import Any
 
 import torch
-from joblib import delayed
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
@@ -29,9 +26,10 @@ from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
 from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
+from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
-from rf_exp.sim.pool import close_simulator, in_order, simulator
+from rf_exp.sim.pool import close_simulator, simulator
 from rf_exp.stages.artifacts import (
     data_path,
     evaluation_path,
@@ -47,6 +45,7 @@ from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import Arch, Pictures, Rollout, RolloutStep, Row
 
+SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
 
@@ -68,23 +67,24 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
         compact = experiment.policy.encoder == "compact"
         threads = 1 if compact else max(1, (os.cpu_count() or 1) // processes)
         made_with = experiment.demos, experiment.policy, config, threads
-        # Spawned: a fork would inherit the renderer and the threads of this process.
-        executor = stack.enter_context(ProcessPoolExecutor(processes, get_context("spawn")))
-        running: list[tuple[Future[None], Follower]] = []
-        for view in all_views:
-            follower = Follower(
+        followers = [
+            Follower(
                 folder / view.name / CURVES,
                 stack.enter_context(curve_log(experiment, task, row, arch, view.name)),
             )
-            running.append((executor.submit(_train, data, view, folder / view.name, *made_with), follower))
+            for view in all_views
+        ]
+        jobs = [partial(_train, data, view, folder / view.name, *made_with) for view in all_views]
         with Progress(title, 1, "steps") as progress:
-            while not all(job.done() for job, _ in running):
-                time.sleep(0.5)
-                for _, follower in running:
+
+            def follow() -> None:
+                for follower in followers:
                     for curve, steps in follower.new():
-                        progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(running))
-        for job, _ in running:
-            job.result()
+                        progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(followers))
+
+            for _ in in_order(jobs, processes, grace_s=SAVING_S, meanwhile=follow):
+                pass
+            follow()
         if there:
             console.print(f"{title}: {len(all_views)} policies are there, nothing to do")
 
@@ -92,9 +92,10 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
 def _train(
     data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
 ) -> None:
-    """One policy, in the process it is called in."""
+    """One policy, in the process it is called in, which holds the right to make it itself."""
     torch.set_num_threads(threads)
-    train(Store.open(data).first(demos), view, policy, config, folder)
+    with owned(folder):
+        train(Store.open(data).first(demos), view, policy, config, folder)
 
 
 def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
@@ -121,9 +122,11 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
             jobs = (
-                delayed(evaluate_scene)(task, experiment.pictures, folder, seed, limit) for seed in missing
+                partial(evaluate_scene, task, experiment.pictures, folder, seed, limit) for seed in missing
             )
-            for tried, (result, wall_s) in enumerate(in_order(jobs, experiment.workers), start=len(seen) + 1):
+            results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
+            for tried, (seed, done) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
+                result, wall_s = _failed(seed, done) if isinstance(done, Overdue) else done
                 made = _row(experiment, task, row, arch, limit, result, wall_s)
                 rows.append(path, made)
                 log(made)
@@ -227,6 +230,13 @@ def evaluate_scene(
         for observer in observers:
             observer.ended(result)
     return result, time.perf_counter() - began
+
+
+def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
+    lost = Rollout(
+        seed, success=False, success_paper=False, steps=0, violations=0, contacts=0, reason=str(overdue)
+    )
+    return lost, overdue.limit_s
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ import signal
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -33,8 +34,8 @@ def store(make_store: Callable[[int, int], Store]) -> Store:
     return make_store(2, 3)
 
 
-def interrupt(_: Curve) -> None:
-    signal.raise_signal(signal.SIGINT)
+def interrupt(_: Curve, number: int = signal.SIGINT) -> None:
+    signal.raise_signal(number)
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -42,13 +43,16 @@ def rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_resuming_equals_an_uninterrupted_run(
-    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, number: int
 ) -> None:
     straight = train(store, LOCAL, policy_config, train_config, tmp_path / "straight")
     broken = tmp_path / "broken"
     with pytest.raises(KeyboardInterrupt):
-        train(store, LOCAL, policy_config, train_config, broken, interrupt)
+        train(store, LOCAL, policy_config, train_config, broken, partial(interrupt, number=number))
+    with (broken / CURVES).open("a") as file:
+        file.write("5,6,")  # half a row, as a kill leaves it
     assert (broken / STATE).exists()
     assert not (broken / MODEL).exists()
     assert train(store, LOCAL, policy_config, train_config, broken) == broken

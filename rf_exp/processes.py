@@ -1,0 +1,279 @@
+"""Work in child processes: results in order, a time limit for each job, and no child outlives its parent.
+
+Every child has a pipe of its own. A queue that children share, as the executors of the standard library
+and joblib have it, stays locked for all when the child that holds its lock is stopped or killed.
+"""
+
+import ctypes
+import os
+import pickle
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+from typing import Any
+
+from rf_exp.errors import StageError
+
+AHEAD = 4  # results for each worker that may wait for an earlier one: a bound on memory
+LOOK_EVERY_S = 0.5
+SHELL_SIGNAL = 128  # a shell reports death by signal n as exit code 128 + n
+
+# Spawned: a fork would inherit the renderer and the threads of this process.
+_CONTEXT = get_context("spawn")
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True)
+class Overdue:
+    """In the place of a result: the job took longer than it may, so its process was killed."""
+
+    limit_s: float
+    state: str  # of the process at that moment
+
+    def __str__(self) -> str:
+        return f"no result after {self.limit_s:g} s; its process, {self.state}, was killed"
+
+
+def in_order(
+    jobs: Iterable[Callable[[], Any]],
+    workers: int,
+    limit_s: float | None = None,
+    grace_s: float = 0.0,
+    meanwhile: Callable[[], None] | None = None,
+) -> Iterator[Any]:
+    """Results of the jobs, in their order, by `workers` processes that each do one job after the other.
+
+    A job that takes longer than `limit_s` is killed and yields an Overdue; the others go on. `meanwhile`
+    is called a few times a second. Children end with this process, whatever ends it; a caller that stops
+    early, or an error, ends them after a SIGTERM and at most `grace_s`. One worker without a limit
+    and without `meanwhile` is this process itself.
+
+    Raises what a job raises, and StageError when a child dies with its job under way.
+    """
+    if workers == 1 and limit_s is None and meanwhile is None:
+        yield from (job() for job in jobs)
+        return
+    answers: SimpleQueue[_Answer] = SimpleQueue()
+    children: list[_Child] = []
+    finished: dict[int | None, Any] = {}
+    waiting, given, due = iter(jobs), 0, 0
+    try:
+        while True:
+            while given - due < AHEAD * workers and sum(child.busy for child in children) < workers:
+                if (job := next(waiting, None)) is None:
+                    break
+                idle = next((child for child in children if not child.busy), None)
+                if idle is None:
+                    children.append(idle := _Child(answers, one_thread=workers > 1))
+                idle.give(given, job, limit_s)
+                given += 1
+            if due in finished:
+                yield finished.pop(due)
+                due += 1
+                continue
+            if due == given:
+                return
+            if meanwhile is not None:
+                meanwhile()
+            answer = _next(answers, children, meanwhile is not None)
+            if answer is None:
+                for child in [child for child in children if child.overdue()]:
+                    finished[child.index] = Overdue(limit_s or 0.0, child.state())
+                    children.remove(child)
+                    child.kill()
+            elif answer.child not in children:
+                continue  # the last words of one that was killed
+            elif answer.dead:
+                children.remove(answer.child)
+                if answer.child.busy:
+                    raise StageError(answer.child.ending())
+            elif answer.error is not None:
+                raise answer.error
+            else:
+                finished[answer.child.index] = answer.value
+                answer.child.index = None
+    finally:
+        _end(children, grace_s)
+
+
+def end_with_parent() -> None:
+    """This process is killed when the one that started it ends, whatever ends that; now if it has ended.
+
+    For children of multiprocessing; in any other process this does nothing.
+    """
+    parent = parent_process()
+    if parent is None:
+        return
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent.pid:  # it ended before it could be asked
+        os._exit(1)
+
+
+@dataclass(frozen=True)
+class _Answer:
+    child: "_Child"
+    value: Any = None
+    error: BaseException | None = None
+    dead: bool = False
+
+
+class _Child:
+    """A process that does one job after the other, seen from its parent."""
+
+    def __init__(self, answers: "SimpleQueue[_Answer]", one_thread: bool) -> None:
+        self.index: int | None = None  # of the job under way
+        self._deadline = float("inf")
+        self._answers = answers
+        self._pipe, theirs = _CONTEXT.Pipe()
+        self._process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
+        with _birth(one_thread):
+            self._process.start()
+        theirs.close()
+        # Read in a thread: a child that is stopped in the middle of an answer must not stop its parent.
+        Thread(target=self._listen, daemon=True).start()
+
+    @property
+    def busy(self) -> bool:
+        return self.index is not None
+
+    @property
+    def sentinel(self) -> int:
+        return self._process.sentinel
+
+    @property
+    def deadline(self) -> float:
+        """On the monotonic clock; infinity without a job or a limit."""
+        return self._deadline if self.busy else float("inf")
+
+    def give(self, index: int, job: Callable[[], Any], limit_s: float | None) -> None:
+        self.index = index
+        self._deadline = float("inf") if limit_s is None else time.monotonic() + limit_s
+        with suppress(OSError):  # it has died: the listener says so
+            self._pipe.send_bytes(pickle.dumps(job))
+
+    def overdue(self) -> bool:
+        return time.monotonic() > self.deadline
+
+    def state(self) -> str:
+        """running, sleeping, stopped, ... where the system tells it."""
+        try:
+            status = Path(f"/proc/{self._process.pid}/status").read_text()
+        except OSError:
+            return "gone"
+        return status.split("State:")[1].split("(")[1].split(")")[0]
+
+    def ending(self) -> str:
+        """What became of a child that died with its job under way."""
+        self._process.join(5.0)
+        code = self._process.exitcode or 0
+        number = -code if code < 0 else code - SHELL_SIGNAL
+        how = f"ended with exit code {code}"
+        if number in set(signal.Signals):
+            how = f"was ended by {signal.Signals(number).name}"
+        if number == signal.SIGKILL:
+            how += " (by hand, or because memory ran out: fewer workers and smaller pictures need less)"
+        return (
+            f"a worker, process {self._process.pid}, {how}; run the same command again, it goes on from here"
+        )
+
+    def terminate(self) -> None:
+        self._process.terminate()
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.join(5.0)
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                content = self._pipe.recv_bytes()
+            except (EOFError, OSError):
+                self._pipe.close()
+                self._answers.put(_Answer(self, dead=True))
+                return
+            try:
+                value, error = pickle.loads(content)
+            except Exception as failure:  # whatever a class does when it is made again
+                value, error = None, failure
+            self._answers.put(_Answer(self, value, error))
+
+
+def _next(answers: "SimpleQueue[_Answer]", children: list[_Child], look: bool) -> _Answer | None:
+    """The next answer; None at the next deadline, and, to look at other things, after a moment."""
+    left = min(child.deadline for child in children) - time.monotonic()
+    seconds = min(left, LOOK_EVERY_S) if look else left
+    try:
+        return answers.get(timeout=min(max(seconds, 0.0), 3600.0))  # which takes no infinity
+    except Empty:
+        return None
+
+
+def _end(children: list[_Child], grace_s: float) -> None:
+    """Ends all children: the busy ones may put what they have in safety first."""
+    busy = [child for child in children if child.busy and grace_s > 0]
+    for child in busy:
+        child.terminate()
+    until, alive = time.monotonic() + grace_s, {child.sentinel for child in busy}
+    while alive and (left := until - time.monotonic()) > 0:
+        alive.difference_update(wait(alive, left))  # pyright: ignore[reportArgumentType]
+    for child in children:
+        child.kill()
+
+
+@contextmanager
+def _birth(one_thread: bool) -> Iterator[None]:
+    """What children inherit: Ctrl-C is their parent's affair; with others beside them they keep to a core."""
+    # Without this every process starts a thread for each core.
+    names = ("OMP_NUM_THREADS", "LP_NUM_THREADS") if one_thread else ()
+    missing = [name for name in names if name not in os.environ]
+    resource_tracker.ensure_running()  # which would start with the first child, and unblock SIGINT by that
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    os.environ.update(dict.fromkeys(missing, "1"))
+    try:
+        yield
+    finally:
+        for name in missing:
+            del os.environ[name]
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# -- in the child ------------------------------------------------------------------------------------
+
+
+def _serve(pipe: Connection) -> None:
+    """Does jobs until the parent has no more."""
+    end_with_parent()
+    while True:
+        try:
+            content = pipe.recv_bytes()
+        except EOFError:
+            return
+        try:
+            answer = pickle.dumps((pickle.loads(content)(), None))
+        except KeyboardInterrupt:  # how a job that was told to end says that all is in safety
+            os._exit(SHELL_SIGNAL + signal.SIGTERM)
+        except Exception as error:
+            answer = pickle.dumps((None, _portable(error)))
+        pipe.send_bytes(answer)
+
+
+def _portable(error: Exception) -> Exception:
+    """The error with its traceback as a note, in a form that passes a pipe."""
+    told = "".join(traceback.format_exception(error))
+    try:
+        error.add_note(f"in a worker:\n{told}")
+        return pickle.loads(pickle.dumps(error))
+    except Exception:  # whatever its class does when it is made again
+        stand_in = RuntimeError(f"{type(error).__name__}: {error}")
+        stand_in.add_note(f"in a worker:\n{told}")
+        return stand_in

@@ -1,0 +1,48 @@
+"""Whether all that an experiment will write can be written: asked before any work, so that none is lost."""
+
+from itertools import product
+from pathlib import Path
+from tempfile import TemporaryFile
+
+from rf_exp.errors import ArgumentError
+from rf_exp.experiment import Experiment
+from rf_exp.stages.artifacts import (
+    data_path,
+    evaluation_path,
+    generation_path,
+    policy_path,
+    recording_path,
+)
+
+
+def check_folders(experiment: Experiment) -> None:
+    """Makes the folders of the chosen stages. Raises ArgumentError naming one that cannot be used."""
+    for folder in sorted(_folders(experiment)):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise ArgumentError(
+                f"cannot write below {folder}: {error.strerror}; make way for that folder, or choose "
+                "another one with out=FOLDER"
+            ) from error
+
+
+def _folders(experiment: Experiment) -> set[Path]:
+    stages, found = set(experiment.stages), {experiment.out}
+    for task, row in product(experiment.tasks, experiment.rows):
+        if "generate" in stages:
+            found |= {data_path(experiment, task, row).parent, generation_path(experiment, task, row).parent}
+        if experiment.recordings and stages & {"generate", "evaluate"}:
+            found.add(recording_path(experiment, task, row, "generate", 0).parent)
+        for arch in experiment.archs:
+            if "train" in stages:
+                found.add(policy_path(experiment, task, row, arch))
+            if "evaluate" in stages:
+                found.add(evaluation_path(experiment, task, row, arch).parent)
+    if stages & {"generate", "train", "evaluate"} and experiment.wandb != "disabled":
+        found.add(experiment.out / "wandb")
+    if "report" in stages:
+        found.add(experiment.out / "tables")
+    return found

@@ -1,0 +1,96 @@
+"""How every command ends: one line and an exit code, whatever happened."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import hydra
+import numpy as np
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import DictConfig
+
+from rf_exp.command import explained, guarded
+
+ROOT = Path(__file__).parents[1]
+CONF = ROOT / "conf"
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """`python -m rf_exp.run` with the arguments."""
+    return subprocess.run(
+        [sys.executable, "-m", "rf_exp.run", *arguments],
+        cwd=ROOT,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def wrong() -> None:
+    raise ZeroDivisionError("by nothing")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_end_is_a_line_and_the_usual_exit_code(number: signal.Signals, capsys) -> None:
+    assert guarded(lambda: os.kill(os.getpid(), number)) == 128 + number
+    assert capsys.readouterr().err == f"ended by {number.name}; the same command goes on from here\n"
+    assert signal.getsignal(number) is signal.SIG_DFL
+
+
+def test_memory_that_runs_out_is_a_line(capsys) -> None:
+    assert guarded(lambda: print(np.ones(2**50))) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("failed: memory ran out (Unable to allocate") and told.count("\n") == 1
+    assert "fewer workers" in told and "the same command goes on from here" in told
+
+
+def test_an_error_that_nobody_foresaw_is_a_line_and_a_file(capsys, monkeypatch) -> None:
+    monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
+    assert guarded(wrong) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("failed: unexpected ZeroDivisionError: by nothing; the traceback is in ")
+    assert told.count("\n") == 1
+    assert "in wrong" in Path(told.split("the traceback is in ")[1].strip()).read_text()
+    assert "HYDRA_FULL_ERROR" not in os.environ
+
+
+def test_hydra_full_error_shows_the_traceback(capsys, monkeypatch) -> None:
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    assert guarded(wrong) == 1
+    told = capsys.readouterr().err
+    assert "Traceback" in told and "in wrong" in told
+    assert told.splitlines()[-1].startswith("failed: unexpected ZeroDivisionError")
+
+
+@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
+@explained
+def surprised(config: DictConfig) -> None:
+    wrong()
+
+
+def test_the_traceback_of_a_job_is_in_its_folder(tmp_path: Path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["surprised", f"out={tmp_path}"])
+    GlobalHydra.instance().clear()
+    assert guarded(surprised) == 1
+    told = capsys.readouterr().err
+    (path,) = tmp_path.glob("runs/*/*/error.log")
+    last = f"failed: unexpected ZeroDivisionError: by nothing; the traceback is in {path}"
+    assert told.splitlines()[-1] == last and "Traceback" not in told
+    assert "in wrong" in path.read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["file/out", "file", "/proc/out", "/sys/out"])
+def test_an_out_that_cannot_be_made_is_a_wrong_argument(out: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    result = run("stages=[generate]", "render=false", "demos=1", f"out={tmp_path / out}")
+    assert result.returncode == 2, result.stderr
+    assert "Traceback" not in result.stderr
+    last = result.stderr.strip().splitlines()[-1]
+    assert last.startswith("wrong argument: cannot ") and last.endswith(
+        "choose another folder with out=FOLDER"
+    )

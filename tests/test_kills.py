@@ -1,0 +1,147 @@
+"""Runs that are killed, in parts or as a whole, and the same command after it. Real processes and signals.
+
+`benchmarks/kills.py` does this at random times, many times.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.stages.locks import locked
+from rf_exp.store import Store
+from tests.children import children, session, until
+
+ROOT = Path(__file__).parents[1]
+STATES = ("stages=[generate]", "render=false", "episodes=2", "recordings=0", "workers=2")
+TINY = (
+    "demos=2",
+    "scenes=2",
+    "recordings=0",
+    "workers=2",
+    "wandb=disabled",
+    "picture={width: 64, height: 48}",
+)
+TINY = (*TINY, "training.batch_size=8", "+training.log_every=5")
+LONG_S = 900.0  # against a test that hangs
+
+
+STARTED: list[subprocess.Popen[str]] = []
+
+
+@pytest.fixture(autouse=True)
+def leave_nothing() -> Iterator[None]:
+    """Ends what a test that fails has left."""
+    yield
+    while STARTED:
+        for pid in session(STARTED.pop().pid):
+            os.kill(pid, signal.SIGKILL)
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    """The command in a session of its own."""
+    run = subprocess.Popen(
+        [sys.executable, "-m", "rf_exp.run", *arguments],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    STARTED.append(run)
+    return run
+
+
+def ended(run: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """Exit code, standard output, standard error; by then no process of the run may be left."""
+    out, errors = run.communicate(timeout=LONG_S)
+    assert until(lambda: not session(run.pid), 5.0), session(run.pid)
+    return run.returncode, out, errors
+
+
+@pytest.mark.slow
+def test_a_killed_worker_or_run_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    code, _, errors = ended(start(*STATES, f"out={tmp_path / 'whole'}"))
+    assert code == 0, errors
+
+    run = start(*STATES, f"out={tmp_path / 'killed'}")
+    assert until(lambda: len(children(run.pid)) == 2, LONG_S)
+    os.kill(children(run.pid)[0], signal.SIGKILL)
+    code, _, errors = ended(run)
+    assert code == 1 and "Traceback" not in errors
+    last = errors.strip().splitlines()[-1]
+    assert last.startswith("failed: a worker, process ") and "was ended by SIGKILL" in last
+    assert last.endswith("run the same command again, it goes on from here")
+
+    run = start(*STATES, f"out={tmp_path / 'killed'}")
+    assert until(lambda: len(children(run.pid)) == 2, LONG_S)
+    run.kill()
+    code, _, _ = ended(run)
+    assert code == -signal.SIGKILL
+
+    code, _, errors = ended(start(*STATES, f"out={tmp_path / 'killed'}"))
+    assert code == 0, errors
+    whole, again = (tmp_path / name / "data/lift_barrier/full/quick.zarr" for name in ("whole", "killed"))
+    assert Store.open(whole).digest() == Store.open(again).digest()
+    found = rows.read(tmp_path / "killed/results/generate/lift_barrier/full.jsonl", GenerationRow)
+    assert [row.seed for row in found] == [0, 1]
+
+
+@pytest.mark.slow
+def test_a_seed_that_takes_too_long_is_a_row_with_its_reason(tmp_path: Path) -> None:
+    ended(start(*STATES, "seed_limit_s=1", f"out={tmp_path}"))  # no process starts in a second
+    found = rows.read(tmp_path / "results/generate/lift_barrier/full.jsonl", GenerationRow)
+    assert [(row.seed, row.success) for row in found] == [(0, False), (1, False)]
+    assert all(row.reason.startswith("no result after 1 s; its process, ") for row in found)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two demonstrations with small pictures."""
+    out = tmp_path_factory.mktemp("data")
+    code, _, errors = ended(start(*TINY, "stages=[generate]", f"out={out}"))
+    assert code == 0, errors
+    return out
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_training_that_is_told_to_end_saves_and_goes_on(data: Path) -> None:
+    arguments = (*TINY, "stages=[train]", "training.steps=100000", "train_seed=1", f"out={data}")
+    folder = data / "policies/lift_barrier/full/separate_local/2-1"
+    run = start(*arguments)
+    assert until(lambda: len(list(folder.glob("*/curves.csv"))) == 2, LONG_S)
+    time.sleep(1.0)
+    run.terminate()
+    code, _, errors = ended(run)
+    assert code == 128 + signal.SIGTERM
+    assert errors.strip().splitlines()[-1] == "ended by SIGTERM; the same command goes on from here"
+    assert len(list(folder.glob("*/state.safetensors"))) == 2
+
+    with locked(folder / ".agent0.lock", "agent0"):  # as if its trainer still lived
+        run = start(*arguments)
+        assert run.stdout is not None
+        line = next(line for line in run.stdout if line.startswith("waiting for "))
+        assert line.startswith(f"waiting for {folder}/agent0: process {os.getpid()} on ")
+        before = (folder / "agent0/curves.csv").read_bytes()
+        time.sleep(2.0)
+        assert (folder / "agent0/curves.csv").read_bytes() == before
+        run.kill()
+        ended(run)
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_scene_that_takes_too_long_is_a_row(data: Path) -> None:
+    arguments = (*TINY, "stages=[train,evaluate]", "training.steps=3", "seed_limit_s=1", f"out={data}")
+    code, _, errors = ended(start(*arguments))
+    assert code == 0, errors
+    found = rows.read(data / "results/evaluate/lift_barrier/separate_local/full-2.jsonl", EvaluationRow)
+    assert [(row.scene_seed, row.success) for row in found] == [(1_000_000, False), (1_000_001, False)]

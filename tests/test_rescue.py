@@ -1,0 +1,137 @@
+"""The rescue of damaged stores: what is whole stays, bit by bit; the damaged one is never touched."""
+
+import hashlib
+import sys
+from pathlib import Path
+
+import pytest
+import zarr
+
+from rf_exp.command import guarded
+from rf_exp.errors import StageError
+from rf_exp.rescue import main
+from rf_exp.store import Store
+from tests.test_store import assert_same, make_episode, make_store
+
+EPISODES = [make_episode(seed, 100) for seed in range(6)]  # of 256 rows to a file: 0-2, 2-5, 5
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return make_store(tmp_path / "quick.zarr", EPISODES)
+
+
+@pytest.fixture
+def rescue(monkeypatch, capsys):
+    """The command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["rf_exp.rescue", *map(str, arguments)])
+        capsys.readouterr()
+        return guarded(main), *capsys.readouterr()
+
+    return call
+
+
+def digest(folder: Path) -> str:
+    sha = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        sha.update(str(path.relative_to(folder)).encode() + path.read_bytes())
+    return sha.hexdigest()
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 0x10
+    path.write_bytes(content)
+
+
+DAMAGES = {  # what is done to the folder -> the seeds that stay
+    "a picture file is missing": (lambda p: (p / "data/rgb_agent1/c/1/0/0/0").unlink(), [0, 1]),
+    "the metadata of an array is cut": (
+        lambda p: (p / "data/qpos/zarr.json").write_text("{"),
+        list(range(6)),
+    ),
+    "the ends' metadata is lost": (lambda p: (p / "meta/episode_ends/zarr.json").unlink(), list(range(6))),
+    "the seeds are lost": (lambda p: (p / "meta/seed/c/0").unlink(), []),
+    "a bit of the joints is flipped": (lambda p: flip(p / "data/qpos/c/0/0/0"), []),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_whole_episodes_are_kept_and_the_damaged_store_is_moved_aside(
+    path: Path, rescue, damage: str
+) -> None:
+    attributes = dict(zarr.open_group(path, mode="r").attrs)
+    harm, stay = DAMAGES[damage]
+    harm(path)
+    with pytest.raises(StageError, match=r"python -m rf_exp\.rescue"):
+        Store.open(path)
+    before = digest(path)
+    code, out, errors = rescue(path)
+    assert (code, errors) == (0, "")
+    assert f"holds the {len(stay)} whole episodes of 6" in out
+    store = Store.open(path)
+    assert store.seeds.tolist() == stay
+    for index, seed in enumerate(stay):
+        assert_same(store.episode(index), EPISODES[seed])
+    assert store.attrs == attributes
+    assert digest(path.with_name("quick.damaged.zarr")) == before
+    assert out.count("lost: episode") == 6 - len(stay)
+    assert {each.name for each in path.parent.iterdir() if not each.name.endswith(".lock")} == {
+        "quick.zarr",
+        "quick.damaged.zarr",
+    }
+
+
+def test_a_flipped_bit_in_a_picture_costs_the_episodes_it_is_in(path: Path, rescue) -> None:
+    flip(path / "data/rgb_global/c/0/0/0/0")
+    code, out, _ = rescue(path)
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.startswith("lost")]
+    assert line.startswith("lost: episode 0, seed 0: data/rgb_global cannot be read: ")
+    assert Store.open(path).seeds.tolist() == [1, 2, 3, 4, 5]
+
+
+def test_a_dry_run_says_what_would_be_kept_and_changes_nothing(path: Path, rescue) -> None:
+    (path / "data/rgb_agent1/c/1/0/0/0").unlink()
+    before = digest(path.parent)
+    code, out, _ = rescue(path, "--dry-run")
+    assert code == 0 and "2 of 6 episodes can be kept; nothing was changed" in out
+    (path.parent / ".quick.zarr.lock").unlink()
+    assert digest(path.parent) == before
+
+
+def test_a_whole_store_stays_as_it_is(path: Path, rescue) -> None:
+    before = digest(path)
+    code, out, _ = rescue(path)
+    assert code == 0 and "is not damaged: all 6 episodes can be read" in out
+    assert digest(path) == before
+    assert not path.with_name("quick.damaged.zarr").exists()
+
+
+def test_a_rescue_that_was_killed_is_finished(path: Path, rescue) -> None:
+    path.with_name("quick.rescued.zarr").mkdir()  # killed while it wrote
+    (path / "data/qpos/zarr.json").unlink()
+    assert rescue(path)[0] == 0
+    path.rename(path.with_name("quick.rescued.zarr"))  # killed between the two moves
+    code, out, _ = rescue(path)
+    assert code == 0 and "is the rescued one now" in out
+    assert len(Store.open(path)) == 6
+
+
+def test_what_cannot_be_rescued_says_why(path: Path, rescue, tmp_path: Path) -> None:
+    code, _, errors = rescue(tmp_path / "nothing.zarr")
+    assert code == 1 and "no store at" in errors
+    (path / "zarr.json").write_text("{")
+    before = digest(path)
+    code, _, errors = rescue(path)
+    assert code == 1 and "has no attributes that can be read" in errors
+    assert digest(path) == before
+
+
+def test_an_earlier_damaged_store_is_not_overwritten(path: Path, rescue) -> None:
+    path.with_name("quick.damaged.zarr").mkdir()
+    flip(path / "data/qpos/c/0/0/0")
+    code, _, errors = rescue(path)
+    assert code == 1 and "is there from an earlier rescue" in errors
