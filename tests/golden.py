@@ -55,7 +55,9 @@ class Watching(Nobody):
         self._scenes.append(scene)
         judged = (scene, self._scenes[0], self._task)
         self._steps.append([x.astype(np.float32) for x in (scene.qpos, scene.qvel, action)])
-        self._judged.append([self._task.module.conditions(*judged), bool(self._task.module.paper(*judged))])
+        conditions = self._task.module.conditions(*judged)
+        holding = {name: bool(holds) for name, holds in conditions.items()}
+        self._judged.append([holding, bool(self._task.module.paper(*judged))])
 
     def digests(self) -> dict[str, str]:
         """`bytes` has one for each second, so that an episode that only ends at another time shows."""
