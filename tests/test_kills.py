@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -125,14 +126,17 @@ def test_training_that_is_told_to_end_saves_and_goes_on(data: Path) -> None:
     assert errors.strip().splitlines()[-1] == "ended by SIGTERM; the same command goes on from here"
     assert len(list(folder.glob("*/state.safetensors"))) == 2
 
-    with locked(folder / ".agent0.lock", "agent0"):  # as if its trainer still lived
+    with locked(folder / ".agent1.lock", "agent1"):  # as if its trainer still lived
         run = start(*arguments)
         assert run.stdout is not None
+        guard = threading.Timer(LONG_S, run.kill)
+        guard.start()
         line = next(line for line in run.stdout if line.startswith("waiting for "))
-        assert line.startswith(f"waiting for {folder}/agent0: process {os.getpid()} on ")
-        before = (folder / "agent0/curves.csv").read_bytes()
+        assert line.startswith(f"waiting for {folder}/agent1: process {os.getpid()} on ")
+        before = (folder / "agent1/curves.csv").read_bytes()
         time.sleep(2.0)
-        assert (folder / "agent0/curves.csv").read_bytes() == before
+        assert (folder / "agent1/curves.csv").read_bytes() == before
+        guard.cancel()
         run.kill()
         ended(run)
 

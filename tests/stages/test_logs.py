@@ -15,6 +15,7 @@ from wandb.proto import wandb_internal_pb2
 from rf_exp.ablation.rows import GenerationRow
 from rf_exp.ablation.rows import read as read_rows
 from rf_exp.stages.logs import Rates
+from tests.ablation.conftest import generation as rows_of
 
 ROOT = Path(__file__).parents[2]
 BLOCK, HEADER = 32768, 7  # bytes; LevelDB's log format: blocks of records (CRC, length, kind)
@@ -150,15 +151,11 @@ def test_training_and_evaluation_say_what_they_are_about(tmp_path):
     assert {"success", "success_paper", "success_without_violation", "with_violation"} <= set(rows[-1])
 
 
-def row(**values: Any) -> GenerationRow:
-    told = {"task": "t", "constraints": "full", "brain": "scripted", "seed": 0, "success": True}
-    told |= {"success_paper": True, "steps": 100, "attempts": 1, "reason": "", "wall_s": 1.0, "version": "1"}
-    return GenerationRow(**(told | values))
-
-
 def test_rates_count_every_row_and_lengths_only_successes():
     rates = Rates()
-    for made in (row(), row(attempts=3, steps=200), row(success=False, steps=900, reason="lost")):
+    task = "lift_barrier", "full"
+    clean, mended = rows_of(*task, 1, 0, steps=100), rows_of(*task, 1, 0, steps=200, violations=(2,))
+    for made in (*clean, *mended, *rows_of(*task, 0, 1, loose=1, steps=900)):
         rates.add(made)
     assert rates.figures() == {
         "success": 2 / 3,
@@ -169,7 +166,7 @@ def test_rates_count_every_row_and_lengths_only_successes():
         "steps": 150.0,
     }
     none = Rates()
-    none.add(row(success=False))
+    none.add(rows_of(*task, 0, 1)[0])
     assert "steps" not in none.figures()
 
 
