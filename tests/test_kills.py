@@ -26,6 +26,7 @@ TINY = (
     "demos=2",
     "scenes=2",
     "recordings=0",
+    "films=0",
     "workers=2",
     "wandb=disabled",
     "picture={width: 64, height: 48}",
