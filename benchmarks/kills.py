@@ -31,6 +31,7 @@ TINY = (
     "demos=3",
     "scenes=3",
     "recordings=0",
+    "films=0",
     "workers=2",
     "wandb=disabled",
     "picture={width: 64, height: 48}",

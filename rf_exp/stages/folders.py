@@ -34,7 +34,8 @@ def _folders(experiment: Experiment) -> set[Path]:
     for task, row in product(experiment.tasks, experiment.rows):
         if "generate" in stages:
             found |= {data_path(experiment, task, row).parent, generation_path(experiment, task, row).parent}
-        if experiment.recordings and stages & {"generate", "evaluate"}:
+        looks = {"generate": experiment.recordings, "evaluate": experiment.recordings or experiment.films}
+        if any(looks.get(stage) for stage in stages):
             found.add(recording_path(experiment, task, row, "generate", 0).parent)
         for arch in experiment.archs:
             if "train" in stages:

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from functools import lru_cache, partial
@@ -29,7 +29,7 @@ from rf_exp.policy.views import View, views
 from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
-from rf_exp.sim.pool import close_simulator, simulator
+from rf_exp.sim.pool import simulator
 from rf_exp.stages.artifacts import (
     data_path,
     evaluation_path,
@@ -125,16 +125,15 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
                 partial(evaluate_scene, task, experiment.pictures, folder, seed, limit) for seed in missing
             )
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-            for tried, (seed, done) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
-                result, wall_s = _failed(seed, done) if isinstance(done, Overdue) else done
-                made = _row(experiment, task, row, arch, limit, result, wall_s)
-                rows.append(path, made)
-                log(made)
+            for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
+                result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
+                tells = _row(experiment, task, row, arch, limit, result, wall_s)
+                rows.append(path, tells)
+                log(tells)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
         there = rows.read(path, EvaluationRow)
         _look(experiment, task, row, arch, limit, [r for r in there if _belongs(r, experiment, task)])
-        close_simulator()
 
 
 def _belongs(row: EvaluationRow, experiment: Experiment, task: Task) -> bool:
@@ -151,6 +150,8 @@ def _look(
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
     stage = rollout_name(arch.name, experiment.demos, experiment.train_seed)
     before = {r.scene_seed: r for r in known}
+    looks: list[tuple[int, list[Path]]] = []
+    jobs: list[Callable[[], Any]] = []
     for seed in sorted({*recorded, *filmed}):
         record = recording_path(experiment, task, row, stage, seed)
         film = record.with_suffix(FILM)
@@ -159,15 +160,25 @@ def _look(
         missing = [path for path in wanted if not path.exists()]
         if not missing:
             continue
-        result, _ = evaluate_scene(
-            task,
-            experiment.pictures,
-            folder,
-            seed,
-            limit,
-            record=record if record in missing else None,
-            film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
+        looks.append((seed, missing))
+        jobs.append(
+            partial(
+                evaluate_scene,
+                task,
+                experiment.pictures,
+                folder,
+                seed,
+                limit,
+                record=record if record in missing else None,
+                film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
+            )
         )
+    made = in_order(jobs, experiment.workers, experiment.seed_limit_s)
+    for (seed, missing), look in zip(looks, made, strict=True):
+        if isinstance(look, Overdue):
+            console.print(f"warning: scene {seed} is not recorded: {look}")
+            continue
+        result, _ = look
         for path in missing:
             console.print(f"recorded {path}")
         then = before.get(seed)
