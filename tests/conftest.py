@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
@@ -13,6 +14,9 @@ from omegaconf import OmegaConf
 from rf_exp.command import guarded
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
+
+hypothesis.settings.register_profile("suite", deadline=None)  # a busy machine is no failure
+hypothesis.settings.load_profile("suite")
 
 CONF = Path(__file__).parents[1] / "conf"
 TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all"))

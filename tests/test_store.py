@@ -299,7 +299,8 @@ def test_a_lost_file_is_named(tmp_path: Path, name: str) -> None:
     with pytest.raises(
         StageError,
         match=rf"is damaged: data/{name} has only 0 readable rows, 7 expected: rows 0 to 6 in file "
-        r"c/.* cannot be read \(file data/.* is missing\); restore it from a copy, or delete it and generate",
+        r"c/.* cannot be read \(file data/.* is missing\); restore it from a copy, "
+        r"keep what is whole with .* or delete it and generate",
     ):
         Store.open(path)
 

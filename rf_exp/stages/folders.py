@@ -24,8 +24,8 @@ def check_folders(experiment: Experiment) -> None:
                 pass
         except OSError as error:
             raise ArgumentError(
-                f"cannot write below {folder}: {error.strerror}; make way for that folder, or choose "
-                "another one with out=FOLDER"
+                f"cannot write below {folder}: {error.strerror}; make way for that folder, choose "
+                f"another one with out=FOLDER{', or use wandb=disabled' if folder.name == 'wandb' else ''}"
             ) from error
 
 

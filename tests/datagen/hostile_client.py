@@ -9,6 +9,7 @@ import os
 import resource
 import sys
 import time
+from pathlib import Path
 
 from rf_exp.datagen.brain import BadAnswer, OpenAISpec, Question, ScriptedBrain
 from rf_exp.types import Row
@@ -43,7 +44,9 @@ def main() -> None:
             guard.on = False
             assert not guard.seen, guard.seen
             outcomes.append({"url": url, "reason": reason, "wall_s": time.perf_counter() - began})
-    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    # The highest since this program was loaded; `ru_maxrss` begins with that of the process that started it.
+    peak_kb = next(line for line in Path("/proc/self/status").read_text().splitlines() if "VmHWM" in line)
+    peak_mb = int(peak_kb.split()[1]) / 1024
     print(json.dumps({"outcomes": outcomes, "peak_mb": peak_mb}))
 
 

@@ -73,7 +73,7 @@ def test_a_box_that_no_task_knows_is_avoided_by_what_the_cameras_see() -> None:
     box = ObjectSpec("plinth", x_m=(-0.2, -0.2), y_m=(-0.22, -0.22), options={"half_m": 0.1})
     with Simulator(replace(task, objects={**task.objects, "box": box})) as world:
         blind = make(task, world, "state", Nobody())
-        assert not blind.success and "something is in its way" in blind.reason
+        assert not blind.success and "arms stop at 20 N" in blind.reason
         outcome = make(task, world, "depth", Nobody())
         assert outcome.success and outcome.attempts == 1, outcome.reason
         again = make(task, world, "depth", Nobody())
