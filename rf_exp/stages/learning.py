@@ -109,7 +109,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, trained, there, [path])
         sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
-        ours = [r for r in known if _belongs(r, experiment, task)]
+        ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
@@ -129,15 +129,11 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
                 tells = _row(experiment, task, row, arch, limit, result, wall_s)
                 rows.append(path, tells)
+                ours.append(tells)
                 log(tells)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        there = rows.read(path, EvaluationRow)
-        _look(experiment, task, row, arch, limit, [r for r in there if _belongs(r, experiment, task)])
-
-
-def _belongs(row: EvaluationRow, experiment: Experiment, task: Task) -> bool:
-    return (row.train_seed, row.version) == (experiment.train_seed, task.version)
+        _look(experiment, task, row, arch, limit, ours)
 
 
 def _look(

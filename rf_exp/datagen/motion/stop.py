@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from rf_exp.datagen.motion.timing import JointLimits, parameterise
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S
+from rf_exp.datagen.motion.timing import parameterise
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, JointLimits
 
 SLOWEST = 1e-3  # of the planned pace: less than this is rest
 _PACES = 65  # tried for each control step, from standing still to the pace of the step before
@@ -38,8 +38,7 @@ def come_to_rest(commands: NDArray[np.float64], now: int, limits: JointLimits) -
         before, here = here, float(ahead[chosen])
         q_before, q_here = q_here, path(here)
         arms = q_here.reshape(-1, ARM_JOINTS)
-        grippers = commands[min(int(here), len(commands) - 1), :, ARM_JOINTS:]
-        rows.append(np.hstack([arms, grippers]))
+        rows.append(np.hstack([arms, commands[int(here), :, ARM_JOINTS:]]))
     return np.array(rows).reshape(-1, *commands.shape[1:])
 
 
