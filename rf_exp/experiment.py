@@ -80,8 +80,12 @@ class Experiment:
                 f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, "
                 "where the seeds of evaluation begin"
             )
-        if not self.pictures.render and {"train", "evaluate"} & set(self.stages):
-            raise ArgumentError("render=false makes no pictures to learn from; use it with stages=[generate]")
+        looks = self.policy.observation == "pictures"
+        if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
+            raise ArgumentError(
+                "render=false makes no pictures to learn from; use it with stages=[generate], "
+                "or with policy.observation=state"
+            )
         if self.occupancy == "depth" and not self.pictures.render:
             raise ArgumentError(
                 "occupancy=depth looks through the depth cameras, and render=false has none; "

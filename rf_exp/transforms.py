@@ -45,6 +45,16 @@ def quaternion(matrix: Matrix) -> NDArray[np.float64]:
     return Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
 
 
+def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(..., 4, 4) of positions in m with quaternions w, x, y, z (..., 7)."""
+    matrices = np.zeros((*poses.shape[:-1], 4, 4))
+    turned = Rotation.from_quat(poses[..., 3:].reshape(-1, 4), scalar_first=True)
+    matrices[..., :3, :3] = turned.as_matrix().reshape(*poses.shape[:-1], 3, 3)
+    matrices[..., :3, 3] = poses[..., :3]
+    matrices[..., 3, 3] = 1.0
+    return matrices
+
+
 def inverse(matrix: Matrix) -> Matrix:
     """`b_from_a` of `a_from_b`; exact for rigid transforms."""
     result = np.eye(4)

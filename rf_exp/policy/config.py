@@ -12,6 +12,8 @@ from rf_exp.errors import ArgumentError, choices
 ENCODERS = ("resnet18", "compact")
 SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
+OBSERVATIONS = ("pictures", "state")
+LOSSES = ("mse", "l1")
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 
@@ -45,15 +47,26 @@ class PolicyConfig:
     sampler: str = "ddpm"  # ddpm | ddim
     prediction: str = "epsilon"  # epsilon | sample | v_prediction
     relative_actions: bool = False  # joint targets as differences from the newest measured positions
+    observation: str = "pictures"  # pictures | state: the true poses of all things, the ceiling of a recipe
+    context: bool = False  # told also where the own TCP is and what the own gripper has done
+    trunk: tuple[int, ...] = ()  # hidden layers between the observation and the U-Net
+    drop_idle: bool = False  # learn nothing from moments in which nobody moves
+    binary_grippers: bool = False  # commands are wholly open or wholly closed
+    loss: str = "mse"  # mse | l1
     crop: float = 0.9  # side of the crop, as a part of the picture's
     height: int = 240  # pixels
     width: int = 320
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unet_channels", tuple(self.unet_channels))
+        object.__setattr__(self, "trunk", tuple(self.trunk))
         _one_of(self, "encoder", ENCODERS)
         _one_of(self, "sampler", SAMPLERS)
         _one_of(self, "prediction", PREDICTIONS)
+        _one_of(self, "observation", OBSERVATIONS)
+        _one_of(self, "loss", LOSSES)
+        told = self.context or self.observation != "state"
+        _require(told, "context", self.context, "true with observation=state")
         _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
         _positive(self, "train_diffusion_steps", "inference_diffusion_steps")
         _require(0.0 < self.crop <= 1.0, "crop", self.crop, "a number above 0, at most 1")

@@ -19,21 +19,13 @@ from torch.nn import functional
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.normaliser import Normaliser, largest_change
+from rf_exp.policy.observation import Senses, context, proprioception, remembered
 from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
+from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
-
-
-def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Measured joint positions (..., N, 9) -> (..., 8N): seven joints (rad) and the opening (m) an agent.
-
-    Both fingers of the gripper keep the same width (paper, supplementary), so their sum says it all.
-    """
-    opening = qpos[..., ARM_JOINTS:].sum(axis=-1, keepdims=True)
-    joined = np.concatenate([qpos[..., :ARM_JOINTS], opening], axis=-1)
-    return joined.reshape(*qpos.shape[:-2], -1).astype(np.float32)
 
 
 def action_origin(proprio: Tensor) -> Tensor:
@@ -45,13 +37,17 @@ def action_origin(proprio: Tensor) -> Tensor:
     return functional.pad(newest[..., :ARM_JOINTS], (0, ACTION_SIZE - ARM_JOINTS)).flatten(-2)
 
 
+STILL_RAD, STILL_M = 1e-4, 5e-4  # less in a control step is no motion, of a target and of a finger
+
+
 @dataclass(frozen=True)
 class Batch:
     """B windows of U different frames."""
 
-    pictures: Tensor  # (U, h, w, 3) uint8, cropped
+    pictures: Tensor  # (U, h, w, 3) uint8, cropped; without pictures (0, ...)
     frames: Tensor  # (B, O) int64 index into `pictures`
     proprio: Tensor  # (B, O, P) raw
+    context: Tensor  # (B, O, C) raw
     action: Tensor  # (B, T, A) raw
 
     def __len__(self) -> int:
@@ -61,12 +57,15 @@ class Batch:
 class Windows:
     """All windows of all streams of a view, on one device. Index w is the window at frame w."""
 
-    def __init__(self, store: "Store", view: View, config: PolicyConfig, device: torch.device) -> None:
+    def __init__(
+        self, store: "Store", view: View, config: PolicyConfig, senses: Senses, device: torch.device
+    ) -> None:
         """Raises ArgumentError when the store lacks a camera of the view or has another picture size."""
         self._config, self._device = config, device
-        ends = np.asarray(store.episode_ends[:], dtype=np.int64)
-        if len(ends) == 0:
+        if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
+        kept = moving(store) if config.drop_idle else np.ones(store.steps, dtype=bool)
+        ends = np.cumsum(kept)[store.episode_ends - 1]
         lengths = np.diff(ends, prepend=0)
         starts = ends - lengths
         offsets = np.arange(len(view.streams))[:, None] * ends[-1]
@@ -75,12 +74,21 @@ class Windows:
         self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
         self._last = np.repeat(self._spans[:, 1] - 1, repeats)
 
-        qpos, action = np.asarray(store.qpos[:]), np.asarray(store.action[:], dtype=np.float32)
+        qpos, action = store.qpos[kept], store.action[kept]
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])
         self.action = self._stack([action[:, agents].reshape(len(action), -1) for agents in columns])
-        pictures = [_pictures(store, stream.camera, config) for stream in view.streams]
-        self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
+        memory = np.concatenate(
+            [remembered(each) for each in _by_episode(store, store.action[..., ARM_JOINTS])]
+        )
+        poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
+        self.context = self._stack(
+            [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
+        )
+        self._pictures = torch.empty((0, 0, 0, 3), dtype=torch.uint8)
+        if config.observation == "pictures":
+            pictures = [_pictures(store, stream.camera, config)[kept] for stream in view.streams]
+            self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
         return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(self._device)
@@ -90,9 +98,11 @@ class Windows:
 
     def normaliser(self) -> Normaliser:
         """Fitted to these windows."""
-        normaliser = Normaliser(self.proprio.shape[1], self.action.shape[1]).to(self._device)
+        sizes = self.proprio.shape[1], self.action.shape[1], self.context.shape[1]
+        normaliser = Normaliser(*sizes).to(self._device)
         within = torch.from_numpy(self._first[1:] == self._first[:-1]).to(self._device)
         normaliser.proprio.fit(self.proprio)
+        normaliser.context.fit(self.context)
         normaliser.action.fit(self._learned_actions())
         normaliser.fastest.copy_(largest_change(self.action, within))
         return normaliser
@@ -139,15 +149,38 @@ class Windows:
         corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
         if rng is not None:
             corners = rng.integers(0, slack + 1, size=corners.shape)
+        seen = self._pictures
+        if len(seen):
+            seen = crop(seen, unique, corners[run_of_frame], (height, width))
         return Batch(
-            crop(self._pictures, unique, corners[run_of_frame], (height, width)),
+            seen,
             self._index(inverse.reshape(frames.shape)),
             self.proprio[self._index(frames)],
+            self.context[self._index(frames)],
             self.action[self._index(actions)],
         )
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self._device)
+
+
+def moving(store: "Store") -> NDArray[np.bool_]:
+    """(T,) the steps in which somebody moves: an arm is sent on, or fingers open or close."""
+    kept = []
+    for action, qpos in zip(_by_episode(store, store.action), _by_episode(store, store.qpos), strict=True):
+        before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
+        sent = np.abs(action[..., :ARM_JOINTS] - before).max(axis=(1, 2)) > STILL_RAD
+        told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
+        fingers = np.diff(
+            qpos[..., ARM_JOINTS:].sum(axis=-1), axis=0, append=qpos[-1:, :, ARM_JOINTS:].sum(axis=-1)
+        )
+        kept.append(sent | told | (np.abs(fingers).max(axis=1) > STILL_M))
+        kept[-1][-1] = True  # an episode keeps its end
+    return np.concatenate(kept)
+
+
+def _by_episode(store: "Store", values: NDArray) -> list[NDArray]:
+    return np.split(values[: store.steps], store.episode_ends[:-1])
 
 
 def crop(

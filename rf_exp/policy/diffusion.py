@@ -1,9 +1,11 @@
 """The diffusion policy: pictures and joint positions in, a chunk of actions out (Chi et al. 2023).
 
-The observation vector is [features, joint positions] of each observed frame, oldest first. Sampling
+The observation vector is [features, joint positions, context] of each observed frame, oldest first. Sampling
 computes what stays the same once: the FiLM table over the diffusion steps and the projection of the
 observation.
 """
+
+from itertools import pairwise
 
 import torch
 from diffusers.schedulers.scheduling_ddim import DDIMScheduler
@@ -14,21 +16,29 @@ from torch.nn import functional
 
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Batch, action_origin
-from rf_exp.policy.encoder import encoder
+from rf_exp.policy.encoder import Blind, encoder
 from rf_exp.policy.normaliser import Normaliser
 from rf_exp.policy.unet import ConditionalUNet1D
+from rf_exp.policy.views import ACTION_SIZE
+from rf_exp.types import ARM_JOINTS
 
 
 class DiffusionPolicy(nn.Module):
-    """One policy for actions of size A from proprioception of size P in each of O frames."""
+    """One policy: actions of size A from proprioception of size P and context of size C in O frames."""
 
-    def __init__(self, config: PolicyConfig, proprio_size: int, action_size: int) -> None:
+    def __init__(
+        self, config: PolicyConfig, proprio_size: int, action_size: int, context_size: int = 0
+    ) -> None:
         super().__init__()
         self.config, self.action_size = config, action_size
-        self.encoder = encoder(config.encoder)
-        observation = config.observation_steps * (self.encoder.features + proprio_size)
-        self.unet = ConditionalUNet1D(action_size, observation, config.unet_channels)
-        self.normaliser = Normaliser(proprio_size, action_size)
+        self.encoder = encoder(config.encoder) if config.observation == "pictures" else Blind()
+        features = self.encoder.features + proprio_size + context_size
+        sizes = [config.observation_steps * features, *config.trunk]
+        self.trunk = nn.Sequential(
+            *(layer for a, b in pairwise(sizes) for layer in (nn.Linear(a, b), nn.Mish()))
+        )
+        self.unet = ConditionalUNet1D(action_size, sizes[-1], config.unet_channels)
+        self.normaliser = Normaliser(proprio_size, action_size, context_size)
         kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
         # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
         self.scheduler = kind(
@@ -56,9 +66,9 @@ class DiffusionPolicy(nn.Module):
         top, left = (self.config.height - height) // 2, (self.config.width - width) // 2
         return self.encode(pictures[:, top : top + height, left : left + width])
 
-    def observation(self, features: Tensor, proprio: Tensor) -> Tensor:
-        """Features (B, O, F) and normalised proprioception (B, O, P) -> observation (B, O * (F + P))."""
-        return torch.cat([features, proprio], dim=2).flatten(1)
+    def observation(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
+        """Features (B, O, F), normalised proprioception (B, O, P), context (B, O, C) -> (B, observation)."""
+        return self.trunk(torch.cat([features, proprio, context], dim=2).flatten(1))
 
     def loss(
         self, batch: Batch, generator: torch.Generator, noise_draws: int = 1, proprio_noise: float = 0.0
@@ -73,7 +83,8 @@ class DiffusionPolicy(nn.Module):
         if proprio_noise:
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + proprio_noise * shift
-        observation = self.observation(self.encode(batch.pictures)[batch.frames], proprio)
+        told = self.normaliser.context.normalise(batch.context)
+        observation = self.observation(self._features(batch), proprio, told)
         action = batch.action - self._origin(batch.proprio)
         clean = self.normaliser.action.normalise(action).repeat_interleave(noise_draws, dim=0)
         noise = torch.randn(clean.shape, generator=generator, device=device)
@@ -84,7 +95,14 @@ class DiffusionPolicy(nn.Module):
         table = self.unet.film_of_steps(torch.arange(count, device=device))
         film = table[steps] + self.unet.film_of_observations(observation).repeat_interleave(noise_draws, 0)
         prediction = self.unet.modulated(noisy, film)
-        return functional.mse_loss(prediction.float(), self._target(clean, noise, steps))
+        error = functional.mse_loss if self.config.loss == "mse" else functional.l1_loss
+        return error(prediction.float(), self._target(clean, noise, steps))
+
+    def _features(self, batch: Batch) -> Tensor:
+        """(B, O, F) of a batch."""
+        if self.encoder.features:
+            return self.encode(batch.pictures)[batch.frames]
+        return batch.proprio.new_zeros(*batch.frames.shape, 0)
 
     def _target(self, clean: Tensor, noise: Tensor, steps: Tensor) -> Tensor:
         if self.config.prediction == "epsilon":
@@ -94,14 +112,20 @@ class DiffusionPolicy(nn.Module):
         return self.scheduler.get_velocity(clean, noise, steps)  # pyright: ignore[reportArgumentType]
 
     @torch.inference_mode()
-    def act(self, features: Tensor, proprio: Tensor, generators: list[torch.Generator]) -> Tensor:
-        """Sample actions: features (B, O, F), raw proprioception (B, O, P) -> (B, horizon, A) raw.
+    def act(
+        self, features: Tensor, proprio: Tensor, context: Tensor, generators: list[torch.Generator]
+    ) -> Tensor:
+        """Features (B, O, F), raw proprioception (B, O, P) and context (B, O, C) -> actions (B, T, A), raw.
 
         All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
         """
         shape = (len(features), self.config.horizon, self.action_size)
         film = self.unet.film_of_observations(
-            self.observation(features, self.normaliser.proprio.normalise(proprio))
+            self.observation(
+                features,
+                self.normaliser.proprio.normalise(proprio),
+                self.normaliser.context.normalise(context),
+            )
         )
         sample = randn_tensor(shape, generator=generators, device=features.device, dtype=features.dtype)
         steps = self.scheduler.timesteps
@@ -110,7 +134,11 @@ class DiffusionPolicy(nn.Module):
         for step, film_of_step in zip(steps, self._film_table, strict=True):
             prediction = self.unet.modulated(sample, film + film_of_step)
             sample = self.scheduler.step(prediction, step, sample, generator=generators).prev_sample  # pyright: ignore[reportArgumentType]
-        return self.normaliser.action.restore(sample) + self._origin(proprio)
+        actions = self.normaliser.action.restore(sample) + self._origin(proprio)
+        if self.config.binary_grippers:
+            grippers = actions.unflatten(-1, (-1, ACTION_SIZE))[..., ARM_JOINTS]
+            grippers.copy_(torch.where(grippers > 0, 1.0, -1.0))
+        return actions
 
     def _origin(self, proprio: Tensor) -> Tensor | float:
         """What is added to a prediction to make joint targets of it (B, 1, A)."""

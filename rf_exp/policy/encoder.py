@@ -84,6 +84,12 @@ class Compact(nn.Sequential):
         )
 
 
+class Blind(nn.Module):
+    """In place of an encoder where no pictures are looked at."""
+
+    features = 0
+
+
 def encoder(name: str) -> ResNet18 | Compact:
     """A freshly initialised encoder, by its name in the configuration."""
     return {"resnet18": ResNet18, "compact": Compact}[name]()

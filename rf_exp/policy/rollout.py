@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
-from rf_exp.policy.dataset import proprioception
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.observation import Memory, Senses, context, proprioception
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.views import ACTION_SIZE, View
 from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Verdict, Violation, World
@@ -30,8 +30,9 @@ class Actor:
     those are taken that an observation will hold.
     """
 
-    def __init__(self, policy: DiffusionPolicy, view: View) -> None:
+    def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
         self.view, self._policy, self._config = view, policy.eval(), policy.config
+        self._senses = senses or Senses()
         fastest = policy.normaliser.fastest.cpu().double().numpy().reshape(-1, ACTION_SIZE)
         self._fastest = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
         self._device = policy.normaliser.fastest.device
@@ -41,6 +42,8 @@ class Actor:
         """Forget the last episode. All noise of the next comes from its seed and the agents."""
         self._features: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, F)
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
+        self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
+        self._memory: Memory | None = None
         self._targets: deque[NDArray[np.float64]] = deque()  # of (agents, 8)
         self._last: NDArray[np.float64] | None = None  # (agents, 7) arm targets given last
         # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
@@ -49,32 +52,54 @@ class Actor:
 
     @property
     def looks(self) -> bool:
-        """Whether the present frame is part of the observation of the next prediction."""
+        """Whether the present pictures are part of the observation of the next prediction."""
+        return self._config.observation == "pictures" and self._observes
+
+    @property
+    def _observes(self) -> bool:
         return not self._features or len(self._targets) < self._config.observation_steps
 
     def __call__(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.float64]:
         """Commands (agents of the view, 8) for this control step; `pictures` matter when it looks."""
         self.predicted = {}
-        if self.looks:
-            self._observe(scene, pictures)
+        if self._memory is None:
+            self._memory = Memory(len(scene.qpos))
+        if self._observes:
+            self._observe(scene, pictures, self._memory)
         if not self._targets:
             self._predict()
-        return self._bounded(self._targets.popleft(), scene)
+        command = self._bounded(self._targets.popleft(), scene)
+        told = np.ones(len(scene.qpos))  # nobody hears of the grippers of other policies
+        told[np.array(self.view.agents) - 1] = command[:, ARM_JOINTS]
+        self._memory.told(told)
+        return command
 
     @torch.inference_mode()
-    def _observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
-        seen = np.stack([self._picture(pictures, stream.camera) for stream in self.view.streams])
-        qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
-        features = self._policy.encode_whole(torch.from_numpy(seen).to(self._device))
+    def _observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]], memory: Memory) -> None:
+        streams = self.view.streams
+        qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
+        told = np.stack(
+            [
+                context(self._senses, self.view, row, scene.qpos, scene.poses, memory.vector)
+                for row in range(len(streams))
+            ]
+        )
+        features = proprio.new_zeros(len(streams), 0)
+        if self.looks:
+            seen = np.stack([self._picture(pictures, stream.camera) for stream in streams])
+            features = self._policy.encode_whole(torch.from_numpy(seen).to(self._device))
         # Before an episode's start its first frame repeats, as in training.
         for _ in range(1 if self._features else self._config.observation_steps):
             self._features.append(features)
             self._proprio.append(proprio)
+            self._context.append(torch.from_numpy(told).to(self._device))
 
     def _predict(self) -> None:
-        features, proprio = torch.stack([*self._features], dim=1), torch.stack([*self._proprio], dim=1)
-        actions = self._policy.act(features, proprio, self._generators).cpu().double().numpy()  # (S, T, A)
+        features, proprio, told = (
+            torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
+        )
+        actions = self._policy.act(features, proprio, told, self._generators).cpu().double().numpy()
         now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
         chunk = actions[:, now : now + self._config.action_steps]
         chunk = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)

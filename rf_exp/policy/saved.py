@@ -25,6 +25,7 @@ from rf_exp.artifacts.identity import differing, digest, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.observation import Senses
 from rf_exp.policy.views import Stream, View
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
@@ -123,8 +124,8 @@ def made_of(folder: Path) -> dict[str, Any]:
     return {**read_json(folder / CONFIG, ANEW), "weights": weights}
 
 
-def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, View]:
-    """A trained policy, ready to act, and the view it commands. Raises StageError where none is."""
+def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, View, Senses]:
+    """A trained policy, ready to act, its view and its senses. Raises StageError where none is."""
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
     said = read_json(folder / CONFIG, ANEW)
@@ -132,9 +133,11 @@ def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, Vi
         raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
     streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in said["view"]["streams"])
     view = View(said["view"]["name"], tuple(streams))
-    policy = DiffusionPolicy(PolicyConfig(**said["policy"]), view.proprio_size, view.action_size)
+    senses = Senses(**said["senses"])
+    sizes = view.proprio_size, view.action_size, senses.size(view)
+    policy = DiffusionPolicy(PolicyConfig(**said["policy"]), *sizes)
     policy.load_state_dict(tensors)
-    return policy.to(device_of(device)).eval(), view
+    return policy.to(device_of(device)).eval(), view, senses
 
 
 def _require_model(folder: Path) -> None:

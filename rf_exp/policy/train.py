@@ -27,6 +27,7 @@ from rf_exp.errors import StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.observation import senses_of
 from rf_exp.policy.saved import CURVES, MODEL, STATE, claim, device_of, read_tensors, write_tensors
 from rf_exp.policy.views import View
 
@@ -64,16 +65,18 @@ def train(
     Raises StageError when the folder holds another configuration or the loss is no longer finite,
     ArgumentError when the store does not fit the view or the pictures.
     """
+    senses = senses_of(policy_config, store)
     made_of = {
         "policy": asdict(policy_config),
         "view": asdict(view),
+        "senses": asdict(senses),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
     if claim(folder, made_of):
         return folder
     device = device_of(train_config.device)
-    windows = Windows(store, view, policy_config, device)
+    windows = Windows(store, view, policy_config, senses, device)
     training = Training(windows, view, policy_config, train_config)
     training.resume(folder / STATE)
     with _curves(folder / CURVES, training.step) as write, _deferred_interrupt() as interrupted:
@@ -113,7 +116,9 @@ class Training:
         self._device = windows.action.device
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(train_config.seed)
-            self.policy = DiffusionPolicy(policy_config, view.proprio_size, view.action_size)
+            self.policy = DiffusionPolicy(
+                policy_config, view.proprio_size, view.action_size, windows.context.shape[1]
+            )
         self.policy.normaliser.load_state_dict(windows.normaliser().state_dict())
         self.policy.to(self._device)
         if self._device.type == "cpu":  # GroupNorm on CUDA wants NCHW, the CPU's convolutions do not

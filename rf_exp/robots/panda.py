@@ -80,7 +80,7 @@ def link_poses(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
     return _joint_poses(np.asarray(qpos, dtype=float))[..., joints[:-1], :, :] @ placements[:-1]
 
 
-def tcp_pose(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+def tcp_pose(qpos: NDArray[np.floating]) -> NDArray[np.float64]:
     """base_from_tcp (..., 4, 4) for arm joints (..., 7) rad; z out of the hand, y along the fingers."""
     joints, placements = _frames()
     qpos = np.asarray(qpos, dtype=float)

@@ -1,0 +1,165 @@
+"""What a policy is told beside its pictures and its own joints: one vector an observation, its context.
+
+For each own agent, in the frame of the base of the first of them: where the TCP is (position, two axes), and
+what its gripper has done so far (`Memory`). A policy of the laboratory (`observation: state`) is told the
+truth instead of pictures: the joints and TCPs of the other agents and the poses of all objects.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.views import PROPRIO_SIZE, Stream, View
+from rf_exp.robots.panda import tcp_pose
+from rf_exp.transforms import Matrix, inverse, planar
+from rf_exp.types import ARM_JOINTS
+
+if TYPE_CHECKING:
+    from rf_exp.store import Store
+
+CHANGES = 6  # of an own gripper that are told apart
+RECENT_STEPS = 20  # since the last of them: what is longer ago is all the same
+POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 2019: no jumps, unlike angles)
+_MEMORY = CHANGES + 2
+
+
+@dataclass(frozen=True)
+class Senses:
+    """What the context of a policy is made of. `bases` is empty for a policy that has none."""
+
+    bases: tuple[tuple[float, float, float], ...] = ()  # x (m), y (m), yaw (rad) of every arm of the task
+    objects: tuple[str, ...] = ()  # whose true poses it is told
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bases", tuple(tuple(base) for base in self.bases))
+        object.__setattr__(self, "objects", tuple(self.objects))
+
+    def size(self, view: View) -> int:
+        """Of the context of a stream of a view."""
+        if not self.bases:
+            return 0
+        own = len(view.streams[0].agents)
+        told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * POSE
+        return (
+            own * (POSE + _MEMORY)
+            + (told if self.objects else 0)
+            + len(view.streams) * (len(view.streams) > 1)
+        )
+
+
+def senses_of(config: PolicyConfig, store: "Store") -> Senses:
+    """The senses of a policy that learns from a store. Raises ArgumentError where the store lacks them."""
+    if not config.context:
+        return Senses()
+    try:
+        robots = store.identity["scene"]["robots"]
+    except KeyError as error:
+        raise ArgumentError(f"{store.path} does not say where its arms stand; generate it again") from error
+    bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
+    if config.observation != "state":
+        return Senses(bases)
+    if not store.objects:
+        raise ArgumentError(
+            f"observation=state needs the poses of the objects, and {store.path} has none; generate it again"
+        )
+    return Senses(bases, store.objects)
+
+
+def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Measured joint positions (..., N, 9) -> (..., 8N): seven joints (rad) and the opening (m) an agent.
+
+    Both fingers of the gripper keep the same width (paper, supplementary), so their sum says it all.
+    """
+    opening = qpos[..., ARM_JOINTS:].sum(axis=-1, keepdims=True)
+    joined = np.concatenate([qpos[..., :ARM_JOINTS], opening], axis=-1)
+    return joined.reshape(*qpos.shape[:-2], -1).astype(np.float32)
+
+
+def context(
+    senses: Senses,
+    view: View,
+    row: int,
+    qpos: NDArray[np.floating],
+    poses: Mapping[str, NDArray[np.floating]],
+    memory: NDArray[np.floating],
+) -> NDArray[np.float32]:
+    """The context (..., C) of stream `row` of a view.
+
+    From the measured joints of all agents (..., N, 9), world poses of objects (..., 4, 4) and what all
+    grippers have done (..., N, M), see `Memory`.
+    """
+    if not senses.bases:
+        return np.zeros((*qpos.shape[:-2], 0), np.float32)
+    stream = view.streams[row]
+    base_from_world = inverse(_base(senses, stream.agents[0]))
+    parts: list[NDArray[np.floating]] = []
+    for agent in stream.agents:
+        parts += [_flat(base_from_world @ _tcp(senses, agent, qpos)), memory[..., agent - 1, :]]
+    if senses.objects:
+        for agent in _others(senses, stream):
+            parts += [
+                proprioception(qpos[..., agent - 1 : agent, :]),
+                _flat(base_from_world @ _tcp(senses, agent, qpos)),
+            ]
+        parts += [_flat(base_from_world @ poses[name]) for name in senses.objects]
+    if len(view.streams) > 1:  # one policy for several agents: which of them
+        parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
+    return np.concatenate(parts, axis=-1).astype(np.float32)
+
+
+def _others(senses: Senses, stream: Stream) -> list[int]:
+    return [agent for agent in range(1, len(senses.bases) + 1) if agent not in stream.agents]
+
+
+def _base(senses: Senses, agent: int) -> Matrix:
+    return planar(*senses.bases[agent - 1])
+
+
+def _tcp(senses: Senses, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+    """world_from_tcp (..., 4, 4)."""
+    return _base(senses, agent) @ tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+
+
+def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:
+    """(..., 4, 4) -> (..., POSE)."""
+    axes = poses[..., :3, :2].swapaxes(-1, -2).reshape(*poses.shape[:-2], 6)
+    return np.concatenate([poses[..., :3, 3], axes], axis=-1)
+
+
+class Memory:
+    """What the grippers have been told so far: how often they changed, as one-hot, and how recently.
+
+    A picture after the fingers closed looks much like the one before, and what comes next is not the same.
+    """
+
+    def __init__(self, agents: int) -> None:
+        self._open = np.ones(agents, dtype=bool)  # as every episode begins
+        self._changes = np.zeros(agents, dtype=int)
+        self._since = np.full(agents, RECENT_STEPS)
+
+    def told(self, grippers: NDArray[np.floating]) -> None:
+        """The commands (N,) of one control step."""
+        changed = (grippers > 0) != self._open
+        self._open = grippers > 0
+        self._changes = self._changes + changed
+        self._since = np.where(changed, 0, np.minimum(self._since + 1, RECENT_STEPS))
+
+    @property
+    def vector(self) -> NDArray[np.float64]:
+        """(N, M)."""
+        count = np.eye(CHANGES + 1)[np.minimum(self._changes, CHANGES)]
+        return np.column_stack([count, self._since / RECENT_STEPS])
+
+
+def remembered(grippers: NDArray[np.floating]) -> NDArray[np.float32]:
+    """The memory (T, N, M) before each step of an episode with commands (T, N)."""
+    memory, rows = Memory(grippers.shape[1]), []
+    for commands in grippers:
+        rows.append(memory.vector)
+        memory.told(commands)
+    return np.array(rows, np.float32)
