@@ -43,6 +43,7 @@ from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import inverse
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
+VERSION = "1"  # of what it decides
 LOOKAHEAD_STEPS = 10  # a violation that is farther off is no reason to wait yet
 PATIENCE_STEPS = 20  # of waiting, until something else is tried
 BACK_STEPS = 20  # of its own way that an arm draws back at most
@@ -180,11 +181,11 @@ class Shield:
         """Whether an agent is to predict anew. Ends and begins its drawing back."""
         if agent in self._back:
             self._waited[agent] += waits
-            ended = not len(self._back[agent]) or self._waited[agent] % PATIENCE_STEPS == 0
-            if ended:
-                del self._back[agent]
-                self._waited[agent] = 0
-            return ended
+            if len(self._back[agent]) and self._waited[agent] < PATIENCE_STEPS:
+                return False
+            del self._back[agent]
+            self._waited[agent] = 0
+            return True
         self._waited[agent] = self._waited[agent] + 1 if waits else max(0, self._waited[agent] - 1)
         if not waits or self._waited[agent] % PATIENCE_STEPS:
             return False
@@ -193,6 +194,7 @@ class Shield:
         way = np.array(self._trails[agent])[::-1]
         way[:, ARM_JOINTS] = self._given[agent - 1, ARM_JOINTS]  # the hand stays as it is
         self._back[agent] = way
+        self._waited[agent] = 0
         return False
 
 

@@ -62,7 +62,7 @@ def test_the_fields_are_the_contract() -> None:
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
-        "step_limit violations wall_s version contacts reason commit schema"
+        "step_limit violations wall_s version contacts reason commit schema shield interventions"
     )
 
 

@@ -20,7 +20,7 @@ from rf_exp.ablation.tables import TABLES, Column, Table, build
 from rf_exp.errors import ArgumentError, StageError
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
-NAMES = ["tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"]
+NAMES = ["tasks", "comparison", "benchmark", "architectures", "shield", "ablation_success", "ablation_length"]
 EMPTY = Results()
 SUITE = {
     "lift_barrier": TaskFacts("Lift Barrier", 2, "Two arms lift a barrier.", "It is up.", "1"),

@@ -113,7 +113,7 @@ def test_targets_within_reach_are_commanded_exactly(make_actor) -> None:
     world = Table(1)
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
-    actor._targets.append(target[None])
+    actor._targets.put(target[None, None])
     actor._features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
     actor._config = replace(actor._config, observation_steps=1)
     assert np.allclose(actor(scene, {})[0], target)
