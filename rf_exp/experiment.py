@@ -43,6 +43,7 @@ class Experiment:
     occupancy: Occupancy
     attempts: int
     limits: JointLimits
+    disturbance_rad: float
     recordings: int | tuple[int, ...]
     films: int
     policy: PolicyConfig
@@ -114,7 +115,9 @@ class Experiment:
         """What decides the episodes of a task under a row of constraints."""
         from rf_exp.datagen.episode import Settings  # slow to import; arguments are checked without it
 
-        return Settings(task, row, self.brain, self.limits, self.attempts, self.occupancy)
+        return Settings(
+            task, row, self.brain, self.limits, self.attempts, self.occupancy, self.disturbance_rad
+        )
 
 
 def check_file_name(key: str, value: str) -> None:

@@ -20,7 +20,7 @@ from rf_exp.command import guarded
 from rf_exp.errors import StageError
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import owned
-from rf_exp.store import Store
+from rf_exp.store import Store, empty_like
 from rf_exp.types import Episode
 
 
@@ -36,9 +36,7 @@ class Damaged:
         self._path = path
         try:
             self.attrs: dict[str, Any] = dict(zarr.open_group(path, mode="r", zarr_format=3).attrs)
-            size = self.attrs["height"], self.attrs["width"]
-            made_of = self.attrs["identity"], self.attrs["agents"], self.attrs["cameras"], *size
-            Store.create(frame / "store", *made_of).close()
+            empty_like(frame / "store", self.attrs)
         except Exception as error:  # whatever damaged bytes lead to
             raise StageError(
                 f"{path} has no attributes that can be read ({type(error).__name__}: {error}), and "
@@ -68,7 +66,20 @@ class Damaged:
             action=self._read("data/action", start, end),
             pictures={each: self._read(f"data/rgb_{each}", start, end) for each in self.attrs["cameras"]},
             certificate=certificate,
+            **self._optional(start, end),
         )
+
+    def _optional(self, start: int, end: int) -> dict[str, Any]:
+        """What not every store keeps."""
+        found: dict[str, Any] = {
+            "poses": {
+                name: self._read(f"data/pose_{name}", start, end) for name in self.attrs.get("objects", ())
+            }
+        }
+        for name in ("executed", "subgoal"):
+            if name in self._arrays["data"]:  # pyright: ignore[reportOperatorIssue]
+                found[name] = self._read(f"data/{name}", start, end)
+        return found
 
     def seed(self, index: int) -> int:
         """Raises StageError where it cannot be read."""
@@ -159,9 +170,7 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
     kept: list[int] = []
     attrs, store = damaged.attrs, None
     if to is not None:
-        size = attrs["height"], attrs["width"]
-        Store.create(to, attrs["identity"], attrs["agents"], attrs["cameras"], *size).close()
-        zarr.open_group(to, mode="r+", zarr_format=3).attrs.put(attrs)  # who made the data, and when
+        empty_like(to, attrs)
         store = Store.open(to, writable=True)
     for index in range(len(damaged.ends)):
         try:

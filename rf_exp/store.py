@@ -2,8 +2,12 @@
 
     data/qpos (T, N, 9) f32      measured joints: rad for the arm, metres for the two fingers
     data/qvel (T, N, 9) f32      their velocities
-    data/action (T, N, 8) f32    joint targets in rad + gripper command
+    data/action (T, N, 8) f32    joint targets in rad + gripper command, as intended
+    data/executed (T, N, 8) f32  what the arms were told, in a store of disturbed demonstrations
     data/rgb_<camera> (T, H, W, 3) u8
+    data/pose_<object> (T, 7) f32  position in m and quaternion w, x, y, z, world frame
+    data/subgoal (T, N) i16      what each agent is about: an index of its texts in the certificate's
+                                 `subgoals`; -1 where that is not known
     meta/episode_ends (E,) i64   row after the last of each episode
     meta/seed (E,) i64, meta/certificate (E,) JSON text
 
@@ -44,6 +48,7 @@ FORMAT = 1
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
 STATE_CHUNK, META_CHUNK = 1024, 256  # rows
 JOINTS, COMMANDS = 9, 8  # values an agent in qpos and qvel, in action
+POSE = 7  # values of an object
 PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
 ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always means damage
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -71,13 +76,15 @@ class Store:
         cameras: Sequence[str],
         height: int,
         width: int,
+        objects: Sequence[str] = (),
+        disturbed: bool = False,
     ) -> "Store":
         """A new, empty store, opened for writing.
 
         `identity` is the configuration that makes the data, as plain JSON values; `task`, `version`
         (of the success criteria) and `generator` (version of the code) in it become attributes of
         their own, beside the commit of the code. Pictures are (height, width, 3); without cameras
-        both may be 0.
+        both may be 0. `disturbed` demonstrations were executed otherwise than intended.
 
         Raises StageError when `path` exists or the disk is full, ArgumentError when nothing can be
         created there.
@@ -98,6 +105,8 @@ class Store:
             "cameras": list(cameras),
             "height": height,
             "width": width,
+            "objects": list(objects),
+            "disturbed": disturbed,
             "versions": installed(PACKAGES),
         }
         try:
@@ -210,6 +219,16 @@ class Store:
     def cameras(self) -> tuple[str, ...]:
         return tuple(self._attrs["cameras"])
 
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """The objects whose poses are kept."""
+        return tuple(self._attrs.get("objects", ()))
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether what was executed differs from what was intended."""
+        return bool(self._attrs.get("disturbed", False))
+
     @cached_property
     def qpos(self) -> NDArray[np.float32]:
         """(T, N, 9) measured joints, rad and metres."""
@@ -224,6 +243,23 @@ class Store:
     def action(self) -> NDArray[np.float32]:
         """(T, N, 8) joint targets, rad, and gripper command."""
         return self._read("data/action")
+
+    @cached_property
+    def executed(self) -> NDArray[np.float32]:
+        """(T, N, 8) what the arms were told: `action`, unless the demonstrations were disturbed."""
+        return self._read("data/executed") if self.disturbed else self.action
+
+    @cached_property
+    def poses(self) -> dict[str, NDArray[np.float32]]:
+        """Object -> (T, 7) position in m and quaternion w, x, y, z; empty in an older store."""
+        return {name: self._read(f"data/pose_{name}") for name in self.objects}
+
+    @cached_property
+    def subgoal(self) -> NDArray[np.int16]:
+        """(T, N) index of what each agent is about in its texts in the certificate; -1 is not known."""
+        if "objects" not in self._attrs:
+            return np.full((self.steps, self.agents), -1, np.int16)
+        return self._read("data/subgoal")
 
     @cached_property
     def pictures(self) -> dict[str, zarr.Array[Any]]:
@@ -251,6 +287,9 @@ class Store:
             action=self.action[start:end],
             pictures={camera: self._read(f"data/rgb_{camera}", start, end) for camera in self.cameras},
             certificate=self.certificates[index],
+            executed=self.executed[start:end] if self.disturbed else None,
+            poses={name: values[start:end] for name, values in self.poses.items()},
+            subgoal=self.subgoal[start:end],
         )
 
     def digest(self) -> str:
@@ -287,7 +326,7 @@ class Store:
             ) from error
         self._ends = np.append(self._ends, rows["meta/episode_ends"])
         self._seeds = np.append(self._seeds, rows["meta/seed"])
-        for name in ("qpos", "qvel", "action", "pictures", "certificates"):
+        for name in ("qpos", "qvel", "action", "executed", "poses", "subgoal", "pictures", "certificates"):
             self.__dict__.pop(name, None)  # read again when asked for
 
     def _rows(self, episode: Episode) -> dict[str, NDArray[Any]]:
@@ -305,9 +344,28 @@ class Store:
         steps = len(episode.qpos)
         if steps == 0:
             raise StageError(f"{label} has no steps; expected at least one")
-        data = {"data/qpos": episode.qpos, "data/qvel": episode.qvel, "data/action": episode.action}
+        if set(episode.poses) != set(self.objects):
+            raise StageError(
+                f"{label} has poses of {sorted(episode.poses)}; {self.path} expects {sorted(self.objects)}"
+            )
+        if (episode.executed is not None) != self.disturbed:
+            found, expected = ("no", "some") if self.disturbed else ("some", "no")
+            raise StageError(
+                f"{label} has {found} executed actions of its own; {self.path} expects {expected}"
+            )
+        data: dict[str, NDArray[Any]] = {
+            "data/qpos": episode.qpos,
+            "data/qvel": episode.qvel,
+            "data/action": episode.action,
+        }
         data |= {f"data/rgb_{camera}": episode.pictures[camera] for camera in self.cameras}
+        data |= {f"data/pose_{name}": episode.poses[name] for name in self.objects}
+        if episode.executed is not None:
+            data["data/executed"] = episode.executed
         layout = _layout(self._attrs)
+        if "data/subgoal" in layout:
+            unknown = np.full((steps, self.agents), -1, np.int16)
+            data["data/subgoal"] = unknown if episode.subgoal is None else episode.subgoal
         for name, values in data.items():
             shape, dtype = layout[name]
             if values.shape != (steps, *shape) or values.dtype != np.dtype(dtype):
@@ -409,15 +467,26 @@ class Store:
 def _layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Array name -> (shape of one row, dtype), the whole layout of a store."""
     agents, picture = attributes["agents"], (attributes["height"], attributes["width"], 3)
+    executed = {"data/executed": ((agents, COMMANDS), "float32")} if attributes.get("disturbed") else {}
+    subgoal = {"data/subgoal": ((agents,), "int16")} if "objects" in attributes else {}
     return {
         "data/qpos": ((agents, JOINTS), "float32"),
         "data/qvel": ((agents, JOINTS), "float32"),
         "data/action": ((agents, COMMANDS), "float32"),
+        **executed,
+        **subgoal,
+        **{f"data/pose_{name}": ((POSE,), "float32") for name in attributes.get("objects", ())},
         **{f"data/rgb_{camera}": (picture, "uint8") for camera in attributes["cameras"]},
         "meta/seed": ((), "int64"),
         "meta/certificate": ((), np.dtypes.StringDType()),
         "meta/episode_ends": ((), "int64"),
     }
+
+
+def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
+    """A new store without episodes, with all attributes of another, also those that say who made it."""
+    with whole(path) as draft:
+        _create(draft, dict(attributes))
 
 
 def _create(path: Path, attributes: dict[str, Any]) -> None:

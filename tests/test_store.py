@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 import rf_exp.store as store_module
 from rf_exp.artifacts.provenance import commit
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.store import Store
+from rf_exp.store import Store, empty_like
 from rf_exp.types import Episode
 
 IDENTITY = {
@@ -29,6 +30,10 @@ IDENTITY = {
     "ranges": {"x_m": (-0.1, 0.1)},
 }
 AGENTS, CAMERAS, HEIGHT, WIDTH = 2, ("global", "agent1", "agent2"), 6, 8
+OBJECTS = ("barrier",)
+ARRAYS = (
+    11  # qpos, qvel, action, executed, subgoal, pose_barrier, three cameras, seed, certificate; then the ends
+)
 
 
 def make_episode(seed: int, steps: int = 7, cameras: tuple[str, ...] = CAMERAS) -> Episode:
@@ -41,11 +46,14 @@ def make_episode(seed: int, steps: int = 7, cameras: tuple[str, ...] = CAMERAS) 
         action=rng.normal(size=(steps, AGENTS, 8)).astype(np.float32),
         pictures={c: rng.integers(0, 256, (steps, HEIGHT, WIDTH, 3), np.uint8) for c in cameras},
         certificate={"checks": ["ValidateScheduling"], "seed": seed},
+        executed=rng.normal(size=(steps, AGENTS, 8)).astype(np.float32),
+        poses={name: rng.normal(size=(steps, 7)).astype(np.float32) for name in OBJECTS},
+        subgoal=rng.integers(0, 4, (steps, AGENTS)).astype(np.int16),
     )
 
 
 def make_store(path: Path, episodes: list[Episode], cameras: tuple[str, ...] = CAMERAS) -> Path:
-    with Store.create(path, IDENTITY, AGENTS, cameras, HEIGHT, WIDTH) as store:
+    with Store.create(path, IDENTITY, AGENTS, cameras, HEIGHT, WIDTH, OBJECTS, True) as store:
         for episode in episodes:
             store.append(episode)
     return path
@@ -53,14 +61,47 @@ def make_store(path: Path, episodes: list[Episode], cameras: tuple[str, ...] = C
 
 def assert_same(got: Episode, expected: Episode) -> None:
     assert (got.task, got.seed, got.certificate) == (expected.task, expected.seed, expected.certificate)
-    for name in ("qpos", "qvel", "action"):
+    for name in ("qpos", "qvel", "action", "executed", "subgoal"):
         np.testing.assert_array_equal(getattr(got, name), getattr(expected, name), strict=True)
+    assert set(got.poses) == set(expected.poses)
+    for name, poses in expected.poses.items():
+        np.testing.assert_array_equal(got.poses[name], poses, strict=True)
     assert set(got.pictures) == set(expected.pictures)
     for camera, frames in expected.pictures.items():
         np.testing.assert_array_equal(got.pictures[camera], frames, strict=True)
 
 
 # What goes in comes out
+
+
+def test_a_store_without_poses_and_subgoals_is_still_read(tmp_path: Path) -> None:
+    """Data from before they were kept, and what is made now without them."""
+    episode = replace(make_episode(0), executed=None, poses={}, subgoal=None)
+    with Store.create(tmp_path / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH) as store:
+        store.append(episode)
+        assert (store.subgoal == -1).all() and store.executed is store.action
+    path = tmp_path / "old.zarr"
+    attributes = {name: value for name, value in store.attrs.items() if name not in ("objects", "disturbed")}
+    empty_like(path, attributes)
+    assert not (path / "data" / "subgoal").exists()
+    with Store.open(path, IDENTITY, writable=True) as old:
+        old.append(episode)
+        assert_same(old.episode(0), replace(episode, subgoal=np.full((7, AGENTS), -1, np.int16)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"executed": None}, "no executed actions of its own"),
+        ({"poses": {}}, r"poses of \[\]; .* \['barrier'\]"),
+    ],
+)
+def test_an_episode_with_other_arrays_is_refused(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    path = make_store(tmp_path / "s.zarr", [make_episode(0)])
+    with Store.open(path, writable=True) as store, pytest.raises(StageError, match=message):
+        store.append(replace(make_episode(1), **change))
 
 
 @settings(max_examples=12, deadline=None)
@@ -108,7 +149,7 @@ def test_episodes_longer_than_a_file(tmp_path: Path) -> None:
 
 
 def test_a_writer_reads_what_it_wrote(tmp_path: Path) -> None:
-    with Store.create(tmp_path / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH) as store:
+    with Store.create(tmp_path / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True) as store:
         for seed in range(3):
             store.append(make_episode(seed))
             assert_same(store.episode(seed), make_episode(seed))
@@ -138,7 +179,7 @@ def test_digest_is_of_the_content(tmp_path: Path) -> None:
 # Interrupted and failed writes
 
 
-@pytest.mark.parametrize("broken", [0, 4, 7, 8])
+@pytest.mark.parametrize("broken", [0, 4, ARRAYS - 1, ARRAYS])
 @pytest.mark.parametrize("moment", ["before", "between", "after"])
 def test_interrupted_append_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: int, moment: str
@@ -164,7 +205,7 @@ def test_interrupted_append_is_cut_off(
     monkeypatch.undo()
     store.close()
 
-    committed = broken == 8 and moment == "after"
+    committed = broken == ARRAYS and moment == "after"
     reader = Store.open(path)
     assert len(reader) == 1 + committed
     assert_same(reader.episode(0), make_episode(0))
@@ -223,7 +264,10 @@ def test_a_disk_that_fills_up(tmp_path: Path) -> None:
     if mounted.returncode:
         pytest.skip("needs the right to mount a small disk; the limit on file sizes is tested without it")
     try:
-        store, stored = Store.create(disk / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH), 0
+        store, stored = (
+            Store.create(disk / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True),
+            0,
+        )
         with pytest.raises(StageError, match=r"No space left on device.* stored episodes are intact"):
             for stored in range(100):
                 store.append(make_episode(stored, steps=40))

@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from rf_exp.constraints import Bodies, CheckCode, RoboChecker, actions
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
-from rf_exp.datagen.motion import Posture, Unreachable, come_to_rest, let_off, plan_motion
+from rf_exp.datagen.knocks import Knocks
+from rf_exp.datagen.motion import Posture, Unreachable, come_to_rest, disturb, let_off, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Judge, Task
+from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (
     ARM_JOINTS,
     COLLISION,
@@ -41,6 +44,12 @@ from rf_exp.types import (
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
+LARGEST_DISTURBANCE_RAD = 0.2
+_MILDER = (
+    1.0,
+    0.5,
+    0.25,
+)  # parts of the disturbance that are tried, the first that passes the checks is used
 
 
 @dataclass(frozen=True)
@@ -53,8 +62,13 @@ class Settings:
     limits: JointLimits = field(default_factory=JointLimits)
     attempts: int = 4
     occupancy: Occupancy = "state"
+    disturbance_rad: float = 0.0  # of executed motion; see motion/disturb.py
 
     def __post_init__(self) -> None:
+        if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
+            raise ArgumentError(
+                f"disturbance_rad is {self.disturbance_rad}; expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
+            )
         if self.attempts < 1:
             raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
 
@@ -87,6 +101,7 @@ class Plan:
     code: CheckCode
     trajectories: tuple[Trajectory, ...]
     schedule: Schedule
+    executed: tuple[Trajectory, ...]  # what the arms are sent along: the trajectories, or disturbed ones
 
 
 class Observer(Protocol):
@@ -116,6 +131,16 @@ class Nobody:
         pass
 
 
+class _Frame(NamedTuple):
+    """One control step: what was seen, what was intended then, what was done, and what for."""
+
+    scene: Scene
+    action: NDArray[np.float64]  # (N, 8)
+    executed: NDArray[np.float64]  # (N, 8)
+    pictures: Mapping[str, NDArray[np.uint8]]
+    subgoal: NDArray[np.int16]  # (N,)
+
+
 class EpisodeMaker:
     """Makes one episode of `settings` in a world. One object for one seed."""
 
@@ -124,7 +149,7 @@ class EpisodeMaker:
     ) -> None:
         self._settings, self._world, self._brain = settings, world, brain
         self._observer: Observer = observer or Nobody()
-        self._frames: list[tuple[Scene, NDArray[np.float64], dict[str, NDArray[np.uint8]]]] = []
+        self._frames: list[_Frame] = []
         self._rounds: list[dict[str, object]] = []
         self._contacts = 0
 
@@ -136,12 +161,16 @@ class EpisodeMaker:
         self._judge = Judge(settings.task, scene)
         self._verdict = self._judge(scene)
         self._paper = False
+        self._subgoals = Subgoals(len(settings.task.agents))
+        self._doing = np.zeros(len(settings.task.agents), np.int16)
+        self._knocked = ""
         rng = np.random.default_rng([seed, 1])  # stream 1 of the episode: planning
+        self._bumps = np.random.default_rng([seed, 2])  # stream 2: disturbances
         feedback: tuple[Violation, ...] = ()
         done: tuple[Subgoal, ...] = ()
         reasons: list[str] = []  # of the violations
         for _ in range(_ROUNDS):
-            if len(reasons) >= settings.attempts or self._verdict.success:
+            if len(reasons) >= settings.attempts or self._verdict.success or self._knocked:
                 break
             question = Question(
                 settings.task, scene, self._world.pictures() if self._world.cameras else {}, done, feedback
@@ -160,9 +189,9 @@ class EpisodeMaker:
             feedback = (violation,)
             self._rounds.append({"violation": _violation_json(violation)})
             self._observer.rejected(violation)
-        if not self._verdict.success:
+        if not self._verdict.success and not self._knocked:
             scene = self._settle(scene)
-        success = self._verdict.success
+        success = self._verdict.success and not self._knocked
         return Outcome(
             seed,
             success,
@@ -194,6 +223,7 @@ class EpisodeMaker:
         for way in _ways(row):
             result = self._motion(proposal, checker, scene, way, rng)
             if isinstance(result, Plan):
+                result = self._disturbed(result, checker, scene)
                 self._checker = checker
                 self._rounds.append(
                     {
@@ -241,7 +271,26 @@ class EpisodeMaker:
         if isinstance(schedule, Violation):
             return schedule
         violations = checker.check(trajectories, schedule, scene)
-        return violations[0] if violations else Plan(proposal, checker.code, trajectories, schedule)
+        if violations:
+            return violations[0]
+        return Plan(proposal, checker.code, trajectories, schedule, executed=trajectories)
+
+    def _disturbed(self, plan: Plan, checker: RoboChecker, scene: Scene) -> Plan:
+        """The plan as it will be executed: as strongly disturbed as its checks allow.
+
+        The checker then knows the disturbed motion as the plan, and monitors that.
+        """
+        strength_rad = self._settings.disturbance_rad
+        if not strength_rad:
+            return plan
+        state = self._bumps.bit_generator.state
+        for part in _MILDER:
+            self._bumps.bit_generator.state = state  # the same bumps, smaller
+            executed = disturb(plan.trajectories, part * strength_rad, self._bumps)
+            if not checker.check(executed, plan.schedule, scene):
+                return replace(plan, executed=executed)
+        checker.check(plan.trajectories, plan.schedule, scene)
+        return plan
 
     def _looked_at(self, scene: Scene) -> Scene:
         """The scene with what the depth cameras see now, where spatial constraints ask for it."""
@@ -258,17 +307,25 @@ class EpisodeMaker:
         """
         if not self._frames:
             return scene
-        command = self._frames[-1][1]
+        command = self._frames[-1].executed
         return replace(scene, qpos=np.hstack([command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
 
     # -- execution -------------------------------------------------------------------------------
 
     def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
         start = np.stack([trajectory.path()[0] for trajectory in plan.trajectories])
-        commands = np.concatenate([start[None], actions(plan.trajectories, plan.schedule)])
+        intended, commands = (
+            np.concatenate([start[None], actions(each, plan.schedule)])
+            for each in (plan.trajectories, plan.executed)
+        )
+        doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
+        watch = Knocks(plan.executed, plan.schedule, scene) if self._settings.disturbance_rad else None
         for now in range(1, len(commands)):
-            scene = self._step(scene, commands[now])
-            if self._verdict.success:
+            self._doing = doing[now]
+            scene = self._step(scene, intended[now], commands[now])
+            if watch is not None:
+                self._knocked = watch.knocked(scene)
+            if self._verdict.success or self._knocked:
                 break
             violation = self._checker.monitor(scene)
             if violation is not None:
@@ -280,7 +337,9 @@ class EpisodeMaker:
         limits = self._settings.limits
         scene = self._follow(scene, come_to_rest(commands, now, limits))
         if violation.check == COLLISION:
-            scene = self._follow(scene, let_off(self._frames[-1][1], scene.qpos, violation.agents, limits))
+            scene = self._follow(
+                scene, let_off(self._frames[-1].executed, scene.qpos, violation.agents, limits)
+            )
         return scene
 
     def _follow(self, scene: Scene, commands: NDArray[np.float64]) -> Scene:
@@ -288,22 +347,22 @@ class EpisodeMaker:
         for command in commands:
             if self._verdict.success:
                 break
-            scene = self._step(scene, command)
+            scene = self._step(scene, command, command)
         return scene
 
     def _settle(self, scene: Scene) -> Scene:
         """Holds still for a while: what was put down may need a moment to come to rest."""
         if not self._frames:
             return scene
-        return self._follow(scene, np.tile(self._frames[-1][1], (_SETTLE_STEPS, 1, 1)))
+        return self._follow(scene, np.tile(self._frames[-1].executed, (_SETTLE_STEPS, 1, 1)))
 
-    def _step(self, scene: Scene, action: NDArray[np.float64]) -> Scene:
+    def _step(self, scene: Scene, action: NDArray[np.float64], executed: NDArray[np.float64]) -> Scene:
         # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
-        action = action.astype(np.float32).astype(float)
+        action, executed = (each.astype(np.float32).astype(float) for each in (action, executed))
         pictures = self._world.pictures() if self._world.cameras else {}
-        self._frames.append((scene, action, pictures))
+        self._frames.append(_Frame(scene, action, executed, pictures, self._doing))
         self._observer.stepped(scene, action, pictures)
-        scene = self._world.step(action)
+        scene = self._world.step(executed)
         self._contacts += bool(scene.arm_contacts)
         self._verdict = self._judge(scene)
         self._paper = self._paper or self._verdict.success_paper
@@ -312,6 +371,8 @@ class EpisodeMaker:
     # -- the result ------------------------------------------------------------------------------
 
     def _why(self, reasons: Sequence[str]) -> str:
+        if self._knocked:
+            return f"refused: {self._knocked}"
         missing = [name for name, holds in self._verdict.evidence.items() if not holds]
         physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
         if not reasons:
@@ -321,16 +382,32 @@ class EpisodeMaker:
         return f"{physical}; the first violation of {len(reasons)}: {reasons[0]}{last}"
 
     def _episode(self, seed: int) -> Episode:
-        scenes, actions, pictures = zip(*self._frames, strict=True)
+        scenes, intended, executed, pictures, subgoals = zip(*self._frames, strict=True)
+        certificate = {
+            "rounds": self._rounds,
+            "evidence": dict(self._verdict.evidence),
+            "subgoals": self._subgoals.texts,
+        }
         return Episode(
             self._settings.task.name,
             seed,
             np.stack([scene.qpos for scene in scenes]).astype(np.float32),
             np.stack([scene.qvel for scene in scenes]).astype(np.float32),
-            np.stack(actions).astype(np.float32),
+            np.stack(intended).astype(np.float32),
             {name: np.stack([frame[name] for frame in pictures]) for name in self._world.cameras},
-            {"rounds": self._rounds, "evidence": dict(self._verdict.evidence)},
+            certificate,
+            np.stack(executed).astype(np.float32) if self._settings.disturbance_rad else None,
+            {
+                name: np.stack([_pose(scene.poses[name]) for scene in scenes])
+                for name in self._settings.task.objects
+            },
+            np.stack(subgoals),
         )
+
+
+def _pose(world_from_object: Matrix) -> NDArray[np.float32]:
+    """(7,) position in m and quaternion w, x, y, z."""
+    return np.concatenate([world_from_object[:3, 3], quaternion(world_from_object)]).astype(np.float32)
 
 
 class _Way(NamedTuple):

@@ -90,7 +90,8 @@ def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, obje
     identity = {**made_of, "first_seed": experiment.seed, "cameras": list(cameras), "picture": list(size)}
     if path.exists():
         return Store.open(path, identity, writable=True)
-    return Store.create(path, identity, len(task.agents), cameras, *size)
+    disturbed = experiment.disturbance_rad > 0
+    return Store.create(path, identity, len(task.agents), cameras, *size, tuple(task.objects), disturbed)
 
 
 def _with_row(episode: Episode, row: GenerationRow) -> Episode:

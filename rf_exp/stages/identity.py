@@ -17,8 +17,11 @@ from rf_exp.types import Row
 def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[str, Any]:
     """Of the rows of generation. A store adds its first seed and its pictures."""
     settings = experiment.settings(task, row)
+    made = asdict(settings)
+    if not settings.disturbance_rad:  # demonstrations from before it could be asked for are the same
+        del made["disturbance_rad"]
     said = {
-        **asdict(settings),
+        **made,
         "task": task.name,
         "scene": task.identity,
         "version": task.version,

@@ -1,0 +1,42 @@
+"""Whether a disturbed arm has knocked something: a thing moves that nobody is moving."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.types import Scene, Schedule, Trajectory
+
+KNOCKED_M = 0.005
+
+
+class Knocks:
+    """Watches the things of a plan that are not being handled: they stay where they are."""
+
+    def __init__(self, trajectories: Sequence[Trajectory], schedule: Schedule, scene: Scene) -> None:
+        self._trajectories, self._schedule, self._begins = trajectories, schedule, scene.step
+        self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in scene.poses.items()}
+
+    def knocked(self, scene: Scene) -> str:
+        """What has been knocked by now, in words; empty for nothing."""
+        handled = self._handled(scene)
+        for name, pose in scene.poses.items():
+            here = pose[:3, 3]
+            if name in handled:
+                self._rest[name] = here
+            elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > KNOCKED_M:
+                return f"a disturbed arm has moved {name} by {1000 * moved_m:.0f} mm"
+        return ""
+
+    def _handled(self, scene: Scene) -> set[str]:
+        """What is held or touched on purpose. An arm that only comes close to a thing must not move it."""
+        found = {name for name in scene.held if name is not None}
+        now = min(scene.step - self._begins, len(self._schedule))
+        for trajectory in self._trajectories:
+            position = int(self._schedule.positions[now, trajectory.agent - 1])
+            for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+                if position <= end:
+                    if position > 0 and segment.primitive != "approach":
+                        found |= segment.touches
+                    break
+        return found

@@ -1,0 +1,52 @@
+"""What each agent is about at every control step of an episode: its subgoals, numbered as they come."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.types import Schedule, Trajectory
+
+IDLE = "hold"  # the text of an agent that has not been told anything yet
+
+
+class Subgoals:
+    """The subgoals of one episode. An agent's own are numbered from 0, over all its plans."""
+
+    def __init__(self, agents: int) -> None:
+        self._texts: list[list[str]] = [[] for _ in range(agents)]
+
+    def of_plan(self, trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.int16]:
+        """(T + 1, N): row t is what the command of step t of the schedule is for, row 0 what comes first.
+
+        Who stands at the end of one subgoal waits for the next.
+        """
+        columns = []
+        for trajectory, texts in zip(trajectories, self._texts, strict=True):
+            numbers, ends = [], trajectory.knots[1:]
+            before = None
+            for segment in trajectory.segments:
+                if before is None or segment.subgoal != before:
+                    texts.append(segment.subgoal.text)
+                before = segment.subgoal
+                numbers.append(len(texts) - 1)
+            if not numbers:
+                columns.append(np.full(len(schedule) + 1, self._latest(texts)))
+                continue
+            positions = schedule.positions[:, trajectory.agent - 1]
+            waits = np.diff(positions, prepend=-1) == 0
+            # A command to a position is part of the segment that ends there or later; a wait, of the next.
+            segment_of = np.searchsorted(ends, positions + waits, side="left")
+            columns.append(np.array(numbers)[np.minimum(segment_of, len(numbers) - 1)])
+        return np.stack(columns, axis=1).astype(np.int16)
+
+    @staticmethod
+    def _latest(texts: list[str]) -> int:
+        if not texts:
+            texts.append(IDLE)
+        return len(texts) - 1
+
+    @property
+    def texts(self) -> list[list[str]]:
+        """For each agent the texts that the numbers stand for."""
+        return [list(texts) for texts in self._texts]
