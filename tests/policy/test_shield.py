@@ -16,7 +16,7 @@ from rf_exp.policy.rollout import rollout
 from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2, Decision, Shield
 from rf_exp.tasks import Judge, Task
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import Pictures, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.types import Pictures, Rollout, RolloutStep, Row, Scene, Verdict
 from tests.conftest import TASKS, read_task
 from tests.constraints.robots import REACHING, REST, scene_of
 from tests.policy.scripted import FASTEST_RAD, Predict, Puppets, Scripted
@@ -317,3 +317,32 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
     assert (found[True].violations, found[True].contacts) == (0, 0)
     assert found[True].interventions > 0
     assert (travelled[True] > 0.1 * travelled[False]).all()  # nobody is shut out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pass_shoe", "three_robots_stack_cube", "take_photo"])
+def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
+    """Demonstrations, cut into chunks, succeed as before, delayed by a few control steps at most."""
+    from rf_exp.datagen.brain import read_brain
+    from rf_exp.datagen.episode import Settings
+    from rf_exp.datagen.generate import make_episode
+    from rf_exp.sim.pool import simulator
+
+    task = read_task(name)
+    settings = Settings(task, Row("full"), read_brain({"name": "scripted"}))
+    episode = make_episode(settings, Pictures(render=False), 0).episode
+    assert episode is not None
+
+    def shown(agent: int) -> Predict:
+        commands = episode.action[:, agent - 1].astype(float)
+        return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
+
+    world = simulator(task, Pictures(render=False))
+    start = world.reset(0)
+    actors = [Scripted(agent, shown(agent)) for agent in task.agents]
+    result = rollout(
+        world, Judge(task, start), actors, 0, len(episode.action) + 20, PolicyMonitor(task),
+        start=start, shield=Shield(task),
+    )  # fmt: skip
+    assert result.success and (result.violations, result.contacts) == (0, 0)
+    assert result.interventions <= 0.02 * len(episode.action)
