@@ -80,7 +80,7 @@ class Actor:
         """Commands (agents of the view, 8) for this control step: its own, or what was decided."""
         agents = self.view.agents
         if decision is None:
-            commands = np.concatenate(self._targets.ahead(1))
+            commands: NDArray[np.float64] = np.concatenate(self._targets.ahead(1))
             self._targets.given(commands)
             return commands
         commands = decision.commands[np.array(agents) - 1]

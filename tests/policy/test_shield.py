@@ -130,7 +130,7 @@ def test_targets_that_were_not_given_are_kept() -> None:
     path = np.column_stack([REST + 0.02 * np.arange(1, 17)[:, None], np.linspace(1, -1, 16)])
 
     def chunks(number: int, scene: Scene) -> NDArray[np.float64]:
-        return path[CHUNK * number :][:CHUNK]
+        return path.astype(float)[CHUNK * number :][:CHUNK]
 
     world = Puppets(ALONE)
     start = replace(world.reset(0), qpos=np.append(REST, [0.04, 0.04])[None])
@@ -200,7 +200,7 @@ def test_what_a_hand_holds_is_part_of_its_arm() -> None:
     here = [np.append(scene.qpos[row, :7], -1.0) for row in (0, 1)]
     here[0][0] += 1.0
     scene.qpos[0, 0] += 1.0
-    way = here[0] - np.arange(1, 21)[:, None] * np.append(0.05, np.zeros(7))
+    way = here[0] - np.arange(1.0, 21.0)[:, None] * np.append(0.05, np.zeros(7))
     ahead = {1: way, 2: np.tile(here[1], (20, 1))}
     hand = Bodies(PAIR, scene).arms[0].tcp(scene.qpos[0])[:3, 3]
     outwards = hand - PAIR.robots[0].world_from_base[:3, 3]
@@ -264,7 +264,7 @@ def close_scene() -> tuple[Scene, NDArray[np.float64]]:
 def test_arms_that_are_too_close_already_may_only_go_apart(closer: bool) -> None:
     scene, change = close_scene()
     here = [np.append(scene.qpos[agent, :7], 1.0) for agent in (0, 1)]
-    way = here[0] + np.arange(1, 9)[:, None] * np.append(change if closer else -change, 0.0)
+    way = here[0] + np.arange(1.0, 9.0)[:, None] * np.append(change if closer else -change, 0.0)
     decision = Shield(PAIR)(scene, {1: way, 2: np.tile(here[1], (8, 1))})
     assert (1 in decision.withheld) is closer
     assert np.array_equal(decision.commands[0], here[0] if closer else way[0])

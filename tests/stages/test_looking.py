@@ -132,6 +132,34 @@ def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment,
     assert f"warning: scene {row.scene_seed} ended otherwise than in its row: success False after 6" in said
 
 
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_shielded_evaluation_is_another_one(trained: Experiment) -> None:
+    """With rows, recordings and films of its own, which tell of the shield."""
+    (task,), (row,), (arch,) = trained.tasks, trained.rows, trained.archs
+    plain = evaluation_path(trained, task, row, arch)
+    before = plain.read_bytes()
+    shielded = replace(trained, shield=True)
+    made = {name for name in evaluate(shielded, recordings=1, films=1) if "shield" in name}
+    assert made == {f"evaluate-shared_local-1-shield-1000000{suffix}" for suffix in (RRD, MP4, PNG)}
+    path = evaluation_path(shielded, task, row, arch)
+    assert path.name == "full-1-shield.jsonl" and plain.read_bytes() == before
+    found = rows.read(path, EvaluationRow)
+    assert [each.shield for each in found] == [True] * 3 and [each.steps for each in found] == [STEPS] * 3
+    assert not any(each.shield for each in rows.read(plain, EvaluationRow))
+    content = Content(
+        trained.out / "recordings/lift_barrier/full" / min(made, key=lambda name: RRD not in name)
+    )
+    assert content.column("/conditions/shield", "StateChange:state")[0] == ["holds"]
+    with (
+        Image.open(trained.out / "recordings/lift_barrier/full" / name(0, PNG)) as without,
+        Image.open(
+            trained.out / "recordings/lift_barrier/full" / f"{name(0, '')[:-8]}-shield-1000000.png"
+        ) as its,
+    ):
+        assert its.height > without.height  # a line more
+
+
 @pytest.mark.slow
 def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
     """Of the first demonstrations, or of seeds: also of one that is no demonstration, to see why."""
