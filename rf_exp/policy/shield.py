@@ -4,23 +4,24 @@ Policies predict chunks of joint targets, each blind to what the others are abou
 control step the shield takes the commands that all of them are about to give, each chunk to its end, where
 its arm stands still, and looks for the first control step at which two arms (links, fingers and loads)
 would come closer than a margin, both moving: the coordination diagram of the two paths, read along its
-diagonal. Where there is none, everybody is given their own command, to the last bit.
+diagonal. Where there is none within `LOOKAHEAD_STEPS`, everybody is given their own command, to the last bit.
 
-Otherwise one of the two waits, the first of these that waiting helps:
-1. an arm is only asked to wait where that alone lets the other one finish its chunk;
-2. who waits already goes on waiting;
-3. who would be later in the room that both want waits, of two that are equally late the higher number.
-Where neither alone resolves it, both wait. Arms that hold one thing wait together.
+Otherwise one of the two waits where it stands:
+1. one whose waiting alone lets the other one go on for `LOOKAHEAD_STEPS`; if there is none, both wait;
+2. if it is so for either, the one that has waited longer already;
+3. then the one that would be later in the room that both want, of equally late ones the higher number.
+Arms that hold one thing wait together.
 
 An arm that waits keeps the targets it has not been given, and goes on with them when it may. It slows down
 on its way, no faster than `SLOWING_RAD_S2`, where there is room for that, and stops at once where not. After
 `PATIENCE_STEPS` its policy predicts anew from what it sees now; after as many again it draws back along the
 way that it came, one arm at a time, and predicts anew there. So two arms never wait for one another for
-ever, unless a third one closes their ways back.
+ever, unless both ways back are closed by a third one.
 
-What this guarantees is about commands. Two arms that stand still keep the margin; a step is allowed only if
-both keep it after the step and while it lasts, so to stop at once is safe at any time: the commands never
-come closer than the margin, but for what grows when a hand takes a thing up. Measured arms trail their
+What this guarantees is about commands. A step is allowed only if two arms that stop behind it keep the margin
+there, so to stop at once is safe at any time, and no commands are closer than the margin, but where a hand
+has just taken a thing up. Between two commands of one chunk the margin is kept as well; on the way to the
+first one of a new chunk arms may lack a quarter of what both move in that step. Measured arms trail their
 commands by up to `TRAILS_STEPS`, one perhaps more than the other: the room of an arm is kept free for as
 long. What the arms do beyond that (an arm held up by the table, a load that slips), objects that nobody
 holds, and the table are not the shield's concern.
