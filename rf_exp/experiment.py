@@ -51,6 +51,7 @@ class Experiment:
     train_seed: int
     wandb: Literal["online", "offline", "disabled"]
     scenes: int
+    shield: bool
 
     def __post_init__(self) -> None:
         check_file_name("name", self.name)

@@ -275,6 +275,7 @@ class RolloutStep:
     ]  # agent -> (T, 8) targets from this step on, where it predicted
     verdict: Verdict
     violation: Violation | None  # seen by the monitor
+    withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one
 
 
 @dataclass(frozen=True)
@@ -288,6 +289,7 @@ class Rollout:
     violations: int  # control steps with a violation, seen by the monitor
     contacts: int  # control steps in which arms touched each other
     reason: str  # why it failed; empty for a success
+    interventions: int = 0  # control steps in which a shield kept an agent from its command
 
 
 @dataclass(frozen=True)

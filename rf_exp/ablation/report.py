@@ -89,22 +89,40 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
 
 def _summary(results: Results) -> str:
     made, tried = sum(row.success for row in results.generation), len(results.generation)
-    won, rolled = sum(row.success for row in results.evaluation), len(results.evaluation)
-    touched = sum(row.violations > 0 for row in results.evaluation)
     hours = sum(row.wall_s for row in results.generation) / 3600
-    policies = {(r.task, r.arch, r.constraints, r.demos, r.train_seed) for r in results.evaluation}
+    rollouts = []
+    for kind in ("rollouts", "shielded rollouts"):
+        rows = [row for row in results.evaluation if row.shield is (kind != "rollouts")]
+        if not rows and kind != "rollouts":
+            continue
+        policies = {(r.task, r.arch, r.constraints, r.demos, r.train_seed) for r in rows}
+        rollouts += [
+            (
+                f"{sum(r.success for r in rows)} of {len(rows)}",
+                f"{kind} of {len(policies)} policies succeeded",
+            ),
+            (
+                f"{sum(r.violations > 0 for r in rows)} of {len(rows)}",
+                f"{kind} had a violation: arms touched",
+            ),
+        ]
     items = [
         (f"{made} of {tried}", "scene seeds gave a demonstration, all rows of constraints together"),
         (f"{made / hours:,.0f}" if hours else "missing", "demonstrations an hour of one worker's time"),
-        (f"{won} of {rolled}", f"rollouts of {len(policies)} policies succeeded"),
-        (f"{touched} of {rolled}", "rollouts had a violation: arms touched each other"),
+        *rollouts,
         (str(len({row.task for row in (*results.generation, *results.evaluation)})), "tasks with results"),
     ]
-    empty = "" if tried or rolled else "<p>No result rows yet: run <code>python -m rf_exp.run</code>.</p>"
+    empty = (
+        ""
+        if tried or results.evaluation
+        else "<p>No result rows yet: run <code>python -m rf_exp.run</code>.</p>"
+    )
     return empty + page.tiles(items) + page.bullets(list(results.notes))
 
 
 def _table_section(table: Table) -> str:
+    if not table.lines:
+        return ""
     if table.name == "benchmark":
         drawn = [
             (line.title, plots.over_demos(line, table.columns, f"{table.name}-{line.key}"))
@@ -146,7 +164,7 @@ def _policy_failures(results: Results, suite: Suite) -> str:
 
 def _learnt_from(row: EvaluationRow) -> str:
     trained = f", training seed {row.train_seed}" if row.train_seed else ""
-    return f"{row.constraints}, {row.demos} demonstrations{trained}"
+    return f"{row.constraints}, {row.demos} demonstrations{trained}{', shielded' * row.shield}"
 
 
 def _rollouts(out: Path, results: Results, suite: Suite) -> str:

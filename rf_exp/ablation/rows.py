@@ -1,14 +1,15 @@
 """Result rows: one line of JSON for each attempt, also for the failed ones.
 
 results/generate/<task>/<constraints>.jsonl                  GenerationRow
-results/evaluate/<task>/<arch>/<constraints>-<demos>.jsonl   EvaluationRow
+results/evaluate/<task>/<arch>/<constraints>-<demos>.jsonl   EvaluationRow; shielded: ...-<demos>-shield.jsonl
 
 A line holds the fields of its row, in their order, and behind them `crc32`: eight hexadecimal digits, the
 CRC-32 of the fields as canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not
 fit its checksum is told its file and number.
 
 Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
-known any more, so they are refused by name and have to be made again.
+known any more, so they are refused by name and have to be made again. Schema 3 put the shield behind rows of
+evaluation, which had none before: rows of schema 2 are read as that.
 """
 
 import fcntl
@@ -28,7 +29,7 @@ from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
 
-SCHEMA = 2
+SCHEMAS = {"GenerationRow": 2, "EvaluationRow": 3}
 CHECKSUM = "crc32"  # key of a line, not a field of its row
 
 
@@ -82,14 +83,14 @@ class GenerationRow(_Row):
     contacts: int  # control steps in which arms touched each other
     generator: str  # version of the code that decides the bytes of the episode
     commit: str  # git commit of that code, with a + where it was changed since; empty outside of a checkout
-    schema: int = SCHEMA
+    schema: int = SCHEMAS["GenerationRow"]
 
 
 @dataclass(frozen=True)
 class EvaluationRow(_Row):
     """One scene in which a trained policy acted."""
 
-    key: ClassVar = ("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version")
+    key: ClassVar = ("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version", "shield")
     task: str
     arch: str
     constraints: str  # of the demonstrations it learnt from
@@ -106,7 +107,9 @@ class EvaluationRow(_Row):
     contacts: int  # control steps in which arms touched each other
     reason: str  # why it failed; empty when it did not
     commit: str  # git commit of the code, with a + where it was changed since; empty outside of a checkout
-    schema: int = SCHEMA
+    schema: int = SCHEMAS["EvaluationRow"]
+    shield: bool = False  # whether a shield stood between policies and arms
+    interventions: int = 0  # control steps in which it kept an arm from the command of its policy
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
@@ -246,20 +249,21 @@ def _parse(line: bytes, kind: type[R]) -> R:
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError(f"found {type(value).__name__}, expected an object")
-    names = [item.name for item in fields(kind)]
+    names, schema = [item.name for item in fields(kind)], SCHEMAS[kind.__name__]
     if value.keys() == set(names[: names.index("version") + 1]):
-        raise ValueError(f"a row of schema 1; this version reads schema {SCHEMA}")
+        raise ValueError(f"a row of schema 1; this version reads schema {schema}")
     expected = {*names, CHECKSUM}
-    if missing := sorted(expected - value.keys()):
+    came_later = set(names[names.index("schema") + 1 :]) if value.get("schema") == 2 else set()
+    if missing := sorted(expected - came_later - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
         raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")
     said = value.pop(CHECKSUM)
     if said != (found := _checksum(value)):
         raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
-    if value["schema"] != SCHEMA:
-        raise ValueError(f"a row of schema {value['schema']}; this version reads schema {SCHEMA}")
-    return kind(**value)
+    if value["schema"] not in (2, schema):
+        raise ValueError(f"a row of schema {value['schema']}; this version reads schema {schema}")
+    return kind(**{**value, "schema": schema})
 
 
 def _torn(tail: bytes) -> bool:

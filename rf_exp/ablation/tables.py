@@ -7,7 +7,7 @@ the violations of the same attempts.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from statistics import fmean
 from typing import Literal
@@ -30,6 +30,7 @@ PROPOSAL_VIOLATIONS = (
     "Violations: share of {of} with a proposal that ended in a violation, and the mean number of such "
     "proposals; each row checks only the constraints it has."
 )
+SHIELDED = "{n} shielded rollouts are in a table of their own, `shield`."
 LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals, policies with joint targets
 
 
@@ -175,19 +176,23 @@ def length_cell(rows: Iterable[GenerationRow], figure: float | None) -> Cell:
     return Cell(estimate.value, len(steps), interval, figure, note, None, kept[0].version)
 
 
-def violations_cell(rows: Iterable[GenerationRow | EvaluationRow]) -> Cell:
-    """The share of attempts with at least one violation, with Wilson's interval, and the mean number."""
+def violations_cell(rows: Iterable[GenerationRow | EvaluationRow], of: str = "violations") -> Cell:
+    """The share of attempts with at least one violation, with Wilson's interval, and the mean number.
+
+    `of` names another field that is counted alike.
+    """
     kept, note = newest(rows)
     if not kept:
         return Cell()
-    estimate = wilson(sum(row.violations > 0 for row in kept), len(kept))
+    counts = [getattr(row, of) for row in kept]
+    estimate = wilson(sum(count > 0 for count in counts), len(kept))
     return Cell(
         value=estimate.value,
         n=len(kept),
         interval=estimate.interval,
         note=note,
         version=kept[0].version,
-        mean_violations=fmean(row.violations for row in kept),
+        mean_violations=fmean(counts),
     )
 
 
@@ -213,6 +218,7 @@ def text_cell(value: object) -> Cell:
 
 def tasks(results: Results, suite: Suite) -> Table:
     """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
+    results, shielded = _unshielded(results)
     demos = _demos(results)
     columns = [
         Column("agents", "Agents", "text"),
@@ -244,7 +250,7 @@ def tasks(results: Results, suite: Suite) -> Table:
     )
     absent = [title_of(task, suite) for task in paper().levels if task not in suite]
     gap = [f"Tasks of the paper without a configuration: {', '.join(absent)}."] if absent else []
-    notes = (*gap, *_left_out(results), *_mixed_versions(lines))
+    notes = (*gap, *_left_out(results), *shielded, *_mixed_versions(lines))
     return Table("tasks", "Tasks", caption, "Task", tuple(columns), tuple(lines), notes)
 
 
@@ -253,6 +259,7 @@ def benchmark(results: Results, suite: Suite) -> Table:
 
     The averages are over the paper's tasks of a level, so that they stand beside the paper's.
     """
+    results, shielded = _unshielded(results)
     demos = _demos(results)
     columns = (Column("agents", "Agents", "text"), *_demos_columns(demos))
 
@@ -285,7 +292,7 @@ def benchmark(results: Results, suite: Suite) -> Table:
         "Task",
         columns,
         tuple(lines),
-        _left_out(results) + _mixed_versions(lines),
+        _left_out(results) + shielded + _mixed_versions(lines),
     )
 
 
@@ -311,6 +318,7 @@ def comparison(results: Results, suite: Suite) -> Table:
 
 def architectures(results: Results, suite: Suite) -> Table:
     """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand."""
+    results, shielded = _unshielded(results)
     rows = [row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS]
     names = _tasks(paper().architectures[BASELINE_ARCH], rows)
     known = list(paper().architectures)
@@ -346,7 +354,57 @@ def architectures(results: Results, suite: Suite) -> Table:
         "Architecture",
         columns,
         tuple(lines),
-        (*notes, *_left_out(results), *_mixed_versions(lines, by_column=columns)),
+        (*notes, *_left_out(results), *shielded, *_mixed_versions(lines, by_column=columns)),
+    )
+
+
+def shield(results: Results, suite: Suite) -> Table:
+    """The same policies in the same scenes without and with a shield; a row for each that has both, or one.
+
+    Only scenes that were rolled out both ways are compared, where there are such scenes.
+    """
+    cells: dict[tuple[str, str, int], list[EvaluationRow]] = {}
+    for row in results.evaluation:
+        if row.constraints == BASELINE_CONSTRAINTS:
+            cells.setdefault((row.task, row.arch, row.demos), []).append(row)
+    order = _tasks([*paper().levels, *suite], results.evaluation)
+    columns = (
+        Column("demos", "Demos", "text"),
+        *(
+            column
+            for key in ("without", "with")
+            for column in (
+                *with_violations(key, f"{key.title()} shield"),
+                Column(f"{key}_contacts", "contacts", "violations"),
+            )
+        ),
+        Column("interventions", "interventions", "violations"),
+    )
+    lines, gaps = [], []
+    for task, arch, demos in sorted(cells, key=lambda cell: (order.index(cell[0]), *cell[1:])):
+        ways = _both_ways(cells[task, arch, demos])
+        if not ways[True]:
+            continue
+        shown = [text_cell(demos)]
+        for way in (False, True):
+            shown += [*rate_cells(ways[way], None), violations_cell(ways[way], "contacts")]
+        shown.append(violations_cell(ways[True], "interventions"))
+        title = f"{title_of(task, suite)}, {arch}"
+        lines.append(Line(f"{task}-{arch}-{demos}", title, tuple(shown)))
+        rates = {"with": shown[4].estimate, "without": shown[1].estimate}
+        gaps += _gaps(f"{title}, {demos} demos", rates, "without")
+    return Table(
+        "shield",
+        "Shielded rollouts",
+        "The same policies in the same scenes, as they are and with RoboChecker between them and the arms: "
+        "predicted chunks are checked before they are executed, and an arm that would come too close to "
+        f"another one waits. {ROLLOUT_VIOLATIONS} Contacts and interventions alike: share of the rollouts, "
+        "and mean number of control steps with a contact between arms, or with an arm that the shield kept "
+        "from its command.",
+        "Task, architecture",
+        columns,
+        tuple(lines),
+        (*gaps, *_left_out(results)),
     )
 
 
@@ -391,7 +449,7 @@ def ablation_length(results: Results, suite: Suite) -> Table:
 
 TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
     builder.__name__: builder
-    for builder in (tasks, comparison, benchmark, architectures, ablation_success, ablation_length)
+    for builder in (tasks, comparison, benchmark, architectures, shield, ablation_success, ablation_length)
 }
 
 
@@ -407,6 +465,24 @@ def _tasks(known: Iterable[str], rows: Iterable[GenerationRow | EvaluationRow]) 
     """The known tasks in their order, then any further one that has rows."""
     listed = list(dict.fromkeys(known))
     return listed + sorted({row.task for row in rows} - set(listed))
+
+
+def _unshielded(results: Results) -> tuple[Results, tuple[str, ...]]:
+    """The results without shielded rollouts, and a note that says where those are."""
+    kept = tuple(row for row in results.evaluation if not row.shield)
+    n = len(results.evaluation) - len(kept)
+    return replace(results, evaluation=kept), (SHIELDED.format(n=n),) if n else ()
+
+
+def _both_ways(rows: Sequence[EvaluationRow]) -> dict[bool, list[EvaluationRow]]:
+    """Rows without and with a shield: of the scenes that have both, or all where none has."""
+    kept = newest(rows)[0]
+    scenes = [{(r.train_seed, r.scene_seed) for r in kept if r.shield is way} for way in (False, True)]
+    both = scenes[0] & scenes[1]
+    return {
+        way: [r for r in kept if r.shield is way and (not both or (r.train_seed, r.scene_seed) in both)]
+        for way in (False, True)
+    }
 
 
 def _agents(task: str, suite: Suite) -> int | None:

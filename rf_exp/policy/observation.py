@@ -142,10 +142,13 @@ class Memory:
         self._changes = np.zeros(agents, dtype=int)
         self._since = np.full(agents, RECENT_STEPS)
 
-    def told(self, grippers: NDArray[np.floating]) -> None:
-        """The commands (N,) of one control step."""
-        changed = (grippers > 0) != self._open
-        self._open = grippers > 0
+    def told(self, grippers: Mapping[int, float]) -> None:
+        """The commands of one control step, of those agents whose commands are known."""
+        opened = self._open.copy()
+        for agent, command in grippers.items():
+            opened[agent - 1] = command > 0
+        changed = opened != self._open
+        self._open = opened
         self._changes = self._changes + changed
         self._since = np.where(changed, 0, np.minimum(self._since + 1, RECENT_STEPS))
 
@@ -161,5 +164,5 @@ def remembered(grippers: NDArray[np.floating]) -> NDArray[np.float32]:
     memory, rows = Memory(grippers.shape[1]), []
     for commands in grippers:
         rows.append(memory.vector)
-        memory.told(commands)
+        memory.told(dict(enumerate(commands, start=1)))
     return np.array(rows, np.float32)

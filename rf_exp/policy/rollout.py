@@ -3,7 +3,8 @@
 Observations have the history of training: consecutive control steps. A predicted chunk is executed one
 target a control step; a target further away than the demonstrations ever moved in a step is approached
 by linear interpolation in joint space (paper, supplementary "Evaluation details"), so that a jump
-between two chunks becomes a motion at the demonstrations' speed.
+between two chunks becomes a motion at the demonstrations' speed. A shield may stand between the policies
+and the arms (`rf_exp.policy.shield`).
 """
 
 from collections import deque
@@ -19,6 +20,8 @@ from rf_exp.policy.account import Account
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Memory, Senses, context, proprioception
 from rf_exp.policy.saved import MODEL, load_policy
+from rf_exp.policy.shield import Decision
+from rf_exp.policy.targets import Targets
 from rf_exp.policy.views import ACTION_SIZE, View
 from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Verdict, Violation, World
 
@@ -44,8 +47,8 @@ class Actor:
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
         self._memory: Memory | None = None
-        self._targets: deque[NDArray[np.float64]] = deque()  # of (agents, 8)
-        self._last: NDArray[np.float64] | None = None  # (agents, 7) arm targets given last
+        self._targets = Targets(np.tile(self._fastest, len(self.view.streams)))
+        self._kept = False  # whether an agent was kept from its target in the last step
         # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
         self.predicted: dict[int, NDArray[np.float64]] = {}
         self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
@@ -57,22 +60,46 @@ class Actor:
 
     @property
     def _observes(self) -> bool:
-        return not self._features or len(self._targets) < self._config.observation_steps
+        """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
+        return not self._features or self._kept or len(self._targets) < self._config.observation_steps
 
     def __call__(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.float64]:
         """Commands (agents of the view, 8) for this control step; `pictures` matter when it looks."""
+        self.think(scene, pictures)
+        return self.act()
+
+    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        """Look, and predict where an agent has nothing left to do: then for all agents of the view."""
         self.predicted = {}
+        self._targets.start(scene.qpos[np.array(self.view.agents) - 1])
         if self._memory is None:
             self._memory = Memory(len(scene.qpos))
         if self._observes:
             self._observe(scene, pictures, self._memory)
         if not self._targets:
             self._predict()
-        command = self._bounded(self._targets.popleft(), scene)
-        told = np.ones(len(scene.qpos))  # nobody hears of the grippers of other policies
-        told[np.array(self.view.agents) - 1] = command[:, ARM_JOINTS]
-        self._memory.told(told)
-        return command
+
+    def ahead(self) -> dict[int, NDArray[np.float64]]:
+        """Agent -> (T, 8) commands from this control step on, if nobody keeps it from them."""
+        return dict(zip(self.view.agents, self._targets.ahead(), strict=True))
+
+    def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
+        """Commands (agents of the view, 8) for this control step: its own, or what was decided."""
+        agents = self.view.agents
+        if decision is None:
+            commands: NDArray[np.float64] = np.concatenate(self._targets.ahead(1))
+            self._targets.given(commands)
+        else:
+            commands = decision.commands[np.array(agents) - 1]
+            kept = [row for row, agent in enumerate(agents) if agent in decision.withheld]
+            self._targets.given(commands, kept)
+            self._kept = bool(kept)
+            for row, agent in enumerate(agents):
+                if agent in decision.anew:
+                    self._targets.forget(row)
+        if self._memory is not None:
+            self._memory.told(dict(zip(agents, commands[:, ARM_JOINTS], strict=True)))
+        return commands
 
     @torch.inference_mode()
     def _observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]], memory: Memory) -> None:
@@ -103,17 +130,8 @@ class Actor:
         now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
         chunk = actions[:, now : now + self._config.action_steps]
         chunk = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
-        self._targets.extend(chunk)
+        self._targets.put(chunk)
         self.predicted = {agent: chunk[:, row] for row, agent in enumerate(self.view.agents)}
-
-    def _bounded(self, target: NDArray[np.float64], scene: Scene) -> NDArray[np.float64]:
-        if self._last is None:
-            self._last = scene.qpos[np.array(self.view.agents) - 1, :ARM_JOINTS]
-        change = target[:, :ARM_JOINTS] - self._last
-        fastest = np.tile(self._fastest, len(self.view.streams))
-        part = fastest / np.maximum(np.abs(change).max(axis=1), fastest + 1e-12)  # at most 1
-        self._last = self._last + part[:, None] * change
-        return np.column_stack([self._last, np.clip(target[:, ARM_JOINTS], -1.0, 1.0)])
 
     def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
         if camera not in pictures:
@@ -145,13 +163,16 @@ def rollout(
     monitor: Callable[[Scene], Violation | None] | None = None,
     on_step: Callable[[RolloutStep], None] | None = None,
     start: Scene | None = None,
+    shield: Callable[[Scene, Mapping[int, NDArray[np.float64]]], Decision] | None = None,
 ) -> Rollout:
     """Let the actors act in the scene of `seed` until strict success or for `step_limit` control steps.
 
     `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
     `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
-    `world.reset(seed)` where the caller has just done that (a judge needs it). Raises ArgumentError unless
-    the actors command each agent exactly once.
+    `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout
+    alone, sees before every step the scene and agent -> (T, 8) the commands that the actors are about to
+    give, and decides which are given. Raises ArgumentError unless the actors command each agent exactly
+    once.
     """
     if step_limit < 1:
         raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
@@ -164,11 +185,17 @@ def rollout(
         actor.reset(seed)
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
-    account, success_paper, violations = Account(), False, 0
+    account, success_paper, violations, interventions = Account(), False, 0, 0
     for step in range(1, step_limit + 1):
         pictures = world.pictures() if any(actor.looks for actor in actors) else {}
         for actor in actors:
-            action[np.array(actor.view.agents) - 1] = actor(scene, pictures)
+            actor.think(scene, pictures)
+        decision = None
+        if shield is not None:
+            decision = shield(scene, {k: rows for actor in actors for k, rows in actor.ahead().items()})
+            interventions += bool(decision.withheld)
+        for actor in actors:
+            action[np.array(actor.view.agents) - 1] = actor.act(decision)
         scene = world.step(action.copy())
         verdict = judge(scene)
         success_paper |= verdict.success_paper
@@ -177,10 +204,12 @@ def rollout(
         violations += violation is not None
         if on_step is not None:
             predicted = {agent: chunk for actor in actors for agent, chunk in actor.predicted.items()}
-            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation))
+            withheld = None if decision is None else decision.withheld
+            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld))
         if verdict.success:
-            return Rollout(seed, True, success_paper, step, violations, account.contacts, "")
-    return Rollout(seed, False, success_paper, step_limit, violations, account.contacts, account.reason())
+            return Rollout(seed, True, success_paper, step, violations, account.contacts, "", interventions)
+    lost = violations, account.contacts, account.reason(), interventions
+    return Rollout(seed, False, success_paper, step_limit, *lost)
 
 
 def _generator(seed: int, agent: int) -> torch.Generator:

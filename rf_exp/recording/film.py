@@ -10,7 +10,8 @@ from PIL import Image
 
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene
+from rf_exp.viz import text
 from rf_exp.viz.film import Film
 from rf_exp.viz.frames import INK, SOFT, Line, frame
 from rf_exp.viz.layout import HOLDS, VIOLATED
@@ -61,14 +62,20 @@ class RolloutFilm:
 
     def _frame(self, step: RolloutStep, ending: str) -> NDArray[np.uint8]:
         title = f"{step.scene.step * CONTROL_DT_S:.1f} s{ending}"
-        return frame(self._world.pictures(), title, _lines(step.verdict), HEIGHT_PX)
+        return frame(self._world.pictures(), title, _lines(step), HEIGHT_PX)
 
 
-def _lines(verdict: Verdict) -> list[Line]:
-    """A line for each condition: a mark in green where it holds, its number if it has one."""
-    lines = []
+def _lines(step: RolloutStep) -> list[Line]:
+    """A line for each condition: a mark in green where it holds, its number if it has one.
+
+    With a shield, one more for what it does.
+    """
+    lines, verdict = [], step.verdict
     for name, holds in verdict.evidence.items():
         found = verdict.measured.get(name)
         number = f": {found.value:.2g} {found.unit}, asked {found.asked}" if found is not None else ""
         lines.append(Line(f"{name}{number}", HOLDS if holds else VIOLATED, INK if holds else SOFT))
+    if step.withheld is not None:
+        said = text.withheld(step.withheld)
+        lines.append(Line(said, VIOLATED if step.withheld else HOLDS, INK if step.withheld else SOFT))
     return lines

@@ -30,6 +30,7 @@ class RolloutRecorder(SceneRecorder):
         self._pushes: set[str] = set()  # who pushes what, as shown so far
         self._violated = False
         self._table = ""
+        self._withheld = ""  # what the shield did last
 
     def begun(self, scene: Scene) -> None:
         """The start."""
@@ -50,6 +51,7 @@ class RolloutRecorder(SceneRecorder):
             self._distances(step.scene)
         self._contacts(step.scene)
         self._judged(step.scene, step.verdict)
+        self._shielded(step)
         if step.violation is not None and not self._violated:
             self._recorder.violation(step.violation, self._hands_m(step.violation.agents))
         self._violated = step.violation is not None
@@ -88,6 +90,16 @@ class RolloutRecorder(SceneRecorder):
             )
         self._table = text.conditions(verdict, self._since)
         self._recorder.judged(self._table)
+
+    def _shielded(self, step: RolloutStep) -> None:
+        """A lane that tells when a shield keeps an arm from its command; in the log, whom and why."""
+        if step.withheld is None:
+            return
+        self._state("shield", not step.withheld, step.scene.step, ("holds", "steps in"))
+        said = text.withheld(step.withheld)
+        if step.withheld and said != self._withheld:
+            self._recorder.note(said)
+        self._withheld = said
 
     def _state(self, name: str, holds: bool, step: int, states: tuple[str, str]) -> None:
         """A lane changes where a condition does."""

@@ -31,14 +31,8 @@ def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Pat
 
 
 def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    return (
-        experiment.out
-        / "results"
-        / "evaluate"
-        / task.name
-        / arch.name
-        / f"{row.name}-{experiment.demos}.jsonl"
-    )
+    name = f"{row.name}-{experiment.demos}{'-shield' * experiment.shield}.jsonl"
+    return experiment.out / "results" / "evaluate" / task.name / arch.name / name
 
 
 def recording_path(experiment: Experiment, task: Task, row: Row, stage: str, seed: int) -> Path:

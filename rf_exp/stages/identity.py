@@ -9,6 +9,7 @@ from typing import Any
 from rf_exp.artifacts.identity import plain
 from rf_exp.datagen.version import generator_version
 from rf_exp.experiment import Experiment
+from rf_exp.policy.shield import VERSION as SHIELD
 from rf_exp.tasks import Task
 from rf_exp.types import Row
 
@@ -36,8 +37,10 @@ def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[st
 
 def evaluation_identity(experiment: Experiment, task: Task, step_limit: int) -> dict[str, Any]:
     """Of evaluation, but for the policies, of which each training seed has its own."""
+    shielded = {"shield": SHIELD} if experiment.shield else {}
     return plain(
         {
+            **shielded,
             "task": task.name,
             "scene": task.identity,
             "demos": experiment.demos,

@@ -24,6 +24,7 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
+from rf_exp.policy.shield import Shield
 from rf_exp.policy.train import train
 from rf_exp.policy.views import View, views
 from rf_exp.processes import Overdue, in_order
@@ -113,7 +114,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
-        title = f"evaluate {task.name}/{row.name}/{arch.name}"
+        title = f"evaluate {task.name}/{row.name}/{arch.name}{', shielded' * experiment.shield}"
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
         successes = sum(r.success for r in ours)
@@ -122,7 +123,8 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
             jobs = (
-                partial(evaluate_scene, task, experiment.pictures, folder, seed, limit) for seed in missing
+                partial(evaluate_scene, task, experiment.pictures, folder, seed, limit, experiment.shield)
+                for seed in missing
             )
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
@@ -144,7 +146,7 @@ def _look(
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
-    stage = rollout_name(arch.name, experiment.demos, experiment.train_seed)
+    stage = rollout_name(arch.name, experiment.demos, experiment.train_seed, experiment.shield)
     before = {r.scene_seed: r for r in known}
     looks: list[tuple[int, list[Path]]] = []
     jobs: list[Callable[[], Any]] = []
@@ -165,6 +167,7 @@ def _look(
                 folder,
                 seed,
                 limit,
+                experiment.shield,
                 record=record if record in missing else None,
                 film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
             )
@@ -205,6 +208,7 @@ def evaluate_scene(
     folder: Path,
     seed: int,
     limit: int,
+    shield: bool = False,
     record: Path | None = None,
     film: Path | None = None,
 ) -> tuple[Rollout, float]:
@@ -233,7 +237,8 @@ def evaluate_scene(
             for observer in observers:
                 observer.rolled(step)
 
-        result = rollout(world, Judge(task, start), _actors(folder), seed, limit, monitor, look, start)
+        guard = Shield(task) if shield else None
+        result = rollout(world, Judge(task, start), _actors(folder), seed, limit, monitor, look, start, guard)
         for observer in observers:
             observer.ended(result)
     return result, time.perf_counter() - began
@@ -298,4 +303,6 @@ def _row(
         contacts=result.contacts,
         reason=result.reason,
         commit=commit(),
+        shield=experiment.shield,
+        interventions=result.interventions,
     )

@@ -139,8 +139,9 @@ def identity(
         counted = f"{experiment.episodes} episodes"
     seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
     about = [task.name, row.name, *([arch.name] if arch else [])]
+    shielded = ["shield"] if stage == "evaluate" and experiment.shield else []
     place = "/".join(about)
-    keys = ("demos", "episodes", "seed", "train_seed", "scenes", "attempts", "occupancy", "name")
+    keys = ("demos", "episodes", "seed", "train_seed", "scenes", "attempts", "occupancy", "name", "shield")
     config = {
         "stage": stage,
         "task": task.name,
@@ -155,9 +156,9 @@ def identity(
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }
     return {
-        "name": ", ".join([f"{stage} {place}" + (f"/{view}" if view else ""), counted, seed]),
+        "name": ", ".join([f"{stage} {place}" + (f"/{view}" if view else ""), counted, seed, *shielded]),
         "group": ", ".join([place, counted, seed]),
-        "tags": [*about, counted, seed],
+        "tags": [*about, counted, seed, *shielded],
         "config": config,
     }
 

@@ -7,7 +7,7 @@ from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import owned
 
-SHOWN = ("architectures", "ablation_success", "ablation_length")
+SHOWN = ("architectures", "shield", "ablation_success", "ablation_length")
 
 
 def write_tables(experiment: Experiment) -> None:
@@ -15,7 +15,8 @@ def write_tables(experiment: Experiment) -> None:
     with owned(experiment.out / "report.html"):
         tables, report = publish(experiment.out, {**configured(), **facts(experiment.tasks)})
     for name in SHOWN:
-        formats.show(tables[name], console)
+        if tables[name].lines:
+            formats.show(tables[name], console)
     recordings = sorted((experiment.out / "recordings").rglob("*.rrd"))
     console.print(f"report: {report}")
     for path in recordings:

@@ -102,8 +102,16 @@ def outcome(result: Rollout) -> str:
     """How a rollout ended, and why: a bullet for each part of the reason."""
     ended = f"{'Succeeded' if result.success else 'Failed'} after {result.steps * CONTROL_DT_S:.2f} s"
     counts = f"{result.violations} steps with a violation, {result.contacts} with contact between arms."
+    if result.interventions:
+        counts += f" In {result.interventions} steps the shield kept an arm from its command."
     reasons = [f"- {part}" for part in result.reason.split("; ") if part]
     return "\n".join([f"**{ended}**", "", counts, "", *reasons])
+
+
+def withheld(reasons: Mapping[int, str]) -> str:
+    """What a shield does in a control step: agent -> why it was kept from its command."""
+    said = ", ".join(f"agent {agent} {reason}" for agent, reason in sorted(reasons.items()))
+    return f"shield: {said or 'all may go on'}"
 
 
 def quantity(number: float, unit: str) -> str:

@@ -40,13 +40,14 @@ def failed(i: int, broken: int) -> str:
 def evaluation(
     task: str, arch: str, demos: int, wins: int, losses: int, *, version: str = "1",
     constraints: str = "full", train_seed: int = 0, violations: Sequence[int] = (0,),
+    shield: bool = False, interventions: int = 0, contacts: int = 0,
 ) -> list[EvaluationRow]:  # fmt: skip
     return [
         EvaluationRow(
             task=task, arch=arch, constraints=constraints, demos=demos, train_seed=train_seed,
             scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
-            violations=touched, wall_s=5.0, version=version, contacts=0,
-            reason="" if i < wins else "not lifted", commit="",
+            violations=touched, wall_s=5.0, version=version, contacts=contacts,
+            reason="" if i < wins else "not lifted", commit="", shield=shield, interventions=interventions,
         )
         for i, touched in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip

@@ -62,8 +62,28 @@ def test_the_fields_are_the_contract() -> None:
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
-        "step_limit violations wall_s version contacts reason commit schema"
+        "step_limit violations wall_s version contacts reason commit schema shield interventions"
     )
+
+
+def test_rows_from_before_the_shield_are_read_as_rollouts_without_one(tmp_path: Path) -> None:
+    values = {k: v for k, v in asdict(EVALUATION).items() if k not in ("shield", "interventions")}
+    values["schema"] = 2
+    canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
+    path = tmp_path / "rows.jsonl"
+    path.write_text(json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"}) + "\n")
+    append(path, replace(EVALUATION, shield=True, interventions=3))
+    old, new = read(path, EvaluationRow)
+    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 3)
+    assert (new.shield, new.interventions) == (True, 3)
+    assert old.identity != new.identity
+
+
+def test_a_row_of_this_schema_tells_of_the_shield(tmp_path: Path) -> None:
+    values = {k: v for k, v in asdict(EVALUATION).items() if k != "shield"}
+    (tmp_path / "rows.jsonl").write_text(json.dumps({**values, "crc32": "0"}) + "\n")
+    with pytest.raises(StageError, match="fields missing: shield"):
+        read(tmp_path / "rows.jsonl", EvaluationRow)
 
 
 def test_numpy_scalars_become_plain(tmp_path: Path) -> None:

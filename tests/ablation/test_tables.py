@@ -20,7 +20,7 @@ from rf_exp.ablation.tables import TABLES, Column, Table, build
 from rf_exp.errors import ArgumentError, StageError
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
-NAMES = ["tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"]
+NAMES = ["tasks", "comparison", "benchmark", "architectures", "shield", "ablation_success", "ablation_length"]
 EMPTY = Results()
 SUITE = {
     "lift_barrier": TaskFacts("Lift Barrier", 2, "Two arms lift a barrier.", "It is up.", "1"),
@@ -216,11 +216,11 @@ def counted() -> tuple[dict[GenerationRow, int], dict[EvaluationRow, int]]:
             for arch in (*paper().architectures, "my_arch"):
                 for demos in (20, *paper().demos):
                     for constraints in ("full", "logical"):
-                        some = [rng.choice((0, 0, 1, 70)) for _ in range(5)]
-                        runs = evaluation(
-                            task, arch, demos, 2, 3, version=version, constraints=constraints, violations=some
-                        )
-                        rolled.update(zip(runs, some, strict=True))
+                        for shield in (False, True):
+                            some = [rng.choice((0, 0, 1, 70)) for _ in range(5)]
+                            kind = {"version": version, "constraints": constraints, "shield": shield}
+                            runs = evaluation(task, arch, demos, 2, 3, **kind, violations=some)
+                            rolled.update(zip(runs, some, strict=True))
     return made, rolled
 
 
@@ -237,15 +237,18 @@ def by_hand(name: str, line: str, column: str) -> list[int]:
             if (row.task, row.constraints, row.brain, row.version) == wanted
             and (row.success or name != "ablation_length")
         ]
-    if name == "architectures":
+    shield = name == "shield" and column == "with"
+    if name == "shield":
+        task, arch, demos = line.split("-")
+    elif name == "architectures":
         task, (arch, demos) = column, line.split("-")
     else:
         task, arch, demos = line, "separate_local", column.removeprefix("demos_")
-    wanted = (task, arch, int(demos), "full", "2")
+    wanted = (task, arch, int(demos), "full", "2", shield)
     return [
         n
         for row, n in rolled.items()
-        if (row.task, row.arch, row.demos, row.constraints, row.version) == wanted
+        if (row.task, row.arch, row.demos, row.constraints, row.version, row.shield) == wanted
     ]
 
 
@@ -492,3 +495,53 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(StageError, match=r"cannot write table ablation_length to .*file/tables: "):
         formats.write(made("ablation_length", EMPTY), tmp_path / "file/tables")
+
+
+# The shield
+
+
+def shielded_rows() -> Results:
+    """15 scenes of one policy, 10 of them also with a shield, and a policy that was only shielded."""
+    without = evaluation("lift_barrier", "separate_local", 150, 6, 9, violations=(4, 0), contacts=2)
+    with_it = evaluation("lift_barrier", "separate_local", 150, 8, 2, shield=True, interventions=7)
+    alone = evaluation("take_photo", "shared_local", 50, 1, 1, shield=True)
+    return evaluated(without, with_it, alone)
+
+
+def test_a_shield_is_compared_over_the_same_scenes() -> None:
+    table = made("shield", shielded_rows())
+    assert [line.key for line in table.lines] == [
+        "lift_barrier-separate_local-150",
+        "take_photo-shared_local-50",
+    ]
+    line = table.lines[0].key
+    for column, value, many in (
+        ("without", 0.6, None),
+        ("with", 0.8, None),
+        ("without_violations", 0.5, 2.0),
+        ("with_violations", 0.0, 0.0),
+        ("without_contacts", 1.0, 2.0),
+        ("with_contacts", 0.0, 0.0),
+        ("interventions", 1.0, 7.0),
+    ):
+        cell = table.cell(line, column)
+        assert (cell.value, cell.mean_violations, cell.n) == (value, many, 10), column
+        assert cell.interval is not None
+    gap = "Lift Barrier, separate_local, 150 demos, against without: with +20.0 points ["
+    assert any(note.startswith(gap) for note in table.notes)
+    only = table.lines[1].key
+    assert (table.cell(only, "without").value, table.cell(only, "with").value) == (None, 0.5)
+
+
+def test_without_a_shielded_rollout_the_table_is_empty() -> None:
+    assert made("shield", evaluated(evaluation("lift_barrier", "separate_local", 150, 6, 9))).lines == ()
+
+
+@pytest.mark.parametrize("name", ["tasks", "benchmark", "architectures"])
+def test_other_tables_leave_shielded_rollouts_out_and_say_so(name: str) -> None:
+    results = shielded_rows()
+    rest = Results(evaluation=tuple(row for row in results.evaluation if not row.shield))
+    table, plain = made(name, results), made(name, rest)
+    assert table.lines == plain.lines
+    note = "12 shielded rollouts are in a table of their own, `shield`."
+    assert note in table.notes and note not in plain.notes

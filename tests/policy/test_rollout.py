@@ -13,6 +13,7 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import proprioception
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.rollout import Actor, load_actors, rollout
+from rf_exp.policy.shield import Decision
 from rf_exp.policy.views import View, views
 from rf_exp.types import Rollout, RolloutStep, Scene, Verdict, Violation
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture
@@ -113,7 +114,7 @@ def test_targets_within_reach_are_commanded_exactly(make_actor) -> None:
     world = Table(1)
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
-    actor._targets.append(target[None])
+    actor._targets.put(target[None, None])
     actor._features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
     actor._config = replace(actor._config, observation_steps=1)
     assert np.allclose(actor(scene, {})[0], target)
@@ -189,6 +190,61 @@ def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_actor) ->
     done = np.stack([step.action[1, :7] for step in told[:6]])
     assert (np.abs(done - REST).max(axis=1) <= FASTEST_RAD * np.arange(1, 7) + 1e-9).all()
     assert np.abs(chunk[:, :7] - done).max() > FASTEST_RAD  # what a network without training asks for
+
+
+def holding(agent: int, steps: range, anew: bool = False):
+    """A shield that keeps an agent where it is for some steps, and has it predict anew at the end of them."""
+    given: list[NDArray[np.float64]] = []
+
+    def shield(scene: Scene, ahead: Mapping[int, NDArray[np.float64]]) -> Decision:
+        commands = np.array([ahead[k][0] for k in sorted(ahead)])
+        withheld = {}
+        if scene.step + 1 in steps:
+            commands[agent - 1] = given[-1][agent - 1]
+            withheld = {agent: "waits"}
+        given.append(commands)
+        ends = anew and scene.step + 1 == steps[-1]
+        return Decision(commands, withheld, frozenset({agent} if ends else ()))
+
+    return shield
+
+
+def test_a_shield_that_lets_all_go_on_changes_no_bit(make_actor) -> None:
+    for arch in ARCHS:
+        world, actors = Table(2), [make_actor(view) for view in views(arch, 2)]
+        runs = []
+        for shield in (None, holding(1, range(0))):
+            result = rollout(world, judge, actors, 3, 20, shield=shield)
+            runs.append((np.stack(world.actions), world.pictures_taken, result))
+        assert np.array_equal(runs[0][0], runs[1][0])
+        assert runs[0][1:] == runs[1][1:]
+
+
+def test_an_agent_that_is_kept_back_does_the_rest_later(make_actor) -> None:
+    """Separate policies have clocks of their own; agents of one policy get their next chunks together."""
+    told: list[RolloutStep] = []
+    for arch, together in ((ARCHS[3], False), (ARCHS[1], True), (ARCHS[0], True)):
+        world, actors = Table(2), [make_actor(view) for view in views(arch, 2)]
+        rollout(world, judge, actors, 3, 14)
+        plain = np.stack(world.actions)
+        told.clear()
+        result = rollout(world, judge, actors, 3, 14, None, told.append, shield=holding(1, range(3, 6)))
+        actions = np.stack(world.actions)
+        assert result.interventions == 3
+        assert np.array_equal(actions[:6, 1], plain[:6, 1])  # the other one goes on: six steps a chunk
+        assert np.array_equal(actions[:2, 0], plain[:2, 0]) and (actions[2:5, 0] == actions[1, 0]).all()
+        assert np.array_equal(actions[5, 0], plain[2, 0])
+        second = [sorted(step.predicted) for step in told[1:] if step.predicted]
+        assert second == ([[1, 2], [1, 2]] if together else [[2], [1], [2]])
+
+
+def test_who_is_told_to_predicts_anew_from_what_it_sees_then(make_actor) -> None:
+    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+    told: list[RolloutStep] = []
+    rollout(world, judge, actors, 0, 9, None, told.append, shield=holding(1, range(2, 6), anew=True))
+    assert [step.scene.step for step in told if step.predicted] == [1, 6]
+    assert world.pictures_taken == [0, 2, 3, 4, 5]  # since its first step of waiting
+    assert [step.withheld for step in told[:3]] == [{}, {1: "waits"}, {1: "waits"}]
 
 
 def test_a_start_the_caller_made_is_not_made_again(make_actor) -> None:

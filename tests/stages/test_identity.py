@@ -56,6 +56,7 @@ def test_what_decides_evaluation_alone() -> None:
         ("picture.width=64", "pictures"),
         ("policy.inference_diffusion_steps=7", "policy.inference_diffusion_steps"),
         ("training.steps=7", "training.steps"),
+        ("shield=true", "shield"),
     ):
         (old, before), (new, after) = identities(), identities(override)
         assert old == new

@@ -14,11 +14,15 @@ from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
 from rf_exp.policy.train import train
 from rf_exp.policy.views import views
+from rf_exp.recording.film import HEIGHT_PX
 from rf_exp.stages import evaluate_policies, generate_data
 from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path
 from rf_exp.store import Store
+from rf_exp.tasks import Judge
+from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.ablation.conftest import generation
 from tests.policy.conftest import HEIGHT, WIDTH, make_episode
+from tests.scenes import start_scene
 from tests.test_configuration import experiment
 from tests.test_viz import Content
 
@@ -130,6 +134,27 @@ def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment,
     evaluate(other, recordings=(row.scene_seed,))
     said = " ".join(capsys.readouterr().out.split())
     assert f"warning: scene {row.scene_seed} ended otherwise than in its row: success False after 6" in said
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> None:
+    """With rows, recordings and films of its own, which tell of the shield."""
+    shielded = replace(trained, shield=True, out=tmp_path / "out")
+    shutil.copytree(trained.out, shielded.out, ignore=shutil.ignore_patterns("recordings"))
+    (task,), (row,), (arch,) = shielded.tasks, shielded.rows, shielded.archs
+    plain = evaluation_path(replace(shielded, shield=False), task, row, arch)
+    before = plain.read_bytes()
+    shown = "evaluate-shared_local-1-shield-1000000"
+    assert evaluate(shielded, recordings=1, films=1) == {f"{shown}{suffix}" for suffix in (RRD, MP4, PNG)}
+    path = evaluation_path(shielded, task, row, arch)
+    assert path.name == "full-1-shield.jsonl" and plain.read_bytes() == before
+    assert [(each.shield, each.steps) for each in rows.read(path, EvaluationRow)] == [(True, STEPS)] * 3
+    folder = shielded.out / "recordings" / task.name / row.name
+    assert Content(folder / f"{shown}{RRD}").column("/conditions/shield", "StateChange:state")[0] == ["holds"]
+    with Image.open(folder / f"{shown}{PNG}") as picture:
+        lines = len(Judge(task, start_scene(task, 0))(start_scene(task, 0)).evidence) + 1
+        assert 0 <= picture.height - (HEIGHT_PX + LINE_PX * lines + 3 * GAP_PX) <= 1  # a line more
 
 
 @pytest.mark.slow

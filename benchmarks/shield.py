@@ -1,0 +1,159 @@
+"""What a shield does and costs: demonstrations played back with and without, each arm on a clock of its own.
+
+    python benchmarks/shield.py outputs/data [--episodes 5] [--late 60] [--chunk 16] [--workers 2]
+
+Each agent plays the commands that it was shown, in chunks, blind to the others, and begins up to `--late`
+control steps late, drawn from the seed: as separate policies would that have learnt every motion and no
+agreement. With `--late 0` it is the demonstration itself, which a shield should leave alone. Every episode
+runs without and with the shield, in the same scene, without pictures. A line for each store; the last one is
+JSON: episodes, successes, control steps with a violation and with contact, interventions, without and with;
+times of a control step of a rollout in ms, without and with, and of the shield alone; and their ratio.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from statistics import fmean
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import PolicyMonitor
+from rf_exp.policy.rollout import Actor, rollout
+from rf_exp.policy.shield import Decision, Shield
+from rf_exp.policy.targets import Targets
+from rf_exp.policy.views import Stream, View
+from rf_exp.processes import Overdue, in_order
+from rf_exp.sim.pool import simulator
+from rf_exp.store import Store
+from rf_exp.tasks import Judge, Task
+from rf_exp.tasks.configuration import CONFIGURED, stored_task
+from rf_exp.types import Episode, Pictures, Rollout, Scene
+
+FASTEST_RAD = 0.05  # a control step; demonstrations are slower
+SLOWER = 2  # times as long as the demonstration, a rollout may take
+
+
+class Player(Actor):
+    """One agent that plays commands (T, 8) back, chunk by chunk, and stands still before and behind them."""
+
+    def __init__(self, agent: int, commands: NDArray[np.float64], chunk: int, late: int) -> None:
+        self.view = View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),))
+        self._commands, self._chunk, self._late = commands, chunk, late
+        self.reset(0)
+
+    @property
+    def looks(self) -> bool:
+        return False
+
+    def reset(self, seed: int) -> None:
+        self._targets = Targets(np.array([FASTEST_RAD]))
+        self._done, self.predicted = -self._late, {}
+
+    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        row = self.view.agents[0] - 1
+        self._targets.start(scene.qpos[[row]])
+        if not self._targets:
+            at = np.clip(self._done + np.arange(self._chunk), 0, len(self._commands) - 1)
+            self._targets.put(self._commands[at][:, None])
+
+    def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
+        if decision is None or self.view.agents[0] not in decision.withheld:
+            self._done += 1
+        return super().act(decision)
+
+
+@dataclass
+class Timed:
+    """A shield that knows how long it takes."""
+
+    shield: Shield
+    times_s: list[float]
+
+    def __call__(self, scene: Scene, ahead: Mapping[int, NDArray[np.float64]]) -> Decision:
+        began = time.perf_counter()
+        decision = self.shield(scene, ahead)
+        self.times_s.append(time.perf_counter() - began)
+        return decision
+
+
+Both = dict[bool, tuple[Rollout, float]]  # with a shield -> rollout, seconds it took
+
+
+def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, list[float]]:
+    """Without and with a shield, and how long the shield took at each control step."""
+    rng = np.random.default_rng([episode.seed, late])
+    delays = rng.integers(0, late + 1, len(task.agents)).tolist()
+    commands = episode.action.astype(float)
+    times_s: list[float] = []
+    found: Both = {}
+    for shielded in (False, True):
+        world = simulator(task, Pictures(render=False))
+        start = world.reset(episode.seed)
+        actors = [
+            Player(agent, commands[:, agent - 1], chunk, delay)
+            for agent, delay in zip(task.agents, delays, strict=True)
+        ]
+        shield = Timed(Shield(task), times_s) if shielded else None
+        limit, judge, monitor = SLOWER * len(commands), Judge(task, start), PolicyMonitor(task)
+        began = time.perf_counter()
+        result = rollout(world, judge, actors, episode.seed, limit, monitor, None, start, shield)
+        found[shielded] = result, time.perf_counter() - began
+    return found, times_s
+
+
+def summary(played: list[tuple[Both, list[float]]]) -> dict[str, float]:
+    """Counts and times of all that was played."""
+    said: dict[str, float] = {"episodes": len(played)}
+    step_ms = {}
+    for shielded, name in ((False, "without"), (True, "with")):
+        results = [both[shielded][0] for both, _ in played]
+        said |= {
+            f"success_{name}": sum(each.success for each in results),
+            f"violations_{name}": sum(each.violations for each in results),
+            f"contacts_{name}": sum(each.contacts for each in results),
+        }
+        steps = sum(each.steps for each in results)
+        step_ms[name] = 1e3 * sum(both[shielded][1] for both, _ in played) / steps
+        said[f"steps_{name}"] = steps
+    times_ms = 1e3 * np.array([each for _, times_s in played for each in times_s])
+    return said | {
+        "interventions": sum(both[True][0].interventions for both, _ in played),
+        "step_ms_without": round(step_ms["without"], 2),
+        "step_ms_with": round(step_ms["with"], 2),
+        "shield_ms": round(fmean(times_ms), 2),
+        "shield_ms_median": round(float(np.median(times_ms)), 2),
+        "shield_ms_99": round(float(np.quantile(times_ms, 0.99)), 2),
+        "with_over_without": round(step_ms["with"] / step_ms["without"], 2),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("outputs/data"))
+    parser.add_argument("--episodes", type=int, default=5, help="of each store")
+    parser.add_argument("--late", type=int, default=60, help="control steps at most")
+    parser.add_argument("--chunk", type=int, default=16, help="control steps")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--tasks", type=Path, default=CONFIGURED, help="folder of the tasks' YAML files")
+    given = parser.parse_args()
+    total = []
+    for path in sorted(given.folder.glob("**/*.zarr")):
+        with Store.open(path) as store:
+            task = stored_task(store.identity, given.tasks)
+            episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
+        jobs = [partial(play, task, each, given.chunk, given.late) for each in episodes]
+        played = [each for each in in_order(jobs, given.workers) if not isinstance(each, Overdue)]
+        total += played
+        print(f"{path}: {json.dumps(summary(played))}", flush=True)
+    print(json.dumps(summary(total)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""Policies that are told what to do, and arms that follow their commands as the real ones do."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.policy.rollout import Actor
+from rf_exp.policy.targets import Targets
+from rf_exp.policy.views import Stream, View
+from rf_exp.tasks import Task
+from rf_exp.types import Scene
+from tests.scenes import start_scene
+
+FASTEST_RAD = 0.045  # a control step
+FOLLOWS = 1 - np.exp(-0.5)  # part of the way to its command that an arm goes in a control step
+
+Predict = Callable[[int, Scene], NDArray[np.float64]]  # number of the prediction, scene -> (T, 8) targets
+
+
+class Scripted(Actor):
+    """One agent that predicts what a function says."""
+
+    def __init__(self, agent: int, predict: Predict) -> None:
+        self.view = View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),))
+        self._says = predict
+        self.reset(0)
+
+    @property
+    def looks(self) -> bool:
+        return False
+
+    def reset(self, seed: int) -> None:
+        self._targets = Targets(np.array([FASTEST_RAD]))
+        self.predictions = 0
+
+    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        self.predicted = {}
+        self._targets.start(scene.qpos[[self.view.agents[0] - 1]])
+        if not self._targets:
+            chunk = self._says(self.predictions, scene)
+            self._targets.put(chunk[:, None])
+            self.predicted = {self.view.agents[0]: chunk}
+            self.predictions += 1
+
+
+class Puppets:
+    """A World of arms alone: they follow their commands with the lag of the real ones, through anything."""
+
+    cameras = ()
+
+    def __init__(self, task: Task, **changes) -> None:
+        self._task, self._changes = task, changes
+
+    def reset(self, seed: int) -> Scene:
+        start = start_scene(self._task, seed)
+        self._qpos, self._poses = start.qpos.copy(), start.poses
+        self.commands: list[NDArray[np.float64]] = []
+        return self._scene()
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        self.commands.append(action)
+        self._qpos[:, :7] += FOLLOWS * (action[:, :7] - self._qpos[:, :7])
+        return self._scene()
+
+    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+        return {}
+
+    def _scene(self) -> Scene:
+        values = {
+            "qpos": self._qpos.copy(),
+            "qvel": np.zeros_like(self._qpos),
+            "poses": self._poses,
+            "speeds": dict.fromkeys(self._poses, 0.0),
+            "held": (None,) * len(self._qpos),
+        }
+        return Scene(len(self.commands), **{**values, **self._changes})

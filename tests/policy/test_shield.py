@@ -1,0 +1,348 @@
+"""Arms that would come too close wait, whoever drives them; arms with free ways are never touched."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rf_exp.constraints import Bodies, PolicyMonitor
+from rf_exp.constraints.clearance import nearest
+from rf_exp.constraints.world import AGENT_MARGIN_M
+from rf_exp.policy.rollout import rollout
+from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2, Decision, Shield
+from rf_exp.tasks import Judge, Task
+from rf_exp.transforms import inverse, transform
+from rf_exp.types import Pictures, Rollout, RolloutStep, Row, Scene, Verdict
+from tests.conftest import TASKS, read_task
+from tests.constraints.robots import REACHING, REST, scene_of
+from tests.policy.scripted import FASTEST_RAD, Predict, Puppets, Scripted
+
+PAIR, ALONE = read_task("lift_barrier"), read_task("stack_cube")
+TOGETHER = tuple(name for name in TASKS if len(read_task(name).agents) > 1)
+ASIDE = REST + np.array([1.2, 0, 0, 0, 0, 0, 0])  # turned away from the other arm
+LEFT, RIGHT = (REACHING + np.array([turn, 0, 0, 0, 0, 0, 0]) for turn in (0.4, -0.8))  # of the middle
+CHUNK = 8  # targets
+
+
+def never(scene: Scene) -> Verdict:
+    return Verdict(False, False, {})
+
+
+def to(*goals: NDArray[np.float64], gripper: float = 1.0) -> Predict:
+    """Predicts the same goal all along, goal after goal, and stays at the last one."""
+
+    def predict(number: int, scene: Scene) -> NDArray[np.float64]:
+        goal = goals[min(number, len(goals) - 1)]
+        return np.tile(np.append(goal, gripper), (CHUNK, 1))
+
+    return predict
+
+
+def run(
+    task: Task, predictions: Sequence[Predict], steps: int, shielded: bool = True, **changes
+) -> tuple[Puppets, list[RolloutStep], Rollout]:
+    """Scripted policies in a world of arms alone."""
+    world, told = Puppets(task, **changes), []
+    actors = [Scripted(agent, predict) for agent, predict in zip(task.agents, predictions, strict=True)]
+    shield = Shield(task) if shielded else None
+    return world, told, rollout(world, never, actors, 0, steps, None, told.append, shield=shield)
+
+
+def apart_m(task: Task, path: NDArray[np.float64], scene: Scene | None = None) -> float:
+    """The least distance of any two arms along commands (T, N, 8), and half-way between two of them."""
+    finer = np.stack([path[:-1], (path[:-1] + path[1:]) / 2], axis=1).reshape(-1, *path.shape[1:])
+    bodies = Bodies(task, scene or scene_of(task))
+    swept = [bodies.arm(agent, finer[:, agent - 1, :7], touches=task.objects) for agent in task.agents]
+    at = np.arange(len(finer))[:, None].repeat(2, axis=1)
+    found = [nearest(a, b, at) for a, b in combinations(swept, 2)]
+    return min(each.distance_m for each in found if each is not None)
+
+
+def withheld(told: Sequence[RolloutStep], agent: int) -> list[int]:
+    """At which steps a shield kept an agent from its command."""
+    return [step.scene.step for step in told if step.withheld and agent in step.withheld]
+
+
+def arrived(world: Puppets, agent: int, goal: NDArray[np.float64]) -> list[int]:
+    """At which steps an agent was sent to a goal."""
+    return [k for k, each in enumerate(world.commands) if np.allclose(each[agent - 1, :7], goal, atol=1e-3)]
+
+
+# free ways
+
+
+def test_free_arms_are_given_their_commands_to_the_last_bit() -> None:
+    for goals in ((ASIDE, ASIDE), (REACHING, ASIDE), (ASIDE, REST)):
+        plain, _, _ = run(PAIR, [to(goal) for goal in goals], 40, shielded=False)
+        world, told, result = run(PAIR, [to(goal) for goal in goals], 40)
+        assert np.array_equal(np.stack(world.commands), np.stack(plain.commands))
+        assert result.interventions == 0 and all(step.withheld == {} for step in told)
+
+
+def test_without_a_shield_nothing_is_withheld() -> None:
+    _, told, result = run(PAIR, [to(REACHING)] * 2, 30, shielded=False)
+    assert result.interventions == 0 and all(step.withheld is None for step in told)
+
+
+def test_one_arm_has_nothing_to_fear() -> None:
+    world, _, result = run(ALONE, [to(REACHING)], 40)
+    assert result.interventions == 0 and arrived(world, 1, REACHING)
+
+
+# arms that would meet
+
+
+def test_arms_that_would_meet_keep_the_margin_and_one_waits() -> None:
+    """Both reach into the middle, the second one a little later."""
+    late = to(REST, REACHING)
+    plain, _, _ = run(PAIR, [to(REACHING), late], 60, shielded=False)
+    assert apart_m(PAIR, np.stack(plain.commands)) < 0
+    world, told, result = run(PAIR, [to(REACHING), late], 60)
+    assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
+    assert arrived(world, 1, REACHING) and not withheld(told, 1)  # it was there first
+    assert len(withheld(told, 2)) == result.interventions > 0
+    assert {step.withheld[2] for step in told if step.withheld} <= {"waits for agent 1", "draws back"}
+
+
+def test_who_waited_goes_on_once_the_way_is_free() -> None:
+    world, told, _ = run(PAIR, [to(*[REACHING] * 6, REST), to(REST, REACHING)], 100)
+    assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
+    assert arrived(world, 1, REST)[-1] > 60 and arrived(world, 2, REACHING)
+    assert 0 < len(withheld(told, 2)) < 3 * PATIENCE_STEPS and not withheld(told, 1)
+
+
+def test_targets_that_were_not_given_are_kept() -> None:
+    """An arm that is told to wait thrice does all of what it had predicted, three steps later."""
+    held = {3, 4, 9}
+
+    def hold(scene: Scene, ahead) -> Decision:
+        commands = np.array([ahead[agent][0] for agent in sorted(ahead)])
+        if scene.step not in held:
+            last.append(commands)
+            return Decision(commands)
+        return Decision(last[-1], {1: "waits"})
+
+    last: list[NDArray[np.float64]] = []
+    path = np.column_stack([REST + 0.02 * np.arange(1, 17)[:, None], np.linspace(1, -1, 16)])
+
+    def chunks(number: int, scene: Scene) -> NDArray[np.float64]:
+        return path.astype(float)[CHUNK * number :][:CHUNK]
+
+    world = Puppets(ALONE)
+    start = replace(world.reset(0), qpos=np.append(REST, [0.04, 0.04])[None])
+    result = rollout(world, never, [Scripted(1, chunks)], 0, 19, start=start, shield=hold)
+    assert result.interventions == 3
+    done = [command[0] for k, command in enumerate(world.commands) if k not in held]
+    assert np.allclose(done, path)
+
+
+def test_after_its_chunk_an_arm_stands_where_it_ends() -> None:
+    """The first arm predicts one step at a time; the second one, that comes for long, is not let in."""
+
+    def short(number: int, scene: Scene) -> NDArray[np.float64]:
+        return np.append(REACHING, 1.0)[None]
+
+    def long(number: int, scene: Scene) -> NDArray[np.float64]:
+        return np.tile(np.append(REACHING if number else REST, 1.0), (40, 1))
+
+    world, told, _ = run(PAIR, [short, long], 80)
+    assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
+    assert arrived(world, 1, REACHING) and not withheld(told, 1)
+    assert withheld(told, 2) and not arrived(world, 2, REACHING)
+
+
+def test_nobody_waits_for_ever() -> None:
+    """Each has to pass where the other one stands: one draws back in the end, and both get by."""
+    for near, far in ((LEFT, RIGHT), (RIGHT, LEFT)):
+        plans = [to(*[near] * 6, far)] * 2
+        plain, _, _ = run(PAIR, plans, 100, shielded=False)
+        assert apart_m(PAIR, np.stack(plain.commands)) < 0
+        world, told, _ = run(PAIR, plans, 200)
+        assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
+        assert arrived(world, 1, far) and arrived(world, 2, far)
+        back = [step.scene.step for step in told if "draws back" in (step.withheld or {}).values()]
+        assert 0 < len(back) <= BACK_STEPS
+
+
+def test_who_has_waited_predicts_anew() -> None:
+    actors = [Scripted(1, to(REACHING)), Scripted(2, to(REST, REACHING))]
+    told: list[RolloutStep] = []
+    rollout(Puppets(PAIR), never, actors, 0, 70, None, told.append, shield=Shield(PAIR))
+    first = withheld(told, 2)[0]
+    anew = [step.scene.step for step in told if 2 in step.predicted and step.scene.step > first]
+    assert anew[0] == first + PATIENCE_STEPS
+
+
+def test_an_arm_that_waits_slows_down_where_there_is_room() -> None:
+    world, told, _ = run(PAIR, [to(REACHING), to(REST, REACHING)], 60)
+    first = withheld(told, 2)[0]
+    pace = np.abs(np.diff(np.stack(world.commands)[:, 1, :7], axis=0)).max(axis=1)[first - 4 : first + 1]
+    slower = SLOWING_RAD_S2 * 0.05**2
+    assert pace == pytest.approx([FASTEST_RAD, FASTEST_RAD, FASTEST_RAD - slower, 0, 0], abs=1e-6)
+
+
+def test_a_waiting_hand_stays_as_it_is() -> None:
+    world, told, _ = run(PAIR, [to(REACHING), to(REST, REACHING, gripper=-1.0)], 60)
+    assert withheld(told, 2)
+    assert {command[1, 7] for command in world.commands[1:]} == {-1.0}
+
+
+# loads
+
+
+def test_what_a_hand_holds_is_part_of_its_arm() -> None:
+    """An arm turns towards the other one, with free way for its hand, but not for a bar that sticks out."""
+    scene = scene_of(PAIR)
+    here = [np.append(scene.qpos[row, :7], -1.0) for row in (0, 1)]
+    here[0][0] += 1.0
+    scene.qpos[0, 0] += 1.0
+    way = here[0] - np.arange(1.0, 21.0)[:, None] * np.append(0.05, np.zeros(7))
+    ahead = {1: way, 2: np.tile(here[1], (20, 1))}
+    hand = Bodies(PAIR, scene).arms[0].tcp(scene.qpos[0])[:3, 3]
+    outwards = hand - PAIR.robots[0].world_from_base[:3, 3]
+    outwards[2] = 0.0
+    turned = Rotation.from_euler("z", float(np.arctan2(outwards[1], outwards[0])))
+    pose = transform(hand + 0.3 * outwards / np.linalg.norm(outwards), turned)
+    decided = {}
+    for load in (None, "barrier"):
+        held = replace(scene, held=(load, None), poses={**scene.poses, "barrier": pose})
+        decided[load] = [each.withheld for each in play(Shield(PAIR), held, ahead)]
+    assert decided[None] == [{}] * 20
+    assert decided["barrier"][-1] == {1: "waits for agent 2"}
+
+
+def play(shield: Shield, scene: Scene, ahead, steps: int = 20) -> list[Decision]:
+    """The decisions on paths that are given step by step, until somebody is kept from them.
+
+    What was held in the scene stays in the hand.
+    """
+    found, arms = [], Bodies(PAIR, scene).arms
+    for step in range(steps):
+        qpos, poses = scene.qpos.copy(), dict(scene.poses)
+        if step:
+            qpos[:, :7] = np.array([rows[step - 1, :7] for _, rows in sorted(ahead.items())])
+        for arm, before, now, load in zip(arms, scene.qpos, qpos, scene.held, strict=True):
+            if load is not None:
+                poses[load] = arm.tcp(now) @ inverse(arm.tcp(before)) @ scene.poses[load]
+        seen = replace(scene, step=step, qpos=qpos, poses=poses)
+        found.append(shield(seen, {agent: rows[step:] for agent, rows in ahead.items()}))
+        if found[-1].withheld:
+            break
+    return found
+
+
+def test_who_holds_one_thing_together_waits_together() -> None:
+    plans = [to(REACHING), to(REST, REACHING)]
+    for held, who in ((("barrier", None), {2}), (("barrier", "barrier"), {1, 2})):
+        _, told, _ = run(PAIR, plans, 40, held=held, poses=far_away(PAIR))
+        assert next(step.withheld.keys() for step in told if step.withheld) == who
+
+
+def far_away(task: Task) -> dict[str, NDArray[np.float64]]:
+    """Things where no arm meets them."""
+    return dict.fromkeys(task.objects, transform((0, 0, 5)))
+
+
+# too close already
+
+
+def close_scene() -> tuple[Scene, NDArray[np.float64]]:
+    """Two arms less than the margin apart, and the change (7,) of the first that brings them closer."""
+    scene = scene_of(PAIR)
+    scene.qpos[:, :7] = REST, REACHING
+    change = (REACHING - REST) / 200
+    while Bodies(PAIR, scene).between(1, 2).distance_m > 0.5 * AGENT_MARGIN_M:
+        scene.qpos[0, :7] += change
+    return scene, 2 * change
+
+
+@pytest.mark.parametrize("closer", [True, False])
+def test_arms_that_are_too_close_already_may_only_go_apart(closer: bool) -> None:
+    scene, change = close_scene()
+    here = [np.append(scene.qpos[agent, :7], 1.0) for agent in (0, 1)]
+    way = here[0] + np.arange(1.0, 9.0)[:, None] * np.append(change if closer else -change, 0.0)
+    decision = Shield(PAIR)(scene, {1: way, 2: np.tile(here[1], (8, 1))})
+    assert (1 in decision.withheld) is closer
+    assert np.array_equal(decision.commands[0], here[0] if closer else way[0])
+
+
+# every task, in the simulator
+
+
+def wild(task: Task, agent: int) -> Predict:
+    """Now here, now there, wherever the hand of another arm is likely to be."""
+    scene = scene_of(task)
+    hands = [arm.tcp(q) for arm, q in zip(Bodies(task, scene).arms, scene.qpos, strict=True)]
+    arm, rest = Bodies(task, scene).arms[agent - 1], scene.qpos[agent - 1, :7]
+    others = [hand[:3, 3] for other, hand in enumerate(hands, 1) if other != agent]
+    rng = np.random.default_rng([agent, 5])
+
+    def predict(number: int, scene: Scene) -> NDArray[np.float64]:
+        goal = None
+        while goal is None:
+            tcp = hands[agent - 1].copy()
+            part = rng.uniform(0, 0.7)
+            tcp[:2, 3] += part * (others[rng.integers(len(others))] - tcp[:3, 3])[:2]
+            tcp[2, 3] = rng.uniform(0.2, 0.35)
+            goal = arm.solve(tcp, rest)
+        return np.tile(np.append(goal, 1.0), (2 * CHUNK, 1))
+
+    return predict
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TOGETHER)
+def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> None:
+    from rf_exp.sim.pool import simulator
+
+    task = read_task(name)
+    found: dict[bool, Rollout] = {}
+    travelled: dict[bool, NDArray[np.float64]] = {}
+    for shielded in (False, True):
+        world = simulator(task, Pictures(render=False))
+        start = world.reset(3)
+        actors = [Scripted(agent, wild(task, agent)) for agent in task.agents]
+        told: list[RolloutStep] = []
+        shield: Callable | None = Shield(task) if shielded else None
+        found[shielded] = rollout(
+            world, Judge(task, start), actors, 3, 150, PolicyMonitor(task), told.append, start, shield
+        )
+        path = np.stack([step.action[:, :7] for step in told])
+        travelled[shielded] = np.abs(np.diff(path, axis=0)).max(axis=2).sum(axis=0)
+    assert found[False].violations > 10 and found[False].contacts > 0
+    assert (found[True].violations, found[True].contacts) == (0, 0)
+    assert found[True].interventions > 0
+    assert (travelled[True] > 0.1 * travelled[False]).all()  # nobody is shut out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pass_shoe", "three_robots_stack_cube", "take_photo"])
+def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
+    """Demonstrations, cut into chunks, succeed as before, delayed by a few control steps at most."""
+    from rf_exp.datagen.brain import read_brain
+    from rf_exp.datagen.episode import Settings
+    from rf_exp.datagen.generate import make_episode
+    from rf_exp.sim.pool import simulator
+
+    task = read_task(name)
+    settings = Settings(task, Row("full"), read_brain({"name": "scripted"}))
+    episode = make_episode(settings, Pictures(render=False), 0).episode
+    assert episode is not None
+
+    def shown(agent: int) -> Predict:
+        commands = episode.action[:, agent - 1].astype(float)
+        return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
+
+    world = simulator(task, Pictures(render=False))
+    start = world.reset(0)
+    actors = [Scripted(agent, shown(agent)) for agent in task.agents]
+    result = rollout(
+        world, Judge(task, start), actors, 0, len(episode.action) + 20, PolicyMonitor(task),
+        start=start, shield=Shield(task),
+    )  # fmt: skip
+    assert result.success and (result.violations, result.contacts) == (0, 0)
+    assert result.interventions <= 0.02 * len(episode.action)
