@@ -36,6 +36,14 @@ class Noise:
     pictures: dict[str, NDArray[np.uint8]]
     episode_ends: NDArray[np.int64]
     cameras: tuple[str, ...] = ("agent1",)
+    objects: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.episode_ends)
+
+    @property
+    def steps(self) -> int:
+        return len(self.qpos)
 
 
 def noise(config: PolicyConfig) -> Noise:

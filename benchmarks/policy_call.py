@@ -32,7 +32,8 @@ def make(config: PolicyConfig, sampler: str, steps: int) -> DiffusionPolicy:
 def call(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """Encode the pictures, put their features behind the known ones, and sample."""
     features = torch.cat([known, policy.encode_whole(pictures)])[None]
-    policy.act(features, torch.zeros(1, features.shape[1], PROPRIO), [torch.Generator().manual_seed(0)])
+    proprio, nothing = (torch.zeros(1, features.shape[1], size) for size in (PROPRIO, 0))
+    policy.act(features, proprio, nothing, [torch.Generator().manual_seed(0)])
 
 
 @torch.inference_mode()
@@ -40,7 +41,8 @@ def call_without_table(policy: DiffusionPolicy, pictures: torch.Tensor, known: t
     """The same by the U-Net's reference computation, which projects step and observation every time."""
     config = policy.config
     features = torch.cat([known, policy.encode_whole(pictures)])[None]
-    observation = policy.observation(features, torch.zeros(1, config.observation_steps, PROPRIO))
+    proprio, nothing = (torch.zeros(1, config.observation_steps, size) for size in (PROPRIO, 0))
+    observation = policy.trunk(policy.observation(features, proprio, nothing))
     sample = torch.randn(1, config.horizon, ACTION, generator=torch.Generator().manual_seed(0))
     for step in policy.scheduler.timesteps:
         prediction = policy.unet(sample, step[None], observation)

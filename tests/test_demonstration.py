@@ -70,7 +70,7 @@ def test_subgoals_that_begin_together_are_one_phase():
         """Agent 2 begins after `wait_steps`, agent 1 at once."""
         second = np.clip(np.arange(51) - wait_steps, 0, 20)
         schedule = Schedule(np.column_stack([np.minimum(np.arange(51), 30), second]), 30)
-        plan = Plan(Proposal((), ()), None, TWO, schedule)  # pyright: ignore[reportArgumentType]
+        plan = Plan(Proposal((), ()), None, TWO, schedule, TWO)  # pyright: ignore[reportArgumentType]
         return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan, 2.0)]
 
     assert begin(0) == begin(10) == [(2.0, [1, 2])]

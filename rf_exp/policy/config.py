@@ -50,6 +50,8 @@ class PolicyConfig:
     observation: str = "pictures"  # pictures | state: the true poses of all things, the ceiling of a recipe
     context: bool = False  # told also where the own TCP is and what the own gripper has done
     trunk: tuple[int, ...] = ()  # hidden layers between the observation and the U-Net
+    draft: tuple[int, ...] = ()  # hidden layers of a perceptron whose chunk the U-Net refines; none: no draft
+    dropout: float = 0.0  # in the draft
     drop_idle: bool = False  # learn nothing from moments in which nobody moves
     binary_grippers: bool = False  # commands are wholly open or wholly closed
     loss: str = "mse"  # mse | l1
@@ -59,12 +61,16 @@ class PolicyConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unet_channels", tuple(self.unet_channels))
-        object.__setattr__(self, "trunk", tuple(self.trunk))
+        for name in ("trunk", "draft"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         _one_of(self, "encoder", ENCODERS)
         _one_of(self, "sampler", SAMPLERS)
         _one_of(self, "prediction", PREDICTIONS)
         _one_of(self, "observation", OBSERVATIONS)
         _one_of(self, "loss", LOSSES)
+        refines = not self.draft or self.prediction == "sample"
+        _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
+        _require(0.0 <= self.dropout < 1.0, "dropout", self.dropout, "a number in [0, 1)")
         told = self.context or self.observation != "state"
         _require(told, "context", self.context, "true with observation=state")
         _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
@@ -110,6 +116,7 @@ class TrainConfig:
     batch_size: int = 128  # windows
     run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
     noise_draws: int = 1  # for each window in a batch
+    draft_steps: int = 0  # before the others, of the draft alone
     learning_rate: float = 1e-4
     betas: tuple[float, float] = (0.95, 0.999)
     epsilon: float = 1e-8
@@ -130,7 +137,7 @@ class TrainConfig:
         _require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
         _positive(self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "epsilon")
         _positive(self, "log_every", "checkpoint_every", "ema_power")
-        for name in ("weight_decay", "warmup_steps", "proprio_noise", "seed"):
+        for name in ("weight_decay", "warmup_steps", "proprio_noise", "draft_steps", "seed"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")
         _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
         _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")

@@ -19,7 +19,7 @@ from torch.nn import functional
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.normaliser import Normaliser, largest_change
-from rf_exp.policy.observation import Senses, context, proprioception, remembered
+from rf_exp.policy.observation import context, proprioception, remembered, senses_of
 from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
@@ -57,10 +57,8 @@ class Batch:
 class Windows:
     """All windows of all streams of a view, on one device. Index w is the window at frame w."""
 
-    def __init__(
-        self, store: "Store", view: View, config: PolicyConfig, senses: Senses, device: torch.device
-    ) -> None:
-        """Raises ArgumentError when the store lacks a camera of the view or has another picture size."""
+    def __init__(self, store: "Store", view: View, config: PolicyConfig, device: torch.device) -> None:
+        """Raises ArgumentError when the store lacks what the view shows, or has another picture size."""
         self._config, self._device = config, device
         if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
@@ -74,6 +72,7 @@ class Windows:
         self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
         self._last = np.repeat(self._spans[:, 1] - 1, repeats)
 
+        senses = senses_of(config, store)
         qpos, action = store.qpos[kept], store.action[kept]
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])

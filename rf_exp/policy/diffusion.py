@@ -5,6 +5,7 @@ computes what stays the same once: the FiLM table over the diffusion steps and t
 observation.
 """
 
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import torch
@@ -33,11 +34,17 @@ class DiffusionPolicy(nn.Module):
         self.config, self.action_size = config, action_size
         self.encoder = encoder(config.encoder) if config.observation == "pictures" else Blind()
         features = self.encoder.features + proprio_size + context_size
-        sizes = [config.observation_steps * features, *config.trunk]
-        self.trunk = nn.Sequential(
-            *(layer for a, b in pairwise(sizes) for layer in (nn.Linear(a, b), nn.Mish()))
-        )
-        self.unet = ConditionalUNet1D(action_size, sizes[-1], config.unet_channels)
+        size = config.observation_steps * features
+        self.trunk = nn.Sequential(*_hidden([size, *config.trunk]))
+        given = action_size if config.draft else 0
+        self.unet = ConditionalUNet1D(action_size, [size, *config.trunk][-1], config.unet_channels, given)
+        self.draft: nn.Module | None = None
+        if config.draft:
+            self.draft = nn.Sequential(
+                *_hidden([size, *config.draft], config.dropout),
+                nn.Linear(config.draft[-1], config.horizon * action_size),
+                nn.Unflatten(1, (config.horizon, action_size)),
+            )
         self.normaliser = Normaliser(proprio_size, action_size, context_size)
         kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
         # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
@@ -68,7 +75,7 @@ class DiffusionPolicy(nn.Module):
 
     def observation(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
         """Features (B, O, F), normalised proprioception (B, O, P), context (B, O, C) -> (B, observation)."""
-        return self.trunk(torch.cat([features, proprio, context], dim=2).flatten(1))
+        return torch.cat([features, proprio, context], dim=2).flatten(1)
 
     def loss(
         self, batch: Batch, generator: torch.Generator, noise_draws: int = 1, proprio_noise: float = 0.0
@@ -79,24 +86,56 @@ class DiffusionPolicy(nn.Module):
         each window: it makes the policy look at the pictures rather than infer the goal from its own pose.
         """
         device = batch.action.device
-        proprio = self.normaliser.proprio.normalise(batch.proprio)
-        if proprio_noise:
-            shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
-            proprio = proprio + proprio_noise * shift
-        told = self.normaliser.context.normalise(batch.context)
-        observation = self.observation(self._features(batch), proprio, told)
-        action = batch.action - self._origin(batch.proprio)
-        clean = self.normaliser.action.normalise(action).repeat_interleave(noise_draws, dim=0)
+        observation = self._observed(batch, generator, proprio_noise)
+        draft = self._draft(observation)
+        clean = self._clean(batch).repeat_interleave(noise_draws, dim=0)
         noise = torch.randn(clean.shape, generator=generator, device=device)
         count = self.config.train_diffusion_steps
         steps = torch.randint(count, (len(clean),), generator=generator, device=device)
         noisy = self.scheduler.add_noise(clean, noise, steps)  # pyright: ignore[reportArgumentType]
         # The observation is projected once for all its draws, every diffusion step once for the batch.
         table = self.unet.film_of_steps(torch.arange(count, device=device))
-        film = table[steps] + self.unet.film_of_observations(observation).repeat_interleave(noise_draws, 0)
-        prediction = self.unet.modulated(noisy, film)
+        projected = self.unet.film_of_observations(self.trunk(observation))
+        film = table[steps] + projected.repeat_interleave(noise_draws, 0)
+        if draft is not None:
+            draft = draft.repeat_interleave(noise_draws, 0)
+        prediction = self._refined(noisy, draft, film)
         error = functional.mse_loss if self.config.loss == "mse" else functional.l1_loss
         return error(prediction.float(), self._target(clean, noise, steps))
+
+    def draft_loss(self, batch: Batch, generator: torch.Generator, proprio_noise: float = 0.0) -> Tensor:
+        """Mean absolute error of the draft, which is learned before the U-Net and then stays as it is."""
+        assert self.draft is not None
+        draft = self.draft(self._observed(batch, generator, proprio_noise))
+        return functional.l1_loss(draft.float(), self._clean(batch))
+
+    def _observed(self, batch: Batch, generator: torch.Generator, proprio_noise: float) -> Tensor:
+        proprio = self.normaliser.proprio.normalise(batch.proprio)
+        if proprio_noise:
+            size = (len(batch), 1, proprio.shape[2])
+            proprio = proprio + proprio_noise * torch.randn(size, generator=generator, device=proprio.device)
+        told = self.normaliser.context.normalise(batch.context)
+        return self.observation(self._features(batch), proprio, told)
+
+    def _clean(self, batch: Batch) -> Tensor:
+        """The normalised actions (B, T, A) of a batch."""
+        return self.normaliser.action.normalise(batch.action - self._origin(batch.proprio))
+
+    def _draft(self, observation: Tensor) -> Tensor | None:
+        """(B, T, A), which no gradient of the U-Net reaches."""
+        if self.draft is None:
+            return None
+        with torch.no_grad():
+            training = self.draft.training
+            draft = self.draft.eval()(observation)
+            self.draft.train(training)
+        return draft
+
+    def _refined(self, noisy: Tensor, draft: Tensor | None, film: Tensor) -> Tensor:
+        """The prediction of the U-Net: with a draft of clean actions, its difference from that."""
+        if draft is None:
+            return self.unet.modulated(noisy, film)
+        return draft + self.unet.modulated(torch.cat([noisy, draft], dim=2), film)
 
     def _features(self, batch: Batch) -> Tensor:
         """(B, O, F) of a batch."""
@@ -120,19 +159,16 @@ class DiffusionPolicy(nn.Module):
         All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
         """
         shape = (len(features), self.config.horizon, self.action_size)
-        film = self.unet.film_of_observations(
-            self.observation(
-                features,
-                self.normaliser.proprio.normalise(proprio),
-                self.normaliser.context.normalise(context),
-            )
+        observation = self.observation(
+            features, self.normaliser.proprio.normalise(proprio), self.normaliser.context.normalise(context)
         )
+        film, draft = self.unet.film_of_observations(self.trunk(observation)), self._draft(observation)
         sample = randn_tensor(shape, generator=generators, device=features.device, dtype=features.dtype)
         steps = self.scheduler.timesteps
         if self._film_table is None:
             self._film_table = self.unet.film_of_steps(steps.to(features.device))
         for step, film_of_step in zip(steps, self._film_table, strict=True):
-            prediction = self.unet.modulated(sample, film + film_of_step)
+            prediction = self._refined(sample, draft, film + film_of_step)
             sample = self.scheduler.step(prediction, step, sample, generator=generators).prev_sample  # pyright: ignore[reportArgumentType]
         actions = self.normaliser.action.restore(sample) + self._origin(proprio)
         if self.config.binary_grippers:
@@ -143,3 +179,11 @@ class DiffusionPolicy(nn.Module):
     def _origin(self, proprio: Tensor) -> Tensor | float:
         """What is added to a prediction to make joint targets of it (B, 1, A)."""
         return action_origin(proprio) if self.config.relative_actions else 0.0
+
+
+def _hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
+    """Linear layers between these sizes, each with Mish behind it."""
+    for inputs, outputs in pairwise(sizes):
+        yield from (nn.Linear(inputs, outputs), nn.Mish())
+        if dropout:
+            yield nn.Dropout(dropout)

@@ -65,18 +65,17 @@ def train(
     Raises StageError when the folder holds another configuration or the loss is no longer finite,
     ArgumentError when the store does not fit the view or the pictures.
     """
-    senses = senses_of(policy_config, store)
     made_of = {
         "policy": asdict(policy_config),
         "view": asdict(view),
-        "senses": asdict(senses),
+        "senses": asdict(senses_of(policy_config, store)),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
     if claim(folder, made_of):
         return folder
     device = device_of(train_config.device)
-    windows = Windows(store, view, policy_config, senses, device)
+    windows = Windows(store, view, policy_config, device)
     training = Training(windows, view, policy_config, train_config)
     training.resume(folder / STATE)
     with _curves(folder / CURVES, training.step) as write, _deferred_interrupt() as interrupted:
@@ -112,6 +111,7 @@ class Training:
         self._windows, self._config = windows, train_config
         self._per_epoch = windows.batches(train_config.batch_size)
         self.steps = train_config.steps or (train_config.epochs or 0) * self._per_epoch
+        self.steps += train_config.draft_steps
         self.step = 0
         self._device = windows.action.device
         with torch.random.fork_rng(devices=[]):
@@ -148,7 +148,9 @@ class Training:
             if self.step % self._per_epoch == 0:
                 order = self._order()
             batch = order[self.step % self._per_epoch]
-            rate = learning_rate(self.step, self.steps, config)
+            drafting = self.step < config.draft_steps
+            done, steps = (0, config.draft_steps) if drafting else (config.draft_steps, self.steps)
+            rate = learning_rate(self.step - done, steps - done, config)
             self._update(batch, rate)
             self.step += 1
             samples += len(batch)
@@ -178,7 +180,12 @@ class Training:
         noise_seed = np.random.SeedSequence([config.seed, NOISE, self.step]).generate_state(1)[0]
         generator = torch.Generator(self._device).manual_seed(int(noise_seed))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
-            loss = self.policy.loss(batch, generator, config.noise_draws, config.proprio_noise)
+            if self.step < config.draft_steps:
+                with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
+                    torch.manual_seed(int(noise_seed))
+                    loss = self.policy.draft_loss(batch, generator, config.proprio_noise)
+            else:
+                loss = self.policy.loss(batch, generator, config.noise_draws, config.proprio_noise)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
         self._optimiser.zero_grad()

@@ -53,7 +53,11 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
 
     @register_to_config
     def __init__(
-        self, action_size: int, observation_size: int, channels: tuple[int, ...] = (256, 512, 1024)
+        self,
+        action_size: int,
+        observation_size: int,
+        channels: tuple[int, ...] = (256, 512, 1024),
+        given: int = 0,  # channels along time that are known, beside the noisy actions
     ) -> None:
         super().__init__()
         if len(channels) < 2 or any(width <= 0 or width % GROUPS for width in channels):
@@ -63,13 +67,16 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         self._film_size = 0
         self.step_features = Timesteps(STEP_SIZE, flip_sin_to_cos=False, downscale_freq_shift=1)
         self.step_embedding = TimestepEmbedding(STEP_SIZE, 4 * STEP_SIZE, "mish", out_dim=STEP_SIZE)
-        down = [DownResnetBlock1D(a, b) for a, b in pairwise((action_size, *channels))]
+        down = [DownResnetBlock1D(a, b) for a, b in pairwise((action_size + given, *channels))]
         down[-1].downsample = None  # the deepest level keeps its length
         up = [UpResnetBlock1D(b, a, add_upsample=True) for a, b in reversed(list(pairwise(channels)))]
         self.down = nn.ModuleList(self._modulated(block) for block in down)
         self.middle = self._modulated(MidResTemporalBlock1D(channels[-1], channels[-1], embed_dim=1))
         self.up = nn.ModuleList(self._modulated(block) for block in up)
         self.out = OutConv1DBlock(GROUPS, action_size, channels[0], "mish")
+        if given:  # what is learned is added to it, from nothing on
+            nn.init.zeros_(self.out.final_conv1d_2.weight)
+            nn.init.zeros_(self.out.final_conv1d_2.bias)  # pyright: ignore[reportArgumentType]
         self.film = nn.Linear(STEP_SIZE + observation_size, self._film_size)
 
     def _modulated(self, block: nn.Module) -> nn.Module:
@@ -93,7 +100,7 @@ class ConditionalUNet1D(ModelMixin, ConfigMixin):
         return nn.functional.linear(mish(observation), self.film.weight[:, STEP_SIZE:], self.film.bias)
 
     def modulated(self, sample: Tensor, film: Tensor) -> Tensor:
-        """The network for noisy actions (B, T, A) and a FiLM vector (B, F) -> (B, T, A)."""
+        """The network for noisy actions with what is given (B, T, A + G) and FiLM (B, F) -> (B, T, A)."""
         hidden, skips = sample.transpose(1, 2), []
         for block in self.down:
             hidden, states = block(hidden, film)

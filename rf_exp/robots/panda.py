@@ -52,7 +52,7 @@ def _frames() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return joints, np.stack([model.frames[i].placement.homogeneous for i in ids])
 
 
-def _joint_poses(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+def _joint_poses(qpos: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., 10, 4, 4) base_from_joint; index 0 is the base. Vectorised over leading axes."""
     model = _model()
     poses = np.empty((*qpos.shape[:-1], 10, 4, 4))

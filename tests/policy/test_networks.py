@@ -96,7 +96,12 @@ def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
     steps = policy.config.observation_steps
     features = torch.linspace(-1, 1, rows * steps * policy.encoder.features)
     generators = [torch.Generator().manual_seed(row) for row in range(rows)]
-    return policy.act(features.reshape(rows, steps, -1), torch.zeros(rows, steps, 8), generators)
+    return policy.act(
+        features.reshape(rows, steps, -1),
+        torch.zeros(rows, steps, 8),
+        torch.zeros(rows, steps, 0),
+        generators,
+    )
 
 
 @pytest.mark.parametrize("prediction", ["epsilon", "sample", "v_prediction"])
@@ -140,7 +145,7 @@ def test_relative_actions_are_added_to_the_measured_joints() -> None:
     policy.normaliser.proprio.radius.fill_(1e9)  # the network sees no difference
     features = torch.zeros(1, 3, policy.encoder.features)
     still, there = (
-        policy.act(features, proprio, [torch.Generator().manual_seed(0)])
+        policy.act(features, proprio, torch.zeros(*proprio.shape[:2], 0), [torch.Generator().manual_seed(0)])
         for proprio in (torch.zeros_like(moved), moved)
     )
     assert torch.allclose(there - still, torch.tensor([0.5] * 7 + [0.0]).expand(1, 8, 8), atol=1e-5)

@@ -132,7 +132,7 @@ def test_the_policy_loads_as_it_was_saved(
 ) -> None:
     shared = views(ARCHS[1], 2)[0]
     train(store, shared, policy_config, train_config, tmp_path)
-    policy, view = load_policy(tmp_path, "cpu")
+    policy, view, _ = load_policy(tmp_path, "cpu")
     assert view == shared
     assert policy.config == policy_config
     saved = load_file(tmp_path / MODEL)
@@ -149,7 +149,7 @@ def test_every_flipped_bit_is_noticed(
     """In weights, header and configuration: a policy that loads is the one that was trained."""
     train(store, LOCAL, policy_config, train_config, tmp_path)
     rng = random.Random(3)
-    whole, _ = load_policy(tmp_path, "cpu")
+    whole, *_ = load_policy(tmp_path, "cpu")
     weights = (tmp_path / MODEL).read_bytes()
     header = 8 + int.from_bytes(weights[:8], "little")
     bits = [*range(0, 8 * header, 997), *(rng.randrange(8 * header, 8 * len(weights)) for _ in range(20))]
@@ -162,7 +162,7 @@ def test_every_flipped_bit_is_noticed(
             flipped[bit // 8] ^= 1 << bit % 8
             (tmp_path / name).write_bytes(flipped)
             try:
-                policy, view = load_policy(tmp_path, "cpu")
+                policy, view, _ = load_policy(tmp_path, "cpu")
             except StageError as error:
                 assert re.search(rf"{name} is damaged.*train again \(stages=\[train\]\)", str(error))
             else:  # a blank between two values, say
@@ -275,13 +275,13 @@ def test_it_learns_to_go_where_the_block_lies(
     train(make_store(1, 40), LOCAL, config, budget, tmp_path, curves.append)
     assert curves[-1].loss < 0.3 * curves[0].loss
 
-    policy, view = load_policy(tmp_path, "cpu")
+    policy, view, _ = load_policy(tmp_path, "cpu")
     unseen = Windows(make_store(1, 60), view, config, torch.device("cpu"))
     batch = unseen.batch(np.arange(40, 60) * STEPS + STILL, None)  # each new episode's last window at rest
     generators = [torch.Generator().manual_seed(k) for k in range(len(batch))]
     with torch.inference_mode():
         features = policy.encode(batch.pictures)[batch.frames]
-    predicted = policy.act(features, batch.proprio, generators)
+    predicted = policy.act(features, batch.proprio, batch.context, generators)
     moving = [0, 1, 3]
     error = (predicted - batch.action)[:, -1, moving].abs().mean().item()
     spread = (batch.action - batch.action.mean(dim=0))[:, -1, moving].abs().mean().item()
