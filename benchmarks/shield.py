@@ -88,7 +88,7 @@ def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, lis
     """Without and with a shield, and how long the shield took at each control step."""
     rng = np.random.default_rng([episode.seed, late])
     delays = rng.integers(0, late + 1, len(task.agents)).tolist()
-    commands = episode.action.astype(float)
+    commands = (episode.action if episode.executed is None else episode.executed).astype(float)
     times_s: list[float] = []
     found: Both = {}
     for shielded in (False, True):

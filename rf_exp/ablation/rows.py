@@ -1,6 +1,6 @@
 """Result rows: one line of JSON for each attempt, also for the failed ones.
 
-results/generate/<task>/<constraints>.jsonl                  GenerationRow
+results/generate/<task>/<constraints>.jsonl                  GenerationRow; disturbed: <constraints>-disturbed
 results/evaluate/<task>/<arch>/<constraints>-<demos>.jsonl   EvaluationRow; shielded: ...-<demos>-shield.jsonl
 
 A line holds the fields of its row, in their order, and behind them `crc32`: eight hexadecimal digits, the
@@ -8,8 +8,9 @@ CRC-32 of the fields as canonical JSON (UTF-8, keys sorted, no spaces). Whoever 
 fit its checksum is told its file and number.
 
 Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
-known any more, so they are refused by name and have to be made again. Schema 3 put the shield behind rows of
-evaluation, which had none before: rows of schema 2 are read as that.
+known any more, so they are refused by name and have to be made again. Schema 3 put fields behind `schema` for
+what there was none of before (disturbances, policies that see the state, a shield): rows of schema 2 are
+read as that.
 """
 
 import fcntl
@@ -29,7 +30,7 @@ from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
 
-SCHEMAS = {"GenerationRow": 2, "EvaluationRow": 3}
+SCHEMA = 3
 CHECKSUM = "crc32"  # key of a line, not a field of its row
 
 
@@ -67,7 +68,7 @@ class _Row:
 class GenerationRow(_Row):
     """One scene seed for which a demonstration was tried."""
 
-    key: ClassVar = ("task", "constraints", "brain", "seed", "version")
+    key: ClassVar = ("task", "constraints", "brain", "seed", "version", "disturbance_rad")
     task: str
     constraints: str
     brain: str
@@ -83,14 +84,18 @@ class GenerationRow(_Row):
     contacts: int  # control steps in which arms touched each other
     generator: str  # version of the code that decides the bytes of the episode
     commit: str  # git commit of that code, with a + where it was changed since; empty outside of a checkout
-    schema: int = SCHEMAS["GenerationRow"]
+    schema: int = SCHEMA
+    disturbance_rad: float = 0.0  # of executed motion
 
 
 @dataclass(frozen=True)
 class EvaluationRow(_Row):
     """One scene in which a trained policy acted."""
 
-    key: ClassVar = ("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version", "shield")
+    key: ClassVar = (
+        *("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version", "shield"),
+        *("observation", "disturbance_rad"),
+    )
     task: str
     arch: str
     constraints: str  # of the demonstrations it learnt from
@@ -107,9 +112,11 @@ class EvaluationRow(_Row):
     contacts: int  # control steps in which arms touched each other
     reason: str  # why it failed; empty when it did not
     commit: str  # git commit of the code, with a + where it was changed since; empty outside of a checkout
-    schema: int = SCHEMAS["EvaluationRow"]
+    schema: int = SCHEMA
     shield: bool = False  # whether a shield stood between policies and arms
     interventions: int = 0  # control steps in which it kept an arm from the command of its policy
+    observation: str = "pictures"  # or state: the policy was told the true poses
+    disturbance_rad: float = 0.0  # of the demonstrations it learnt from
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
@@ -249,9 +256,9 @@ def _parse(line: bytes, kind: type[R]) -> R:
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError(f"found {type(value).__name__}, expected an object")
-    names, schema = [item.name for item in fields(kind)], SCHEMAS[kind.__name__]
+    names = [item.name for item in fields(kind)]
     if value.keys() == set(names[: names.index("version") + 1]):
-        raise ValueError(f"a row of schema 1; this version reads schema {schema}")
+        raise ValueError(f"a row of schema 1; this version reads schema {SCHEMA}")
     expected = {*names, CHECKSUM}
     came_later = set(names[names.index("schema") + 1 :]) if value.get("schema") == 2 else set()
     if missing := sorted(expected - came_later - value.keys()):
@@ -261,9 +268,9 @@ def _parse(line: bytes, kind: type[R]) -> R:
     said = value.pop(CHECKSUM)
     if said != (found := _checksum(value)):
         raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
-    if value["schema"] not in (2, schema):
-        raise ValueError(f"a row of schema {value['schema']}; this version reads schema {schema}")
-    return kind(**{**value, "schema": schema})
+    if value["schema"] not in (2, SCHEMA):
+        raise ValueError(f"a row of schema {value['schema']}; this version reads schema {SCHEMA}")
+    return kind(**{**value, "schema": SCHEMA})
 
 
 def _torn(tail: bytes) -> bool:

@@ -455,7 +455,30 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
     """Every table, by name, for a suite of tasks."""
-    return {name: builder(results, suite) for name, builder in TABLES.items()}
+    compared, notes = _comparable(results)
+    tables = {name: builder(compared, suite) for name, builder in TABLES.items()}
+    return {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
+
+
+def _comparable(results: Results) -> tuple[Results, tuple[str, ...]]:
+    """What stands beside the paper's figures, and what is said of the rest.
+
+    A disturbed demonstration does not measure the expert, nor a policy that is told the state one that sees.
+    """
+    made = tuple(row for row in results.generation if not row.disturbance_rad)
+    seeing = tuple(row for row in results.evaluation if row.observation == "pictures")
+    notes = []
+    if left := len(results.generation) - len(made):
+        notes.append(
+            f"{left} seeds of disturbed demonstrations are left out: they do not measure the expert."
+        )
+    if left := len(results.evaluation) - len(seeing):
+        notes.append(f"{left} rollouts of policies that were told the true state are left out.")
+    if strengths := sorted({row.disturbance_rad for row in seeing if row.disturbance_rad}):
+        said = ", ".join(f"{strength:g}" for strength in strengths)
+        who = ", ".join(sorted({f"{row.task}/{row.arch}" for row in seeing if row.disturbance_rad}))
+        notes.append(f"Learnt from demonstrations whose execution was disturbed (by {said} rad): {who}.")
+    return replace(results, generation=made, evaluation=seeing), tuple(notes)
 
 
 # What several tables need

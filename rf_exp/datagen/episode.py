@@ -45,11 +45,7 @@ from rf_exp.types import (
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
 LARGEST_DISTURBANCE_RAD = 0.2
-_MILDER = (
-    1.0,
-    0.5,
-    0.25,
-)  # parts of the disturbance that are tried, the first that passes the checks is used
+_CALMER = 8  # times that a plan is disturbed less, where its checks object, before it is not at all
 
 
 @dataclass(frozen=True)
@@ -276,19 +272,25 @@ class EpisodeMaker:
         return Plan(proposal, checker.code, trajectories, schedule, executed=trajectories)
 
     def _disturbed(self, plan: Plan, checker: RoboChecker, scene: Scene) -> Plan:
-        """The plan as it will be executed: as strongly disturbed as its checks allow.
+        """The plan as it will be executed: disturbed, but for where its checks object to that.
 
         The checker then knows the disturbed motion as the plan, and monitors that.
         """
         strength_rad = self._settings.disturbance_rad
         if not strength_rad:
             return plan
-        state = self._bumps.bit_generator.state
-        for part in _MILDER:
-            self._bumps.bit_generator.state = state  # the same bumps, smaller
-            executed = disturb(plan.trajectories, part * strength_rad, self._bumps)
-            if not checker.check(executed, plan.schedule, scene):
+        state, positions = self._bumps.bit_generator.state, plan.schedule.positions
+        calm: dict[int, set[int]] = {agent: set() for agent in self._settings.task.agents}
+        for _ in range(_CALMER):
+            self._bumps.bit_generator.state = state  # the same bumps, with fewer of them left
+            executed = disturb(plan.trajectories, strength_rad, self._bumps, calm)
+            violations = checker.check(executed, plan.schedule, scene)
+            if not violations:
                 return replace(plan, executed=executed)
+            for each in violations:
+                now = round(each.time_s / CONTROL_DT_S) - scene.step
+                for agent in each.agents or self._settings.task.agents:
+                    calm[agent].add(int(positions[np.clip(now, 0, len(positions) - 1), agent - 1]))
         checker.check(plan.trajectories, plan.schedule, scene)
         return plan
 

@@ -22,7 +22,8 @@ def data_path(experiment: Experiment, task: Task, row: Row) -> Path:
 
 
 def generation_path(experiment: Experiment, task: Task, row: Row) -> Path:
-    return experiment.out / "results" / "generate" / task.name / f"{row.name}.jsonl"
+    name = f"{row.name}{'-disturbed' * (experiment.disturbance_rad > 0)}.jsonl"
+    return experiment.out / "results" / "generate" / task.name / name
 
 
 def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:

@@ -61,7 +61,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
                 rate_log(experiment, "generate", task, row, known=known.values()) as log,
             ):
                 for outcome in generate(settings, pictures, missing, experiment.workers, limit_s):
-                    tells = generation_row(task, row, settings.brain.name, outcome)
+                    tells = generation_row(task, row, settings.brain.name, outcome, settings.disturbance_rad)
                     if outcome.episode is not None:
                         store.append(_with_row(outcome.episode, tells))
                     if outcome.seed not in known:  # a kill before this: the episode has its row
@@ -130,7 +130,9 @@ def _record(experiment: Experiment, task: Task, row: Row, seeds: Sequence[int]) 
     close_simulator()
 
 
-def generation_row(task: Task, row: Row, brain: str, outcome: Outcome) -> GenerationRow:
+def generation_row(
+    task: Task, row: Row, brain: str, outcome: Outcome, disturbance_rad: float = 0.0
+) -> GenerationRow:
     """The row of one attempt under the constraints `row`."""
     return GenerationRow(
         task=task.name,
@@ -148,4 +150,5 @@ def generation_row(task: Task, row: Row, brain: str, outcome: Outcome) -> Genera
         contacts=outcome.contacts,
         generator=generator_version(task),
         commit=commit(),
+        disturbance_rad=disturbance_rad,
     )

@@ -303,6 +303,8 @@ def _row(
         contacts=result.contacts,
         reason=result.reason,
         commit=commit(),
+        observation=experiment.policy.observation,
+        disturbance_rad=experiment.disturbance_rad,
         shield=experiment.shield,
         interventions=result.interventions,
     )

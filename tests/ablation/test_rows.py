@@ -58,16 +58,18 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
 def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(GENERATION)) == (
         "task constraints brain seed success success_paper steps attempts reason wall_s version "
-        "violations contacts generator commit schema"
+        "violations contacts generator commit schema disturbance_rad"
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
-        "step_limit violations wall_s version contacts reason commit schema shield interventions"
+        "step_limit violations wall_s version contacts reason commit schema shield interventions "
+        "observation disturbance_rad"
     )
 
 
 def test_rows_from_before_the_shield_are_read_as_rollouts_without_one(tmp_path: Path) -> None:
-    values = {k: v for k, v in asdict(EVALUATION).items() if k not in ("shield", "interventions")}
+    names = list(asdict(EVALUATION))
+    values = {k: v for k, v in asdict(EVALUATION).items() if k in names[: names.index("schema") + 1]}
     values["schema"] = 2
     canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
     path = tmp_path / "rows.jsonl"
@@ -114,9 +116,9 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
         ("[]", "found list, expected an object"),
         (sealed(steps="80"), r"steps of a GenerationRow is '80' \(str\)"),
         (sealed(color=1), "unknown fields: color; available: attempts, brain"),
-        (sealed(schema=3), "a row of schema 3; this version reads schema 2"),
+        (sealed(schema=4), "a row of schema 4; this version reads schema 3"),
         (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, commit, constraints"),
-        (OLD, "a row of schema 1; this version reads schema 2"),
+        (OLD, "a row of schema 1; this version reads schema 3"),
         (json.dumps({**asdict(GENERATION), "crc32": "00000000"}), "damaged or edited: its checksum is"),
     ],
 )

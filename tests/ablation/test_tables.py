@@ -4,6 +4,7 @@ import csv
 import io
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -545,3 +546,26 @@ def test_other_tables_leave_shielded_rollouts_out_and_say_so(name: str) -> None:
     assert table.lines == plain.lines
     note = "12 shielded rollouts are in a table of their own, `shield`."
     assert note in table.notes and note not in plain.notes
+
+
+def test_what_cannot_be_compared_is_left_out_and_said() -> None:
+    """Disturbed seeds measure no expert, policies that are told the truth see nothing; both are named."""
+    seen = evaluation("lift_barrier", "separate_local", 150, 6, 4)
+    told = [
+        replace(row, observation="state") for row in evaluation("lift_barrier", "separate_local", 150, 10, 0)
+    ]
+    shown = [
+        replace(row, disturbance_rad=0.05) for row in evaluation("take_photo", "separate_local", 150, 1, 1)
+    ]
+    good = generation("lift_barrier", "full", 10, 0)
+    bad = [replace(row, disturbance_rad=0.05) for row in generation("lift_barrier", "full", 1, 9)]
+    tables = build(Results(generation=(*good, *bad), evaluation=(*seen, *told, *shown)), SUITE)
+    plain = build(Results(generation=tuple(good), evaluation=(*seen, *shown)), SUITE)
+    for name, table in tables.items():
+        assert table.lines == plain[name].lines, name
+        assert table.notes[-3:-1] == (
+            "10 seeds of disturbed demonstrations are left out: they do not measure the expert.",
+            "10 rollouts of policies that were told the true state are left out.",
+        )
+        learnt = "Learnt from demonstrations whose execution was disturbed (by 0.05 rad): "
+        assert table.notes[-1] == learnt + "take_photo/separate_local."

@@ -26,6 +26,20 @@ def block_position(seed: int, agents: int) -> NDArray[np.float64]:
     return np.random.default_rng([seed, 7]).uniform(-1, 1, (agents, 2))
 
 
+def block_poses(seed: int, agents: int) -> dict[str, NDArray[np.float32]]:
+    """Block -> (7,) position and quaternion."""
+    return {
+        f"block{k}": np.array([*block, 0.02, 1, 0, 0, 0], np.float32)
+        for k, block in enumerate(block_position(seed, agents), start=1)
+    }
+
+
+def scene_of(agents: int) -> dict[str, object]:
+    """What a store's identity says of the arms."""
+    robots = [{"x_m": 0.5 * k, "y_m": -0.3, "yaw_deg": 90.0 * k} for k in range(agents)]
+    return {"robots": robots}
+
+
 def goal(block: NDArray[np.float64]) -> NDArray[np.float64]:
     """(7,) rad: where an arm must go for a block at (2,)."""
     change = np.zeros(7)
@@ -54,7 +68,8 @@ def make_episode(seed: int, agents: int) -> Episode:
     frames["global"] = frames["agent1"]
     qpos = np.concatenate([path[:-1], fingers], axis=2).astype(np.float32)
     pictures = {camera: np.repeat(frame[None], STEPS, axis=0) for camera, frame in frames.items()}
-    return Episode("reach", seed, qpos, np.zeros_like(qpos), action.astype(np.float32), pictures)
+    poses = {name: np.tile(pose, (STEPS, 1)) for name, pose in block_poses(seed, agents).items()}
+    return Episode("reach", seed, qpos, np.zeros_like(qpos), action.astype(np.float32), pictures, poses=poses)
 
 
 @pytest.fixture(scope="session")
@@ -66,7 +81,9 @@ def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int],
         if (agents, episodes) not in made:
             path: Path = tmp_path_factory.mktemp("store") / "reach.zarr"
             cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
-            with Store.create(path, {"task": "reach"}, agents, cameras, HEIGHT, WIDTH) as store:
+            made_of = {"task": "reach", "scene": scene_of(agents)}
+            objects = tuple(block_poses(0, agents))
+            with Store.create(path, made_of, agents, cameras, HEIGHT, WIDTH, objects) as store:
                 for seed in range(episodes):
                     store.append(make_episode(seed, agents))
             made[agents, episodes] = Store.open(path)

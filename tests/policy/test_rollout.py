@@ -132,9 +132,9 @@ def test_the_history_is_that_of_training(make_actor) -> None:
     given, positions = [], []
     act = actor._policy.act
 
-    def spy(features, proprio, generators):
+    def spy(features, proprio, told, generators):
         given.append(proprio.clone())
-        return act(features, proprio, generators)
+        return act(features, proprio, told, generators)
 
     actor._policy.act = spy
     rollout(world, judge, [actor], 0, 8, on_step=lambda step: positions.append(step.scene.qpos))

@@ -6,7 +6,7 @@ positions of the path, not to moments, so that the disturbed motion is a traject
 the same schedule runs and the same checks judge.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,18 +23,27 @@ TOUCHING = ("press", "strike")  # primitives that end in contact
 
 
 def disturb(
-    trajectories: Sequence[Trajectory], strength_rad: float, rng: np.random.Generator
+    trajectories: Sequence[Trajectory],
+    strength_rad: float,
+    rng: np.random.Generator,
+    calm: Mapping[int, Collection[int]] | None = None,
 ) -> tuple[Trajectory, ...]:
     """The trajectories with bumps on all joints, of standard deviation `strength_rad` at their tops.
 
-    Ends of the trajectories, moments at which fingers open and close, and contacts stay as they are.
+    Ends of the trajectories, moments at which fingers open and close, and contacts stay as they are, and so
+    do the path positions that `calm` names for an agent; around all of these bumps are smaller.
     """
-    return tuple(_disturbed(trajectory, strength_rad, rng) for trajectory in trajectories)
+    return tuple(
+        _disturbed(trajectory, strength_rad, rng, (calm or {}).get(trajectory.agent, ()))
+        for trajectory in trajectories
+    )
 
 
-def _disturbed(trajectory: Trajectory, strength_rad: float, rng: np.random.Generator) -> Trajectory:
-    steps = len(trajectory)
-    offsets = strength_rad * _bumps(steps, rng) * _share(trajectory)[:, None]  # (P, 7), positions from 1 on
+def _disturbed(
+    trajectory: Trajectory, strength_rad: float, rng: np.random.Generator, calm: Collection[int]
+) -> Trajectory:
+    share = _share(trajectory, calm)
+    offsets = strength_rad * _bumps(len(trajectory), rng) * share[:, None]  # (P, 7), positions from 1 on
     low, high = limits_rad()
     segments: list[Segment] = []
     for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
@@ -56,10 +65,11 @@ def _bumps(steps: int, rng: np.random.Generator) -> NDArray[np.float64]:
     return found
 
 
-def _share(trajectory: Trajectory) -> NDArray[np.float64]:
+def _share(trajectory: Trajectory, calm_at: Collection[int]) -> NDArray[np.float64]:
     """(P,) which part of the strength each position of a path gets."""
     steps = len(trajectory)
     part, calm = np.ones(steps), np.zeros(steps, dtype=bool)
+    calm[[position - 1 for position in calm_at if position > 0]] = True
     for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
         span = slice(end - len(segment), end)
         if segment.joined is not None:

@@ -1,0 +1,163 @@
+"""Disturbed demonstrations: the plan is learned, what was done is stored, and nothing is knocked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
+from rf_exp.datagen.episode import EpisodeMaker, Settings
+from rf_exp.datagen.knocks import KNOCKED_M, Knocks
+from rf_exp.datagen.motion import disturb
+from rf_exp.datagen.subgoals import IDLE, Subgoals
+from rf_exp.errors import ArgumentError
+from rf_exp.robots.panda import limits_rad
+from rf_exp.sim.pool import simulator
+from rf_exp.tasks.base import REST_QPOS
+from rf_exp.types import ARM_JOINTS, Episode, Pictures, Row, Schedule, Segment, Subgoal, Trajectory
+from tests.conftest import TASKS, read_task
+
+STRENGTH_RAD = 0.05
+FULL = Row("full")
+
+
+def make(task_name: str, seed: int, strength_rad: float = STRENGTH_RAD):
+    task = read_task(task_name)
+    settings = Settings(task, FULL, ScriptedSpec(), disturbance_rad=strength_rad)
+    return EpisodeMaker(settings, simulator(task, Pictures(render=False)), ScriptedBrain()).make(seed)
+
+
+@pytest.fixture(scope="module", params=sorted(TASKS))
+def episode(request) -> Episode:
+    """The first disturbed episode of each task that is not refused."""
+    for seed in range(6):
+        outcome = make(request.param, seed)
+        if outcome.episode is not None:
+            return outcome.episode
+    raise AssertionError(f"no disturbed episode of {request.param} in 6 seeds")
+
+
+def test_the_plan_is_learned_and_something_else_was_done(episode: Episode) -> None:
+    assert episode.executed is not None
+    off_rad = np.abs(episode.executed - episode.action)[..., :ARM_JOINTS]
+    assert 0 < off_rad.max() < 5 * STRENGTH_RAD
+    np.testing.assert_array_equal(episode.executed[..., ARM_JOINTS], episode.action[..., ARM_JOINTS])
+    # Where fingers are sent, the arm is where it should be.
+    changes = np.argwhere(np.diff(episode.action[..., ARM_JOINTS], axis=0))
+    assert len(changes) and max(off_rad[step + 1, agent].max() for step, agent in changes) < 1e-6
+    low, high = limits_rad()
+    arms = episode.executed[..., :ARM_JOINTS]
+    assert (arms >= low.astype(np.float32)).all() and (arms <= high.astype(np.float32)).all()
+
+
+def test_what_was_done_gives_the_episode_again(episode: Episode) -> None:
+    """And what was intended, alone, does not: the difference matters."""
+    world = simulator(read_task(episode.task), Pictures(render=False))
+    assert episode.executed is not None
+    for commands, same in ((episode.executed, True), (episode.action, False)):
+        scene, found = world.reset(episode.seed), []
+        for command in commands.astype(float):
+            found.append(scene.qpos.astype(np.float32))
+            scene = world.step(command)
+        assert np.array_equal(np.stack(found), episode.qpos) == same
+
+
+def test_every_step_has_its_subgoal_and_every_object_its_pose(episode: Episode) -> None:
+    texts: list[list[str]] = episode.certificate["subgoals"]  # pyright: ignore[reportAssignmentType]
+    assert episode.subgoal is not None and episode.subgoal.shape == episode.action.shape[:2]
+    for column, own in zip(episode.subgoal.T, texts, strict=True):
+        assert column.min() >= 0 and column.max() < len(own)
+        assert (np.diff(column) >= 0).all() and (np.diff(column) <= 1).all()
+    assert set(episode.poses) == set(read_task(episode.task).objects)
+    for values in episode.poses.values():
+        assert values.shape == (len(episode.action), 7)
+        np.testing.assert_allclose(np.linalg.norm(values[:, 3:], axis=1), 1.0, atol=1e-5)
+
+
+def test_the_same_seed_is_disturbed_alike() -> None:
+    first, again = (make("stack_cube", 1).episode for _ in range(2))
+    assert first is not None and again is not None and first.executed is not None
+    np.testing.assert_array_equal(first.executed, again.executed)
+
+
+def test_without_disturbance_nothing_differs() -> None:
+    episode = make("stack_cube", 0, 0.0).episode
+    assert episode is not None and episode.executed is None
+
+
+def test_a_strength_beyond_sense_is_refused() -> None:
+    with pytest.raises(ArgumentError, match=r"disturbance_rad is 0.5; expected 0 to 0.2 rad"):
+        Settings(read_task("stack_cube"), FULL, ScriptedSpec(), disturbance_rad=0.5)
+
+
+# the parts
+
+GRASP, LIFT = Subgoal(1, "grasp", "cube", "top"), Subgoal(1, "lift", "cube", height_m=0.1)
+
+
+def segment(subgoal: Subgoal, primitive: str, steps: int, **more: object) -> Segment:
+    return Segment(1, subgoal, primitive, np.tile(REST_QPOS, (steps, 1)), np.ones(steps), **more)  # pyright: ignore
+
+
+TWO_GOALS = Trajectory(
+    1,
+    np.array(REST_QPOS),
+    1.0,
+    (
+        segment(GRASP, "approach", 30, touches=frozenset({"cube"})),
+        segment(GRASP, "close", 8, touches=frozenset({"cube"})),
+        segment(LIFT, "lift", 30, carries="cube", touches=frozenset({"cube"})),
+    ),
+)
+RESTING = Trajectory(2, np.zeros(7), 1.0, ())
+
+
+def test_bumps_fade_where_fingers_move_and_are_smaller_with_a_load() -> None:
+    offs = []
+    for seed in range(200):
+        moved = disturb((TWO_GOALS,), 1e-3, np.random.default_rng(seed))[0].path()[:, :7] - REST_QPOS
+        assert not moved[0].any() and not moved[-1].any()
+        assert not moved[31 - 4 : 39 + 4].any()  # round the closing, positions 31 to 38
+        offs.append(moved)
+    spread = np.std(offs, axis=(0, 2))
+    assert spread[10] > 3 * spread[24] > 0
+    kept = disturb((TWO_GOALS,), 1e-3, np.random.default_rng(0), {1: [15]})[0].path()[:, :7] - REST_QPOS
+    assert not kept[15 - 4 : 15 + 5].any() and kept[1:30].any()
+    assert 0.1 < spread[39:69].max() / spread[:30].max() < 0.55
+
+
+def test_who_waits_is_about_what_comes_next() -> None:
+    positions = np.concatenate([np.arange(39), np.full(5, 38), np.arange(39, 69)])
+    schedule = Schedule(np.stack([positions, np.zeros_like(positions)], axis=1), 0)
+    subgoals = Subgoals(2)
+    doing = subgoals.of_plan((TWO_GOALS, RESTING), schedule)
+    assert (doing[:39, 0] == 0).all() and (doing[39:, 0] == 1).all() and not doing[:, 1].any()
+    assert subgoals.texts == [[GRASP.text, LIFT.text], [IDLE]]
+    again = subgoals.of_plan((TWO_GOALS, RESTING), schedule)  # of the next proposal
+    assert again[0, 0] == 2 and again[-1, 0] == 3 and not again[:, 1].any()
+
+
+def test_only_what_nobody_handles_can_be_knocked() -> None:
+    world = simulator(read_task("stack_cube"), Pictures(render=False))
+    start = world.reset(0)
+    blue = next(name for name in start.poses)
+    path = Trajectory(
+        1,
+        np.zeros(7),
+        1.0,
+        (
+            segment(GRASP, "approach", 3, touches=frozenset({blue})),
+            segment(GRASP, "close", 3, touches=frozenset({blue})),
+        ),
+    )
+    schedule = Schedule(np.arange(7)[:, None], 6)
+
+    def moved(step: int, by_m: float):
+        pose = start.poses[blue].copy()
+        pose[0, 3] += by_m
+        return replace(start, step=step, poses={**start.poses, blue: pose})
+
+    watch = Knocks((path,), schedule, start)
+    assert watch.knocked(moved(1, KNOCKED_M / 2)) == ""
+    assert watch.knocked(moved(2, 2 * KNOCKED_M)) == f"a disturbed arm has moved {blue} by 10 mm"
+    assert watch.knocked(moved(5, 4 * KNOCKED_M)) == ""  # the fingers close on it

@@ -1,0 +1,155 @@
+"""Context: the same vector from a store and in a rollout, memory of the grippers, moments left out."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.dataset import Windows, moving
+from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.observation import RECENT_STEPS, Memory, Senses, context, remembered, senses_of
+from rf_exp.policy.rollout import Actor
+from rf_exp.policy.saved import load_policy
+from rf_exp.policy.train import train
+from rf_exp.policy.views import Stream, View, views
+from rf_exp.store import Store
+from rf_exp.transforms import from_quaternion, planar, quaternion
+from rf_exp.types import Episode, Scene
+from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode
+
+CPU = torch.device("cpu")
+LOCAL = View("agent1", (Stream("agent1", (1,)),))
+
+
+@pytest.fixture
+def told(policy_config: PolicyConfig) -> PolicyConfig:
+    """A policy of the laboratory."""
+    return replace(policy_config, observation="state", context=True, observation_steps=1)
+
+
+@given(
+    commands=st.lists(st.lists(st.sampled_from([1.0, -1.0, 0.3, -0.2]), min_size=2, max_size=2), min_size=1)
+)
+def test_memory_counts_changes_and_steps(commands: list[list[float]]) -> None:
+    found = remembered(np.array(commands))
+    for agent in range(2):
+        opened, changes, since = True, 0, RECENT_STEPS
+        for row, command in zip(found, commands, strict=True):
+            assert row[agent, :-1].argmax() == min(changes, 6) and row[agent, :-1].sum() == 1
+            assert row[agent, -1] == pytest.approx(since / RECENT_STEPS)
+            changed = (command[agent] > 0) != opened
+            opened, changes, since = (
+                command[agent] > 0,
+                changes + changed,
+                0 if changed else min(since + 1, RECENT_STEPS),
+            )
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+@pytest.mark.parametrize("agents", [1, 2, 3])
+def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents) -> None:
+    """The context of a frame of a store is that of the scene it was taken of, and has the size it says."""
+    store = make_store(agents, 3)
+    frame = STEPS + 9  # of episode 1
+    for view in views(arch, agents):
+        windows, senses = Windows(store, view, told, CPU), senses_of(told, store)
+        assert windows.context.shape == (len(view.streams) * store.steps, senses.size(view))
+        poses = {
+            name: values[0]
+            for name, values in ((n, from_quaternion(p[frame : frame + 1])) for n, p in store.poses.items())
+        }
+        memory = Memory(agents)
+        for command in store.action[STEPS:frame, :, 7]:
+            memory.told(dict(enumerate(command, start=1)))
+        for row in range(len(view.streams)):
+            now = context(senses, view, row, store.qpos[frame].astype(float), poses, memory.vector)
+            learned = windows.context[row * store.steps + frame].numpy()
+            np.testing.assert_allclose(now, learned, atol=1e-5)
+
+
+def test_context_is_seen_from_the_own_base() -> None:
+    """Arm and object moved together over the table: the agent is told the same."""
+    qpos = np.zeros((1, 9))
+    found = []
+    for base in ((0.0, 0.0, 0.0), (0.4, -0.2, 1.1)):
+        senses = Senses((base,), ("block",))
+        poses = {"block": planar(*base) @ planar(0.5, 0.1, 0.3, 0.02)}
+        found.append(context(senses, LOCAL, 0, qpos, poses, Memory(1).vector))
+    np.testing.assert_allclose(*found, atol=1e-6)
+
+
+def test_poses_survive_as_quaternions() -> None:
+    pose = planar(0.3, -0.1, 2.0, 0.4)
+    np.testing.assert_allclose(from_quaternion(np.append(pose[:3, 3], quaternion(pose))), pose, atol=1e-12)
+
+
+def test_still_moments_are_left_out(make_store, told) -> None:
+    """In the toy world nobody moves at first and at the end; what the fingers do counts as motion."""
+    store = make_store(2, 3)
+    kept = moving(store).reshape(3, STEPS)
+    assert not kept[:, :STILL].any() and kept[:, STILL:-8].all() and kept[:, -1].all()
+    windows = Windows(store, LOCAL, replace(told, drop_idle=True), CPU)
+    assert len(windows) == kept.sum()
+    np.testing.assert_array_equal(windows.action.numpy(), store.action[kept.ravel(), 0])
+
+
+def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
+    episode = replace(make_episode(0, 1), poses={}, pictures={})
+    for name, made_of, expected in (
+        ("bare", {"task": "reach"}, "where its arms stand"),
+        (
+            "scene",
+            {"task": "reach", "scene": {"robots": [{"x_m": 0, "y_m": 0, "yaw_deg": 0}]}},
+            "poses of the",
+        ),
+    ):
+        with Store.create(tmp_path / f"{name}.zarr", made_of, 1, (), 0, 0) as store:
+            store.append(episode)
+            with pytest.raises(ArgumentError, match=expected):
+                Windows(store, LOCAL, told, CPU)
+
+
+def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
+    """Without one picture, with a draft learned first; saved and loaded, it goes where the block says."""
+    config = replace(told, draft=(64,), dropout=0.1, loss="l1", relative_actions=True, binary_grippers=True)
+    recipe = TrainConfig.compact(steps=60, draft_steps=500, batch_size=32, noise_draws=1, device="cpu")
+    train(make_store(1, 40), LOCAL, config, recipe, tmp_path / "agent1")
+    policy, view, senses = load_policy(tmp_path / "agent1", "cpu")
+    actor = Actor(policy, view, senses)
+    assert not actor.looks  # no picture is ever drawn for it
+    errors = []
+    for seed in range(100, 110):  # never seen
+        episode = make_episode(seed, 1)
+        at = STEPS - 8  # it has arrived before the chunk ends
+        scene = _scene(episode, at)
+        actor.reset(seed)
+        actor(scene, {})
+        chunk = actor.predicted[1]
+        assert set(np.unique(chunk[:, 7])) <= {-1.0, 1.0}
+        errors.append(np.abs(chunk[-1, :7] - episode.action[at + len(chunk) - 1, 0, :7]).max())
+    assert np.median(errors) < 0.05
+
+
+def test_a_draft_needs_clean_actions_as_predictions(told) -> None:
+    with pytest.raises(ArgumentError, match="prediction is 'epsilon'; expected sample"):
+        replace(told, draft=(8,), prediction="epsilon")
+    with pytest.raises(ArgumentError, match="context is False; expected true"):
+        replace(told, context=False)
+
+
+def test_without_a_draft_nothing_has_changed(policy_config) -> None:
+    """The paper's network has no part that it did not have."""
+    names = {name.split(".")[0] for name, _ in DiffusionPolicy(policy_config, 8, 8).named_parameters()}
+    assert names == {"encoder", "unet"}
+
+
+def _scene(episode: Episode, step: int) -> Scene:
+    poses: Any = {name: from_quaternion(values[step]) for name, values in episode.poses.items()}
+    qpos = episode.qpos[step].astype(float)
+    return Scene(step, qpos, np.zeros_like(qpos), poses, {}, (None,) * len(qpos))
