@@ -33,6 +33,8 @@ class Actor:
     those are taken that an observation will hold.
     """
 
+    _memory: Memory | None = None  # of the grippers, once it knows how many there are
+
     def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
         self.view, self._policy, self._config = view, policy.eval(), policy.config
         self._senses = senses or Senses()
@@ -46,7 +48,7 @@ class Actor:
         self._features: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, F)
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
-        self._memory: Memory | None = None
+        self._memory = None
         self._targets = Targets(np.tile(self._fastest, len(self.view.streams)))
         self._kept = False  # whether an agent was kept from its target in the last step
         # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing

@@ -21,7 +21,7 @@ from rf_exp.store import Store
 from rf_exp.tasks import Judge
 from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.ablation.conftest import generation
-from tests.policy.conftest import HEIGHT, WIDTH, make_episode
+from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
 from tests.scenes import start_scene
 from tests.test_configuration import experiment
 from tests.test_viz import Content
@@ -41,7 +41,8 @@ def trained(tmp_path_factory) -> Experiment:
     small = replace(experiment(*SMALL, "recordings=0", "films=0"), out=tmp_path_factory.mktemp("out"))
     (task,), (row,), (arch,) = small.tasks, small.rows, small.archs
     data = data_path(small, task, row)
-    with Store.create(data, {"task": "reach"}, 2, ("global", "agent1", "agent2"), HEIGHT, WIDTH) as store:
+    cameras, objects = ("global", "agent1", "agent2"), tuple(block_poses(0, 2))
+    with Store.create(data, {"task": "reach"}, 2, cameras, HEIGHT, WIDTH, objects) as store:
         store.append(make_episode(0, 2))
     for made in generation(task.name, row.name, 1, 0, steps=STEPS // 2, version=task.version):
         rows.append(generation_path(small, task, row), made)
