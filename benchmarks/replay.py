@@ -26,7 +26,7 @@ from rf_exp.sim.pool import simulator
 from rf_exp.store import Store
 from rf_exp.tasks import Judge, Task
 from rf_exp.tasks.configuration import CONFIGURED, stored_task
-from rf_exp.types import Episode, Pictures
+from rf_exp.types import Pictures
 
 
 class Played(NamedTuple):
@@ -73,7 +73,7 @@ def main() -> None:
         with Store.open(path) as store:
             task = stored_task(store.identity, given.tasks)
             episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
-        jobs = (partial(replay, task, each.seed, each.qpos, _executed(each)) for each in episodes)
+        jobs = (partial(replay, task, each.seed, each.qpos, each.commanded) for each in episodes)
         results = list(in_order(jobs, given.workers))
         total += results
         print(f"{path}: {_said(results)}", flush=True)
@@ -81,11 +81,6 @@ def main() -> None:
     counts = {name: sum(each) for name, each in _columns(total).items()}
     result = {"episodes": len(total), **counts, "depth_mm": deepest}
     print(json.dumps({"benchmark": "replay", **result}))
-
-
-def _executed(episode: Episode) -> NDArray[np.float32]:
-    """(T, N, 8) what the arms were told, which a disturbed demonstration keeps beside what was intended."""
-    return episode.action if episode.executed is None else episode.executed
 
 
 def _columns(played: list[Played]) -> dict[str, list[bool]]:

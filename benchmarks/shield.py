@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import PolicyMonitor
-from rf_exp.policy.rollout import Actor, rollout
+from rf_exp.policy.rollout import Performer, rollout
 from rf_exp.policy.shield import Decision, Shield
-from rf_exp.policy.targets import Targets
 from rf_exp.policy.views import Stream, View
 from rf_exp.processes import Overdue, in_order
 from rf_exp.sim.pool import simulator
@@ -38,28 +37,20 @@ FASTEST_RAD = 0.05  # a control step; demonstrations are slower
 SLOWER = 2  # times as long as the demonstration, a rollout may take
 
 
-class Player(Actor):
+class Player(Performer):
     """One agent that plays commands (T, 8) back, chunk by chunk, and stands still before and behind them."""
 
     def __init__(self, agent: int, commands: NDArray[np.float64], chunk: int, late: int) -> None:
-        self.view = View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),))
         self._commands, self._chunk, self._late = commands, chunk, late
-        self.reset(0)
-
-    @property
-    def looks(self) -> bool:
-        return False
+        super().__init__(View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),)), np.array([FASTEST_RAD]))
 
     def reset(self, seed: int) -> None:
-        self._targets = Targets(np.array([FASTEST_RAD]))
-        self._done, self.predicted = -self._late, {}
+        super().reset(seed)
+        self._done = -self._late
 
-    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
-        row = self.view.agents[0] - 1
-        self._targets.start(scene.qpos[[row]])
-        if not self._targets:
-            at = np.clip(self._done + np.arange(self._chunk), 0, len(self._commands) - 1)
-            self._targets.put(self._commands[at][:, None])
+    def predict(self, scene: Scene) -> NDArray[np.float64]:
+        at = np.clip(self._done + np.arange(self._chunk), 0, len(self._commands) - 1)
+        return self._commands[at][:, None]
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
         if decision is None or self.view.agents[0] not in decision.withheld:
@@ -88,7 +79,7 @@ def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, lis
     """Without and with a shield, and how long the shield took at each control step."""
     rng = np.random.default_rng([episode.seed, late])
     delays = rng.integers(0, late + 1, len(task.agents)).tolist()
-    commands = (episode.action if episode.executed is None else episode.executed).astype(float)
+    commands = episode.commanded.astype(float)
     times_s: list[float] = []
     found: Both = {}
     for shielded in (False, True):

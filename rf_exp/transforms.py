@@ -41,8 +41,8 @@ def from_axes(position_m: ArrayLike, *, z: ArrayLike, y: ArrayLike) -> Matrix:
 
 
 def quaternion(matrix: Matrix) -> NDArray[np.float64]:
-    """The unit quaternion (w, x, y, z) of the rotation part of (4, 4)."""
-    return Rotation.from_matrix(matrix[:3, :3]).as_quat(scalar_first=True)
+    """The unit quaternion (w, x, y, z) of the rotation part of (4, 4), or one each of (T, 4, 4)."""
+    return Rotation.from_matrix(matrix[..., :3, :3]).as_quat(scalar_first=True)
 
 
 def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -263,6 +263,11 @@ class Episode:
     # object -> (T, 7) position in m and quaternion w, x, y, z, world frame
     subgoal: NDArray[np.int16] | None = None  # (T, N) each agent's, an index of certificate["subgoals"]
 
+    @property
+    def commanded(self) -> NDArray[np.float32]:
+        """(T, N, 8) what the arms were told: played again from the seed, it gives this episode again."""
+        return self.action if self.executed is None else self.executed
+
 
 @dataclass(frozen=True)
 class RolloutStep:

@@ -321,7 +321,8 @@ class EpisodeMaker:
             for each in (plan.trajectories, plan.executed)
         )
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
-        watch = Knocks(plan.executed, plan.schedule, scene) if self._settings.disturbance_rad else None
+        checked = self._checker.plan
+        watch = Knocks(checked) if checked is not None and self._settings.disturbance_rad else None
         for now in range(1, len(commands)):
             self._doing = doing[now]
             scene = self._step(scene, intended[now], commands[now])
@@ -400,16 +401,17 @@ class EpisodeMaker:
             certificate,
             np.stack(executed).astype(np.float32) if self._settings.disturbance_rad else None,
             {
-                name: np.stack([_pose(scene.poses[name]) for scene in scenes])
+                name: _poses(np.stack([scene.poses[name] for scene in scenes]))
                 for name in self._settings.task.objects
             },
             np.stack(subgoals),
         )
 
 
-def _pose(world_from_object: Matrix) -> NDArray[np.float32]:
-    """(7,) position in m and quaternion w, x, y, z."""
-    return np.concatenate([world_from_object[:3, 3], quaternion(world_from_object)]).astype(np.float32)
+def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
+    """(T, 4, 4) -> (T, 7) position in m and quaternion w, x, y, z."""
+    parts = [world_from_object[:, :3, 3], quaternion(world_from_object)]
+    return np.concatenate(parts, axis=1).astype(np.float32)
 
 
 class _Way(NamedTuple):

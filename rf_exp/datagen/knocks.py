@@ -1,11 +1,10 @@
 """Whether a disturbed arm has knocked something: a thing moves that nobody is moving."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.types import Scene, Schedule, Trajectory
+from rf_exp.constraints.evidence import Plan
+from rf_exp.types import Scene
 
 KNOCKED_M = 0.005
 
@@ -13,9 +12,10 @@ KNOCKED_M = 0.005
 class Knocks:
     """Watches the things of a plan that are not being handled: they stay where they are."""
 
-    def __init__(self, trajectories: Sequence[Trajectory], schedule: Schedule, scene: Scene) -> None:
-        self._trajectories, self._schedule, self._begins = trajectories, schedule, scene.step
-        self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in scene.poses.items()}
+    def __init__(self, plan: Plan) -> None:
+        """`plan` is what is executed."""
+        self._plan = plan
+        self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in plan.scene.poses.items()}
 
     def knocked(self, scene: Scene) -> str:
         """What has been knocked by now, in words; empty for nothing."""
@@ -31,12 +31,9 @@ class Knocks:
     def _handled(self, scene: Scene) -> set[str]:
         """What is held or touched on purpose. An arm that only comes close to a thing must not move it."""
         found = {name for name in scene.held if name is not None}
-        now = min(scene.step - self._begins, len(self._schedule))
-        for trajectory in self._trajectories:
-            position = int(self._schedule.positions[now, trajectory.agent - 1])
-            for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-                if position <= end:
-                    if position > 0 and segment.primitive != "approach":
-                        found |= segment.touches
-                    break
+        for agent in self._plan.task.agents:
+            position = self._plan.position_now(agent, scene)
+            segment = self._plan.segment_at(agent, position) if position > 0 else None
+            if segment is not None and segment.primitive != "approach":
+                found |= segment.touches
         return found

@@ -62,8 +62,10 @@ class Windows:
         self._config, self._device = config, device
         if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
-        kept = moving(store) if config.drop_idle else np.ones(store.steps, dtype=bool)
-        ends = np.cumsum(kept)[store.episode_ends - 1]
+        kept, ends = slice(None), store.episode_ends  # a slice copies no pictures
+        if config.drop_idle:
+            kept = moving(store)
+            ends = np.cumsum(kept)[ends - 1]
         lengths = np.diff(ends, prepend=0)
         starts = ends - lengths
         offsets = np.arange(len(view.streams))[:, None] * ends[-1]
@@ -77,9 +79,10 @@ class Windows:
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])
         self.action = self._stack([action[:, agents].reshape(len(action), -1) for agents in columns])
-        memory = np.concatenate(
-            [remembered(each) for each in _by_episode(store, store.action[..., ARM_JOINTS])]
-        )
+        memory = np.zeros((store.steps, store.agents, 0), np.float32)
+        if senses.bases:
+            grippers = _by_episode(store, store.action[..., ARM_JOINTS])
+            memory = np.concatenate([remembered(each) for each in grippers])
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
             [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]

@@ -26,33 +26,90 @@ from rf_exp.policy.views import ACTION_SIZE, View
 from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Verdict, Violation, World
 
 
-class Actor:
+class Performer:
+    """Some agents that are given their targets in chunks, and what is common to all who predict them."""
+
+    def __init__(self, view: View, fastest_rad: NDArray[np.float64]) -> None:
+        """`fastest_rad` (agents of the view,): the largest change of a joint in a control step."""
+        self.view, self._fastest_rad = view, fastest_rad
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Forget the last episode."""
+        self._targets = Targets(self._fastest_rad)
+        self._kept = False  # whether an agent was kept from its target in the last step
+        # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
+        self.predicted: dict[int, NDArray[np.float64]] = {}
+
+    @property
+    def looks(self) -> bool:
+        """Whether the present pictures are part of the observation of the next prediction."""
+        return False
+
+    def observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        """Take in the present moment, at every control step and before a prediction."""
+
+    def predict(self, scene: Scene) -> NDArray[np.float64]:
+        """Targets (T, agents of the view, 8) from this control step on."""
+        raise NotImplementedError
+
+    def __call__(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.float64]:
+        """Commands (agents of the view, 8) for this control step; `pictures` matter when it looks."""
+        self.think(scene, pictures)
+        return self.act()
+
+    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        """Look, and predict where an agent has nothing left to do: then for all agents of the view."""
+        self.predicted = {}
+        self._targets.start(scene.qpos[np.array(self.view.agents) - 1])
+        self.observe(scene, pictures)
+        if not self._targets:
+            chunk = self.predict(scene)
+            self._targets.put(chunk)
+            self.predicted = {agent: chunk[:, row] for row, agent in enumerate(self.view.agents)}
+
+    def ahead(self) -> dict[int, NDArray[np.float64]]:
+        """Agent -> (T, 8) commands from this control step on, if nobody keeps it from them."""
+        return dict(zip(self.view.agents, self._targets.ahead(), strict=True))
+
+    def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
+        """Commands (agents of the view, 8) for this control step: its own, or what was decided."""
+        agents = self.view.agents
+        if decision is None:
+            commands: NDArray[np.float64] = np.concatenate(self._targets.ahead(1))
+            self._targets.given(commands)
+            return commands
+        commands = decision.commands[np.array(agents) - 1]
+        kept = [row for row, agent in enumerate(agents) if agent in decision.withheld]
+        self._targets.given(commands, kept)
+        self._kept = bool(kept)
+        for row, agent in enumerate(agents):
+            if agent in decision.anew:
+                self._targets.forget(row)
+        return commands
+
+
+class Actor(Performer):
     """One policy acting through all streams of its view, batched: each stream is a row.
 
     Keeps the last observations already encoded, so every picture is encoded at most once, and only
     those are taken that an observation will hold.
     """
 
-    _memory: Memory | None = None  # of the grippers, once it knows how many there are
-
     def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
-        self.view, self._policy, self._config = view, policy.eval(), policy.config
-        self._senses = senses or Senses()
-        fastest = policy.normaliser.fastest.cpu().double().numpy().reshape(-1, ACTION_SIZE)
-        self._fastest = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
+        self._policy, self._config, self._senses = policy.eval(), policy.config, senses or Senses()
         self._device = policy.normaliser.fastest.device
-        self.reset(0)
+        fastest = policy.normaliser.fastest.cpu().double().numpy().reshape(-1, ACTION_SIZE)
+        of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
+        super().__init__(view, np.tile(of_stream, len(view.streams)))
 
     def reset(self, seed: int) -> None:
         """Forget the last episode. All noise of the next comes from its seed and the agents."""
+        super().reset(seed)
         self._features: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, F)
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
-        self._memory = None
-        self._targets = Targets(np.tile(self._fastest, len(self.view.streams)))
-        self._kept = False  # whether an agent was kept from its target in the last step
-        # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
-        self.predicted: dict[int, NDArray[np.float64]] = {}
+        self._memory: Memory | None = None  # of the grippers, once it knows how many there are
         self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
 
     @property
@@ -65,52 +122,26 @@ class Actor:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
         return not self._features or self._kept or len(self._targets) < self._config.observation_steps
 
-    def __call__(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> NDArray[np.float64]:
-        """Commands (agents of the view, 8) for this control step; `pictures` matter when it looks."""
-        self.think(scene, pictures)
-        return self.act()
-
-    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
-        """Look, and predict where an agent has nothing left to do: then for all agents of the view."""
-        self.predicted = {}
-        self._targets.start(scene.qpos[np.array(self.view.agents) - 1])
-        if self._memory is None:
-            self._memory = Memory(len(scene.qpos))
-        if self._observes:
-            self._observe(scene, pictures, self._memory)
-        if not self._targets:
-            self._predict()
-
-    def ahead(self) -> dict[int, NDArray[np.float64]]:
-        """Agent -> (T, 8) commands from this control step on, if nobody keeps it from them."""
-        return dict(zip(self.view.agents, self._targets.ahead(), strict=True))
-
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
-        """Commands (agents of the view, 8) for this control step: its own, or what was decided."""
-        agents = self.view.agents
-        if decision is None:
-            commands: NDArray[np.float64] = np.concatenate(self._targets.ahead(1))
-            self._targets.given(commands)
-        else:
-            commands = decision.commands[np.array(agents) - 1]
-            kept = [row for row, agent in enumerate(agents) if agent in decision.withheld]
-            self._targets.given(commands, kept)
-            self._kept = bool(kept)
-            for row, agent in enumerate(agents):
-                if agent in decision.anew:
-                    self._targets.forget(row)
+        """Commands (agents of the view, 8), as `Performer` gives them; remembers those of the grippers."""
+        commands = super().act(decision)
         if self._memory is not None:
-            self._memory.told(dict(zip(agents, commands[:, ARM_JOINTS], strict=True)))
+            self._memory.told(dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True)))
         return commands
 
     @torch.inference_mode()
-    def _observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]], memory: Memory) -> None:
-        streams = self.view.streams
+    def observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        """Keep what belongs to the next prediction."""
+        if self._memory is None:
+            self._memory = Memory(len(scene.qpos))
+        if not self._observes:
+            return
+        streams, memory = self.view.streams, self._memory.vector
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
         told = np.stack(
             [
-                context(self._senses, self.view, row, scene.qpos, scene.poses, memory.vector)
+                context(self._senses, self.view, row, scene.qpos, scene.poses, memory)
                 for row in range(len(streams))
             ]
         )
@@ -124,16 +155,15 @@ class Actor:
             self._proprio.append(proprio)
             self._context.append(torch.from_numpy(told).to(self._device))
 
-    def _predict(self) -> None:
+    def predict(self, scene: Scene) -> NDArray[np.float64]:
+        """Sampled from what was observed."""
         features, proprio, told = (
             torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
         )
         actions = self._policy.act(features, proprio, told, self._generators).cpu().double().numpy()
         now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
         chunk = actions[:, now : now + self._config.action_steps]
-        chunk = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
-        self._targets.put(chunk)
-        self.predicted = {agent: chunk[:, row] for row, agent in enumerate(self.view.agents)}
+        return chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
 
     def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
         if camera not in pictures:
@@ -159,7 +189,7 @@ def load_actors(folder: Path, device: str = "auto") -> tuple[Actor, ...]:
 def rollout(
     world: World,
     judge: Callable[[Scene], Verdict],
-    actors: Sequence[Actor],
+    actors: Sequence[Performer],
     seed: int,
     step_limit: int,
     monitor: Callable[[Scene], Violation | None] | None = None,

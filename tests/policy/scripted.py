@@ -1,12 +1,11 @@
 """Policies that are told what to do, and arms that follow their commands as the real ones do."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.rollout import Actor
-from rf_exp.policy.targets import Targets
+from rf_exp.policy.rollout import Performer
 from rf_exp.policy.views import Stream, View
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
@@ -18,30 +17,20 @@ FOLLOWS = 1 - np.exp(-0.5)  # part of the way to its command that an arm goes in
 Predict = Callable[[int, Scene], NDArray[np.float64]]  # number of the prediction, scene -> (T, 8) targets
 
 
-class Scripted(Actor):
+class Scripted(Performer):
     """One agent that predicts what a function says."""
 
     def __init__(self, agent: int, predict: Predict) -> None:
-        self.view = View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),))
         self._says = predict
-        self.reset(0)
-
-    @property
-    def looks(self) -> bool:
-        return False
+        super().__init__(View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),)), np.array([FASTEST_RAD]))
 
     def reset(self, seed: int) -> None:
-        self._targets = Targets(np.array([FASTEST_RAD]))
+        super().reset(seed)
         self.predictions = 0
 
-    def think(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
-        self.predicted = {}
-        self._targets.start(scene.qpos[[self.view.agents[0] - 1]])
-        if not self._targets:
-            chunk = self._says(self.predictions, scene)
-            self._targets.put(chunk[:, None])
-            self.predicted = {self.view.agents[0]: chunk}
-            self.predictions += 1
+    def predict(self, scene: Scene) -> NDArray[np.float64]:
+        self.predictions += 1
+        return self._says(self.predictions - 1, scene)[:, None]
 
 
 class Puppets:
