@@ -33,6 +33,7 @@ class Experiment:
     brain: BrainSpec
     stages: tuple[str, ...]
     out: Path
+    recipe: str
     name: str
     seed: int
     episodes: int | None
@@ -55,6 +56,7 @@ class Experiment:
 
     def __post_init__(self) -> None:
         check_file_name("name", self.name)
+        check_file_name("recipe", self.recipe)
         for kind, chosen in (("task", self.tasks), ("constraints", self.rows), ("arch", self.archs)):
             for each in chosen:
                 check_file_name(kind, each.name)
@@ -156,7 +158,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
             "out": Path(node["out"]),
-            "pictures": {**picture, "render": node["render"]},
+            "pictures": {**picture, "render": node["render"], "cameras": node["cameras"]},
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
         }
         experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))

@@ -4,14 +4,14 @@ Agents are numbered from 1 as in the paper (Agent_1); arrays over agents have ag
 k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control steps at 20 Hz.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, choices
 from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
@@ -26,6 +26,7 @@ Kind = Literal["logical", "temporal", "spatial"]
 # What a violation is about: arms that hit each other; room for an arm; order and time; what an arm can reach;
 # where and how it takes hold; what it holds; whether it follows its path; the answer itself.
 Cause = Literal["contact", "space", "time", "reach", "interaction", "grip", "tracking", "answer"]
+CameraChoice = Literal["all", "global", "local"]
 Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
 
 
@@ -55,13 +56,23 @@ class Pictures:
     width: int = 320
     height: int = 240
     render: bool = True
+    cameras: CameraChoice = "all"  # those whose pictures demonstrations hold: local is those of the agents
 
     def __post_init__(self) -> None:
+        if self.cameras not in get_args(CameraChoice):
+            raise choices("cameras", self.cameras, get_args(CameraChoice))
         for name, side in (("width", self.width), ("height", self.height)):
             if not SMALLEST_PX <= side <= LARGEST_PX:
                 raise ArgumentError(
                     f"picture.{name} is {side}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels"
                 )
+
+    def of(self, agents: int) -> tuple[str, ...]:
+        """The names of the cameras for so many agents."""
+        if not self.render:
+            return ()
+        local = tuple(f"agent{k}" for k in range(1, agents + 1))
+        return {"all": ("global", *local), "global": ("global",), "local": local}[self.cameras]
 
 
 @dataclass(frozen=True)
@@ -327,8 +338,8 @@ class World(Protocol):
         """Apply (N, 8) joint targets + gripper command for one control step."""
         ...
 
-    def pictures(self) -> dict[str, NDArray[np.uint8]]:
-        """Camera -> (H, W, 3) of the present step."""
+    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+        """Camera -> (H, W, 3) of the present step; of these cameras, or of all."""
         ...
 
 

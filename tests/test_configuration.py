@@ -13,14 +13,14 @@ from rf_exp.tasks.base import Randomisation
 
 GROUPS = {
     group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
-    for group in ("task", "arch", "constraints", "profile", "experiment", "brain")
+    for group in ("task", "arch", "constraints", "policy", "profile", "experiment", "brain")
 }
 
 
 def experiment(*overrides):
     register_all_tasks()
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("config", [*overrides, "name=test", "hydra.run.dir=."], return_hydra_config=False)
+        config = compose("config", [*overrides, "recipe=test", "hydra.run.dir=."], return_hydra_config=False)
         node: Any = OmegaConf.to_container(config, resolve=True)
         return read_experiment(node)
 

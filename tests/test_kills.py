@@ -31,7 +31,13 @@ TINY = (
     "wandb=disabled",
     "picture={width: 64, height: 48}",
 )
-TINY = (*TINY, "training.batch_size=8", "+training.log_every=5")
+TINY = (
+    *TINY,
+    "training.eyes_steps=2",
+    "training.draft_steps=2",
+    "training.batch_size=8",
+    "+training.log_every=5",
+)
 LONG_S = 900.0  # against a test that hangs
 
 
@@ -90,16 +96,16 @@ def test_a_killed_worker_or_run_goes_on_to_the_same_bytes(tmp_path: Path) -> Non
 
     code, _, errors = ended(start(*STATES, f"out={tmp_path / 'killed'}"))
     assert code == 0, errors
-    whole, again = (tmp_path / name / "data/lift_barrier/full/quick.zarr" for name in ("whole", "killed"))
+    whole, again = (tmp_path / name / "data/lift_barrier/full/fast.zarr" for name in ("whole", "killed"))
     assert Store.open(whole).digest() == Store.open(again).digest()
-    found = rows.read(tmp_path / "killed/results/generate/lift_barrier/full.jsonl", GenerationRow)
+    found = rows.read(tmp_path / "killed/results/generate/lift_barrier/full-disturbed.jsonl", GenerationRow)
     assert [row.seed for row in found] == [0, 1]
 
 
 @pytest.mark.slow
 def test_a_seed_that_takes_too_long_is_a_row_with_its_reason(tmp_path: Path) -> None:
     ended(start(*STATES, "seed_limit_s=1", f"out={tmp_path}"))  # no process starts in a second
-    found = rows.read(tmp_path / "results/generate/lift_barrier/full.jsonl", GenerationRow)
+    found = rows.read(tmp_path / "results/generate/lift_barrier/full-disturbed.jsonl", GenerationRow)
     assert [(row.seed, row.success) for row in found] == [(0, False), (1, False)]
     assert all(row.reason.startswith("no result after 1 s; its process, ") for row in found)
 
@@ -117,7 +123,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_training_that_is_told_to_end_saves_and_goes_on(data: Path) -> None:
     arguments = (*TINY, "stages=[train]", "training.steps=100000", "train_seed=1", f"out={data}")
-    folder = data / "policies/lift_barrier/full/separate_local/2-1"
+    folder = data / "policies/lift_barrier/full/separate_local/fast-2-1"
     run = start(*arguments)
     assert until(lambda: len(list(folder.glob("*/curves.csv"))) == 2, LONG_S)
     time.sleep(1.0)
@@ -148,5 +154,5 @@ def test_a_scene_that_takes_too_long_is_a_row(data: Path) -> None:
     arguments = (*TINY, "stages=[train,evaluate]", "training.steps=3", "seed_limit_s=1", f"out={data}")
     code, _, errors = ended(start(*arguments))
     assert code == 0, errors
-    found = rows.read(data / "results/evaluate/lift_barrier/separate_local/full-2.jsonl", EvaluationRow)
+    found = rows.read(data / "results/evaluate/lift_barrier/separate_local/full-fast-2.jsonl", EvaluationRow)
     assert [(row.scene_seed, row.success) for row in found] == [(1_000_000, False), (1_000_001, False)]

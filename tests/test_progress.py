@@ -48,19 +48,19 @@ def test_what_a_model_said_is_text_and_never_markup(terminal, capsys, monkeypatc
     assert f"seed 3 failed: {MARKUP}" in said and f"bake {MARKUP}" in said and said.count(MARKUP) >= 3
 
 
-HEAD = "step,steps,epoch,loss,learning_rate,samples_per_s\n"
+HEAD = "step,steps,epoch,loss,learning_rate,samples_per_s,core_s\n"
 
 
 def test_a_follower_reads_whole_new_rows_only(tmp_path):
     path, seen = tmp_path / "curves.csv", []
-    path.write_text(HEAD + "10,100,0,0.9,0.001,50.0\n")  # of an earlier run
+    path.write_text(HEAD + "10,100,0,0.9,0.001,50.0,1.0\n")  # of an earlier run
     follower = Follower(path, seen.append)
     assert list(follower.new()) == []
-    path.write_text(path.read_text() + "20,100,0,0.5,0.001,60.0\n30,100,0,0.4")
+    path.write_text(path.read_text() + "20,100,0,0.5,0.001,60.0,2.0\n30,100,0,0.4")
     assert [(curve.step, steps) for curve, steps in follower.new()] == [(20, 10)]
-    path.write_text(path.read_text() + ",0.001,60.0\n")
+    path.write_text(path.read_text() + ",0.001,60.0,3.0\n")
     assert [(curve.step, steps) for curve, steps in follower.new()] == [(30, 10)]
-    assert seen[-1] == Curve(30, 100, 0, 0.4, 0.001, 60.0)
+    assert seen[-1] == Curve(30, 100, 0, 0.4, 0.001, 60.0, 3.0)
 
 
 def test_a_follower_waits_for_a_file_that_is_not_there_yet(tmp_path):

@@ -11,10 +11,9 @@ from rf_exp.constraints.evidence import Evidence
 from rf_exp.constraints.occupancy import centres_m
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Plan, Settings
-from rf_exp.gallery.performance import Unseen
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.types import Row, Scene, Violation
 from tests.conftest import read_task
 from tests.test_viz import Content
@@ -153,7 +152,7 @@ def test_what_the_cameras_saw_is_shown_where_spatial_constraints_ask_them(tmp_pa
         seen = look(world.depth(), world.camera_models(), Bodies(task, world.reset(0)))
         with EpisodeRecorder(path, task, world, "Pick Meat") as recorder:
             settings = Settings(task, FULL, ScriptedSpec(), occupancy="depth")
-            assert EpisodeMaker(settings, Unseen(world), settings.make_brain(0), recorder).make(0).success
+            assert EpisodeMaker(settings, Limited(world), settings.make_brain(0), recorder).make(0).success
     content = Content(path)
     first = content.column("/world/occupancy/cameras", "Boxes3D:centers")[0]
     np.testing.assert_allclose(first, centres_m(seen), atol=1e-6)

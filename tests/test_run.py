@@ -20,6 +20,8 @@ TINY = (
     "wandb=offline",
     "picture={width: 64, height: 48}",
     "training.steps=3",
+    "training.eyes_steps=2",
+    "training.draft_steps=2",
     "training.batch_size=8",
 )
 
@@ -102,7 +104,7 @@ def test_output_below_a_file_cannot_be_written(command, tmp_path):
         ("generate", "data/lift_barrier"),
         ("generate", "results"),
         ("train", "wandb"),
-        ("train", "policies/lift_barrier/full/separate_local/50-0"),
+        ("train", "policies/lift_barrier/full/separate_local/fast-50-0"),
         ("evaluate", "recordings"),
         ("evaluate", "results/evaluate/lift_barrier"),
         ("report", "tables"),
@@ -154,7 +156,7 @@ def test_every_seed_is_a_row(generated):
     for task in PAIR:
         rows = [
             json.loads(line)
-            for line in (out / f"results/generate/{task}/full.jsonl").read_text().splitlines()
+            for line in (out / f"results/generate/{task}/full-disturbed.jsonl").read_text().splitlines()
         ]
         assert [row["seed"] for row in rows] == [0, 1]
         assert all(row["success"] and row["reason"] == "" for row in rows)
@@ -177,7 +179,7 @@ def test_two_workers_make_the_same_bytes_as_one(generated, tmp_path):
     result = run(*arguments[:-1], "workers=2", f"out={tmp_path}")
     assert result.returncode == 0, result.stderr
     for task in PAIR:
-        one, two = (Store.open(folder / f"data/{task}/full/quick.zarr") for folder in (out, tmp_path))
+        one, two = (Store.open(folder / f"data/{task}/full/fast.zarr") for folder in (out, tmp_path))
         assert one.digest() == two.digest()
 
 
@@ -210,7 +212,7 @@ def test_more_episodes_continue_where_fewer_stopped(generated, tmp_path):
         "stages=[generate]", "render=false", "episodes=2", "recordings=0", "workers=1", f"out={tmp_path}"
     )
     assert result.returncode == 0, result.stderr
-    resumed, whole = (Store.open(folder / "data/lift_barrier/full/quick.zarr") for folder in (tmp_path, out))
+    resumed, whole = (Store.open(folder / "data/lift_barrier/full/fast.zarr") for folder in (tmp_path, out))
     assert resumed.digest() == whole.digest()
 
 
@@ -224,7 +226,7 @@ def test_the_whole_experiment_at_a_tiny_size(tmp_path):
     for arch in ("shared_global", "shared_local", "separate_global", "separate_local"):
         policies = list((tmp_path / "policies/lift_barrier/full" / arch / "2-0").glob("*/model.safetensors"))
         assert len(policies) == (1 if arch.startswith("shared") else 2)
-        line = (tmp_path / f"results/evaluate/lift_barrier/{arch}/full-2.jsonl").read_text()
+        line = (tmp_path / f"results/evaluate/lift_barrier/{arch}/full-fast-2.jsonl").read_text()
         assert json.loads(line)["scene_seed"] == 1_000_000
         assert (
             tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.rrd"

@@ -26,12 +26,14 @@ def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
     return (*won[:count], *[*first, *others][:count])
 
 
-def rollout_name(arch: str, demos: int, train_seed: int, shield: bool = False) -> str:
+def rollout_name(arch: str, recipe: str, demos: int, train_seed: int, shield: bool = False) -> str:
     """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
-    return f"evaluate-{arch}-{demos}" + (f"-t{train_seed}" if train_seed else "") + "-shield" * shield
+    return (
+        f"evaluate-{arch}-{recipe}-{demos}" + (f"-t{train_seed}" if train_seed else "") + "-shield" * shield
+    )
 
 
 def rollout_file(row: EvaluationRow, suffix: str) -> Path:
     """The file about a rollout, below the output folder."""
-    name = rollout_name(row.arch, row.demos, row.train_seed, row.shield)
+    name = rollout_name(row.arch, row.recipe, row.demos, row.train_seed, row.shield)
     return Path("recordings", row.task, row.constraints, f"{name}-{row.scene_seed}{suffix}")

@@ -1,7 +1,7 @@
 """Result rows: one line of JSON for each attempt, also for the failed ones.
 
 results/generate/<task>/<constraints>.jsonl                  GenerationRow; disturbed: <constraints>-disturbed
-results/evaluate/<task>/<arch>/<constraints>-<demos>.jsonl   EvaluationRow; shielded: ...-<demos>-shield.jsonl
+results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
 
 A line holds the fields of its row, in their order, and behind them `crc32`: eight hexadecimal digits, the
 CRC-32 of the fields as canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not
@@ -9,8 +9,8 @@ fit its checksum is told its file and number.
 
 Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
 known any more, so they are refused by name and have to be made again. Schema 3 put fields behind `schema` for
-what there was none of before (disturbances, policies that see the state, a shield): rows of schema 2 are
-read as that.
+what there was none of before (disturbances, policies that see the state, a shield), schema 4 the recipe and
+what learning cost: rows of schema 2 and 3 are read as that.
 """
 
 import fcntl
@@ -30,7 +30,8 @@ from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
 
-SCHEMA = 3
+SCHEMA = 4
+OLDER = (2, 3)  # schemas that are read as well
 CHECKSUM = "crc32"  # key of a line, not a field of its row
 
 
@@ -94,7 +95,7 @@ class EvaluationRow(_Row):
 
     key: ClassVar = (
         *("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version", "shield"),
-        *("observation", "disturbance_rad"),
+        *("observation", "disturbance_rad", "recipe"),
     )
     task: str
     arch: str
@@ -117,6 +118,8 @@ class EvaluationRow(_Row):
     interventions: int = 0  # control steps in which it kept an arm from the command of its policy
     observation: str = "pictures"  # or state: the policy was told the true poses
     disturbance_rad: float = 0.0  # of the demonstrations it learnt from
+    recipe: str = "paper"  # how it learnt, see conf/policy
+    core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
@@ -260,7 +263,7 @@ def _parse(line: bytes, kind: type[R]) -> R:
     if value.keys() == set(names[: names.index("version") + 1]):
         raise ValueError(f"a row of schema 1; this version reads schema {SCHEMA}")
     expected = {*names, CHECKSUM}
-    came_later = set(names[names.index("schema") + 1 :]) if value.get("schema") == 2 else set()
+    came_later = set(names[names.index("schema") + 1 :]) if value.get("schema") in OLDER else set()
     if missing := sorted(expected - came_later - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
@@ -268,7 +271,7 @@ def _parse(line: bytes, kind: type[R]) -> R:
     said = value.pop(CHECKSUM)
     if said != (found := _checksum(value)):
         raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
-    if value["schema"] not in (2, SCHEMA):
+    if value["schema"] not in (*OLDER, SCHEMA):
         raise ValueError(f"a row of schema {value['schema']}; this version reads schema {SCHEMA}")
     return kind(**{**value, "schema": SCHEMA})
 

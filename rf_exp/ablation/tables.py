@@ -8,7 +8,7 @@ the violations of the same attempts.
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, product
 from statistics import fmean
 from typing import Literal
 
@@ -219,12 +219,14 @@ def text_cell(value: object) -> Cell:
 def tasks(results: Results, suite: Suite) -> Table:
     """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
     results, shielded = _unshielded(results)
-    demos = _demos(results)
+    demos, recipe = _demos(results), _recipes(results.evaluation)[0]
+    disturbed = any(row.disturbance_rad for row in results.generation)
     columns = [
         Column("agents", "Agents", "text"),
         Column("criteria", "Criteria version", "text"),
         *with_violations("generated", "Data generation"),
         Column("length", "Episode length", "steps"),
+        *(with_violations("disturbed", "Data generation, disturbed") if disturbed else ()),
         *_demos_columns(demos),
         Column("description", "Description", "text"),
         Column("condition", "Target condition", "text"),
@@ -238,14 +240,20 @@ def tasks(results: Results, suite: Suite) -> Table:
             text_cell(known.version if known else ""),
             *rate_cells(made, paper().ablation_success["full"].get(task)),
             length_cell(made, paper().ablation_length["full"].get(task)),
-            *_baseline_cells(results, task, demos),
+            *(
+                rate_cells(_generated(results, task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, True), None)
+                if disturbed
+                else ()
+            ),
+            *_baseline_cells(results, task, demos, recipe),
             text_cell(known.description if known else ""),
             text_cell(known.condition if known else ""),
         ]
         lines.append(Line(task, title_of(task, suite), tuple(cells)))
     caption = (
         f"All tasks: demonstrations made under all constraints by the {BASELINE_BRAIN} brain, and "
-        f"{BASELINE_ARCH} policies that learnt from them. {ROLLOUT_VIOLATIONS} For data generation, share of "
+        f"{BASELINE_ARCH} policies that learnt from them (recipe {recipe}). {ROLLOUT_VIOLATIONS} For data "
+        "generation, share of "
         "the seeds with a proposal that ended in a violation, and the mean number of such proposals."
     )
     absent = [title_of(task, suite) for task in paper().levels if task not in suite]
@@ -261,34 +269,49 @@ def benchmark(results: Results, suite: Suite) -> Table:
     """
     results, shielded = _unshielded(results)
     demos = _demos(results)
-    columns = (Column("agents", "Agents", "text"), *_demos_columns(demos))
+    recipes = _recipes(results.evaluation)
+    columns = (
+        Column("agents", "Agents", "text"),
+        Column("recipe", "Recipe", "text"),
+        *_demos_columns(demos),
+        Column("core_minutes", "Core-minutes", "text"),
+    )
 
-    def lines_of(names: Iterable[str]) -> list[Line]:
+    def lines_of(names: Iterable[str], recipe: str) -> list[Line]:
         return [
             Line(
-                name,
+                name + _but_first(recipe, recipes),
                 title_of(name, suite),
-                (text_cell(_agents(name, suite) or ""), *_baseline_cells(results, name, demos)),
+                (
+                    text_cell(_agents(name, suite) or ""),
+                    text_cell(recipe),
+                    *_baseline_cells(results, name, demos, recipe),
+                    text_cell(_core_minutes(results, name, recipe)),
+                ),
             )
             for name in names
         ]
 
     lines = []
-    for agents, figures in paper().averages.items():
-        of_level = lines_of(name for name, level in paper().levels.items() if level == agents)
+    for (agents, figures), recipe in product(paper().averages.items(), recipes):
+        of_level = lines_of((name for name, level in paper().levels.items() if level == agents), recipe)
         known = {f"demos_{count}": rate for count, rate in figures.items()}
         averages = (
             _average([line.cells[index] for line in of_level], known.get(column.key))
             for index, column in enumerate(columns)
             if column.unit != "text"
         )
-        lines += [*of_level, Line(f"average_{agents}", "Average", (text_cell(agents), *averages))]
+        key = f"average_{agents}{_but_first(recipe, recipes)}"
+        texts = text_cell(agents), text_cell(recipe)
+        lines += [*of_level, Line(key, "Average", (*texts, *averages, text_cell("")))]
     listed = _tasks([*paper().levels, *suite], results.evaluation)
-    lines += lines_of(name for name in listed if name not in paper().levels)
+    for recipe in recipes:
+        lines += lines_of((name for name in listed if name not in paper().levels), recipe)
     return Table(
         "benchmark",
         "Diffusion policy baseline",
-        f"Success rate of {BASELINE_ARCH} policies by number of demonstrations. {ROLLOUT_VIOLATIONS}",
+        f"Success rate of {BASELINE_ARCH} policies by number of demonstrations. {ROLLOUT_VIOLATIONS} "
+        "Core-minutes: CPU time of learning, of all policies of the task together, at each of these numbers.",
         "Task",
         columns,
         tuple(lines),
@@ -323,28 +346,30 @@ def architectures(results: Results, suite: Suite) -> Table:
     names = _tasks(paper().architectures[BASELINE_ARCH], rows)
     known = list(paper().architectures)
     further = sorted({row.arch for row in rows} - set(known))
-    counts = sorted({row.demos for row in rows}) or [paper().demos[-1]]
+    recipes = _recipes(rows)
+    counts = sorted({(recipes.index(row.recipe), row.demos) for row in rows}) or [(0, paper().demos[-1])]
     columns = (
         Column("demos", "Demos", "text"),
+        Column("recipe", "Recipe", "text"),
         *chain.from_iterable(with_violations(name, title_of(name, suite)) for name in names),
     )
     lines, gaps = [], []
-    for count in counts:
+    for order, count in counts:
+        recipe = recipes[order]
+        end = f"-{count}{_but_first(recipe, recipes)}"
         for arch in known + further:
             cells = chain.from_iterable(
                 rate_cells(
-                    [r for r in rows if (r.arch, r.task, r.demos) == (arch, name, count)],
+                    [r for r in rows if (r.arch, r.task, r.demos, r.recipe) == (arch, name, count, recipe)],
                     paper().architectures.get(arch, {}).get(name),
                 )
                 for name in names
             )
-            lines.append(Line(f"{arch}-{count}", arch, (text_cell(count), *cells)))
+            lines.append(Line(f"{arch}{end}", arch, (text_cell(count), text_cell(recipe), *cells)))
         for index, column in enumerate(columns):
             if column.unit == "rate":
-                same = {
-                    line.title: line.cells[index].estimate for line in lines if line.key.endswith(f"-{count}")
-                }
-                gaps += _gaps(f"{column.title}, {count} demos", same, BASELINE_ARCH)
+                same = {line.title: line.cells[index].estimate for line in lines if line.key.endswith(end)}
+                gaps += _gaps(f"{column.title}, {count} demos, {recipe}", same, BASELINE_ARCH)
     notes = [f"The paper's figures are with {paper().demos[-1]} demonstrations.", *gaps]
     return Table(
         "architectures",
@@ -363,13 +388,14 @@ def shield(results: Results, suite: Suite) -> Table:
 
     Only scenes that were rolled out both ways are compared, where there are such scenes.
     """
-    cells: dict[tuple[str, str, int], list[EvaluationRow]] = {}
+    cells: dict[tuple[str, str, int, str], list[EvaluationRow]] = {}
     for row in results.evaluation:
         if row.constraints == BASELINE_CONSTRAINTS:
-            cells.setdefault((row.task, row.arch, row.demos), []).append(row)
+            cells.setdefault((row.task, row.arch, row.demos, row.recipe), []).append(row)
     order = _tasks([*paper().levels, *suite], results.evaluation)
     columns = (
         Column("demos", "Demos", "text"),
+        Column("recipe", "Recipe", "text"),
         *(
             column
             for key in ("without", "with")
@@ -381,18 +407,18 @@ def shield(results: Results, suite: Suite) -> Table:
         Column("interventions", "interventions", "violations"),
     )
     lines, gaps = [], []
-    for task, arch, demos in sorted(cells, key=lambda cell: (order.index(cell[0]), *cell[1:])):
-        ways = _both_ways(cells[task, arch, demos])
+    for task, arch, demos, recipe in sorted(cells, key=lambda cell: (order.index(cell[0]), *cell[1:])):
+        ways = _both_ways(cells[task, arch, demos, recipe])
         if not ways[True]:
             continue
-        shown = [text_cell(demos)]
+        shown = [text_cell(demos), text_cell(recipe)]
         for way in (False, True):
             shown += [*rate_cells(ways[way], None), violations_cell(ways[way], "contacts")]
         shown.append(violations_cell(ways[True], "interventions"))
         title = f"{title_of(task, suite)}, {arch}"
-        lines.append(Line(f"{task}-{arch}-{demos}", title, tuple(shown)))
-        rates = {"with": shown[4].estimate, "without": shown[1].estimate}
-        gaps += _gaps(f"{title}, {demos} demos", rates, "without")
+        lines.append(Line(f"{task}-{arch}-{demos}-{recipe}", title, tuple(shown)))
+        rates = {"with": shown[5].estimate, "without": shown[2].estimate}
+        gaps += _gaps(f"{title}, {demos} demos, {recipe}", rates, "without")
     return Table(
         "shield",
         "Shielded rollouts",
@@ -455,30 +481,33 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
     """Every table, by name, for a suite of tasks."""
-    compared, notes = _comparable(results)
-    tables = {name: builder(compared, suite) for name, builder in TABLES.items()}
+    tables = {name: builder(results, suite) for name, builder in TABLES.items()}
+    notes = _learnt_from(results)
     return {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
 
 
-def _comparable(results: Results) -> tuple[Results, tuple[str, ...]]:
-    """What stands beside the paper's figures, and what is said of the rest.
-
-    A disturbed demonstration does not measure the expert, nor a policy that is told the state one that sees.
-    """
-    made = tuple(row for row in results.generation if not row.disturbance_rad)
-    seeing = tuple(row for row in results.evaluation if row.observation == "pictures")
+def _learnt_from(results: Results) -> tuple[str, ...]:
+    """What has to be said of rows that stand beside the paper's figures and were made otherwise."""
     notes = []
-    if left := len(results.generation) - len(made):
+    if n := sum(row.disturbance_rad > 0 for row in results.generation):
         notes.append(
-            f"{left} seeds of disturbed demonstrations are left out: they do not measure the expert."
+            f"{n} seeds of disturbed demonstrations do not measure the expert: they count in a column of "
+            "their own, and not in the ablation."
         )
-    if left := len(results.evaluation) - len(seeing):
-        notes.append(f"{left} rollouts of policies that were told the true state are left out.")
-    if strengths := sorted({row.disturbance_rad for row in seeing if row.disturbance_rad}):
-        said = ", ".join(f"{strength:g}" for strength in strengths)
-        who = ", ".join(sorted({f"{row.task}/{row.arch}" for row in seeing if row.disturbance_rad}))
-        notes.append(f"Learnt from demonstrations whose execution was disturbed (by {said} rad): {who}.")
-    return replace(results, generation=made, evaluation=seeing), tuple(notes)
+    if told := sorted({row.recipe for row in results.evaluation if row.observation == "state"}):
+        notes.append(
+            f"Policies of recipe {', '.join(told)} are told the true poses of all things: an oracle."
+        )
+    by_strength: dict[float, set[str]] = {}
+    for row in results.evaluation:
+        if row.disturbance_rad:
+            by_strength.setdefault(row.disturbance_rad, set()).add(row.recipe)
+    notes += [
+        f"Recipe {', '.join(sorted(who))} learns from demonstrations whose execution was disturbed, by "
+        f"{strength:g} rad."
+        for strength, who in sorted(by_strength.items())
+    ]
+    return tuple(notes)
 
 
 # What several tables need
@@ -519,6 +548,27 @@ def _demos(results: Results) -> list[int]:
     return sorted({*paper().demos, *used})
 
 
+def _recipes(rows: Iterable[EvaluationRow]) -> list[str]:
+    """The recipes that have rows: first the one with the most, last those that are told the state."""
+    oracles = {row.recipe: row.observation == "state" for row in rows}
+    counts = Counter(row.recipe for row in rows)
+    return sorted(counts, key=lambda name: (oracles[name], -counts[name], name)) or ["paper"]
+
+
+def _but_first(recipe: str, recipes: Sequence[str]) -> str:
+    """What tells the lines of further recipes from those of the first."""
+    return "" if recipe == recipes[0] else f"-{recipe}"
+
+
+def _core_minutes(results: Results, task: str, recipe: str) -> str:
+    """Of learning, at each number of demonstrations; the mean of the training seeds."""
+    cost_s: dict[int, dict[int, float]] = {}
+    for row in results.evaluation:
+        if _is_baseline(row) and (row.task, row.recipe) == (task, recipe) and row.core_s:
+            cost_s.setdefault(row.demos, {})[row.train_seed] = row.core_s
+    return " / ".join(f"{fmean(of_seed.values()) / 60:.1f}" for _, of_seed in sorted(cost_s.items()))
+
+
 def _is_baseline(row: EvaluationRow) -> bool:
     return (row.arch, row.constraints) == (BASELINE_ARCH, BASELINE_CONSTRAINTS)
 
@@ -528,15 +578,22 @@ def _demos_columns(demos: Iterable[int]) -> Iterator[Column]:
         yield from with_violations(f"demos_{count}", f"{count} demos")
 
 
-def _baseline_cells(results: Results, task: str, demos: Iterable[int]) -> Iterator[Cell]:
+def _baseline_cells(results: Results, task: str, demos: Iterable[int], recipe: str) -> Iterator[Cell]:
+    ours = [r for r in results.evaluation if _is_baseline(r) and (r.task, r.recipe) == (task, recipe)]
     for count in demos:
-        rows = [r for r in results.evaluation if _is_baseline(r) and (r.task, r.demos) == (task, count)]
+        rows = [r for r in ours if r.demos == count]
         yield from rate_cells(rows, paper().baseline.get(task, {}).get(count))
 
 
-def _generated(results: Results, task: str, constraints: str, brain: str) -> list[GenerationRow]:
-    wanted = (task, constraints, brain)
-    return [row for row in results.generation if (row.task, row.constraints, row.brain) == wanted]
+def _generated(
+    results: Results, task: str, constraints: str, brain: str, disturbed: bool = False
+) -> list[GenerationRow]:
+    wanted = (task, constraints, brain, disturbed)
+    return [
+        row
+        for row in results.generation
+        if (row.task, row.constraints, row.brain, row.disturbance_rad > 0) == wanted
+    ]
 
 
 def _average(cells: Sequence[Cell], figure: float | None) -> Cell:
@@ -559,7 +616,7 @@ def _ablation(
 ) -> tuple[tuple[Column, ...], tuple[Line, ...]]:
     """(constraints, task) over generation rows; other brains than the scripted one in rows of their own."""
     names = _tasks(figures["full"], results.generation)
-    used = {(row.constraints, row.brain) for row in results.generation}
+    used = {(row.constraints, row.brain) for row in results.generation if not row.disturbance_rad}
     keys = [(constraints, BASELINE_BRAIN) for constraints in figures]
     keys += sorted(used - set(keys), key=lambda key: (key[1], key[0]))
     lines = []

@@ -6,12 +6,14 @@ from functools import partial
 from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
 from rf_exp.processes import Overdue, in_order
 from rf_exp.sim.pool import simulator
+from rf_exp.sim.simulator import Limited
 from rf_exp.types import Pictures
 
 
 def make_episode(settings: Settings, pictures: Pictures, seed: int) -> Outcome:
     """One episode in this process. The same arguments give the same bytes, whatever ran before."""
-    return EpisodeMaker(settings, simulator(settings.task, pictures), settings.make_brain(seed)).make(seed)
+    world = Limited(simulator(settings.task, pictures), pictures.of(len(settings.task.agents)))
+    return EpisodeMaker(settings, world, settings.make_brain(seed)).make(seed)
 
 
 def generate(

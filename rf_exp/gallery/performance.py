@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen.episode import EpisodeMaker, Plan, Settings
 from rf_exp.errors import StageError
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.tasks import Judge
 from rf_exp.types import CONTROL_DT_S, Scene, Violation
 
@@ -57,16 +57,6 @@ class Performance:
         return tuple(Line(line.text, False) for line in self.lines[-1])
 
 
-class Unseen:
-    """A simulator that takes no pictures: what is not drawn costs nothing. Depth is there when asked for."""
-
-    cameras: tuple[str, ...] = ()
-
-    def __init__(self, world: Simulator) -> None:
-        self.reset, self.step, self.pictures = world.reset, world.step, world.pictures
-        self.depth, self.camera_models = world.depth, world.camera_models
-
-
 class Prompter:
     """An observer that notes at every step which subgoal each agent is at, and who touches something."""
 
@@ -107,7 +97,7 @@ def _line(plan: Plan, agent: int, step: int, held: str | None) -> Line:
 def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performance | None, str]:
     """The expert's episode of a seed with its stills, or None and why there is none."""
     prompter = Prompter()
-    outcome = EpisodeMaker(settings, Unseen(world), settings.make_brain(seed), prompter).make(seed)
+    outcome = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), prompter).make(seed)
     if not outcome.success:
         return None, outcome.reason
     actions, lines = np.stack(prompter.actions), tuple(prompter.lines)

@@ -9,7 +9,7 @@ from typing import Any
 
 from rf_exp.errors import ArgumentError, choices
 
-ENCODERS = ("resnet18", "compact")
+ENCODERS = ("resnet18", "compact", "heatmaps")
 SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
@@ -37,7 +37,8 @@ def _one_of(config: object, name: str, available: object) -> None:
 class PolicyConfig:
     """The networks and the diffusion process. Pictures must come in `height` x `width` pixels."""
 
-    encoder: str = "resnet18"  # resnet18 | compact
+    encoder: str = "resnet18"  # resnet18 | compact | heatmaps: see eyes.py
+    keypoint_noise_m: float = 0.0  # on what heat maps see, while the rest learns from it
     unet_channels: tuple[int, ...] = (256, 512, 1024)
     horizon: int = 8  # actions predicted, the first at the oldest observation
     observation_steps: int = 3
@@ -53,6 +54,7 @@ class PolicyConfig:
     draft: tuple[int, ...] = ()  # hidden layers of a perceptron whose chunk the U-Net refines; none: no draft
     dropout: float = 0.0  # in the draft
     drop_idle: bool = False  # learn nothing from moments in which nobody moves
+    tcp_actions: bool = False  # predicts where the TCP goes too, and joints follow that: see hands.py
     binary_grippers: bool = False  # commands are wholly open or wholly closed
     loss: str = "mse"  # mse | l1
     crop: float = 0.9  # side of the crop, as a part of the picture's
@@ -68,11 +70,15 @@ class PolicyConfig:
         _one_of(self, "prediction", PREDICTIONS)
         _one_of(self, "observation", OBSERVATIONS)
         _one_of(self, "loss", LOSSES)
+        looks = self.encoder != "heatmaps" or (self.context and self.crop == 1.0)
+        _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
+        _require(self.keypoint_noise_m >= 0, "keypoint_noise_m", self.keypoint_noise_m, "0 or above")
         refines = not self.draft or self.prediction == "sample"
         _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
         _require(0.0 <= self.dropout < 1.0, "dropout", self.dropout, "a number in [0, 1)")
         told = self.context or self.observation != "state"
         _require(told, "context", self.context, "true with observation=state")
+        _require(self.context or not self.tcp_actions, "context", self.context, "true with tcp_actions")
         _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
         _positive(self, "train_diffusion_steps", "inference_diffusion_steps")
         _require(0.0 < self.crop <= 1.0, "crop", self.crop, "a number above 0, at most 1")
@@ -116,6 +122,7 @@ class TrainConfig:
     batch_size: int = 128  # windows
     run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
     noise_draws: int = 1  # for each window in a batch
+    eyes_steps: int = 0  # before all others, of the heat maps alone, which then stay as they are
     draft_steps: int = 0  # before the others, of the draft alone
     learning_rate: float = 1e-4
     betas: tuple[float, float] = (0.95, 0.999)
@@ -137,7 +144,7 @@ class TrainConfig:
         _require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
         _positive(self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "epsilon")
         _positive(self, "log_every", "checkpoint_every", "ema_power")
-        for name in ("weight_decay", "warmup_steps", "proprio_noise", "draft_steps", "seed"):
+        for name in ("weight_decay", "warmup_steps", "proprio_noise", "eyes_steps", "draft_steps", "seed"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")
         _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
         _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")

@@ -6,7 +6,7 @@ either end repeat the nearest. Batches are made of runs of consecutive windows, 
 batch serve several windows; each window comes exactly once in an epoch all the same.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,8 +18,10 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.hands import with_hands
+from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.normaliser import Normaliser, largest_change
-from rf_exp.policy.observation import context, proprioception, remembered, senses_of
+from rf_exp.policy.observation import context, of_agent, proprioception, remembered, senses_of
 from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
@@ -28,15 +30,21 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 
-def action_origin(proprio: Tensor) -> Tensor:
+def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
     """Where relative actions count from: raw proprioception (..., O, 8N) -> (..., 1, 8N).
 
-    The newest measured joint positions, and zero for the grippers, whose commands are no positions.
+    The newest measured joint positions, and zero for the grippers, whose commands are no positions. With
+    the context the poses of the own TCPs come behind them: (..., 1, 8N + 9N).
     """
     newest = proprio[..., -1:, :].unflatten(-1, (-1, PROPRIO_SIZE))
-    return functional.pad(newest[..., :ARM_JOINTS], (0, ACTION_SIZE - ARM_JOINTS)).flatten(-2)
+    joints = functional.pad(newest[..., :ARM_JOINTS], (0, ACTION_SIZE - ARM_JOINTS)).flatten(-2)
+    if context is None:
+        return joints
+    poses = [of_agent(context[..., -1:, :], agent)[0] for agent in range(newest.shape[-2])]
+    return torch.cat([joints, *poses], dim=-1)
 
 
+LOOK_AT = 256  # pictures at a time
 STILL_RAD, STILL_M = 1e-4, 5e-4  # less in a control step is no motion, of a target and of a finger
 
 
@@ -49,6 +57,7 @@ class Batch:
     proprio: Tensor  # (B, O, P) raw
     context: Tensor  # (B, O, C) raw
     action: Tensor  # (B, T, A) raw
+    features: Tensor | None = None  # (B, O, F) of the pictures, where they have been encoded already
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -74,11 +83,16 @@ class Windows:
         self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
         self._last = np.repeat(self._spans[:, 1] - 1, repeats)
 
-        senses = senses_of(config, store)
+        senses = self.senses = senses_of(config, store, view)
         qpos, action = store.qpos[kept], store.action[kept]
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])
-        self.action = self._stack([action[:, agents].reshape(len(action), -1) for agents in columns])
+        told = [action[:, agents] for agents in columns]
+        if config.tcp_actions:
+            streams = zip(view.streams, told, strict=True)
+            self.action = self._stack([with_hands(senses, stream, each) for stream, each in streams])
+        else:
+            self.action = self._stack([each.reshape(len(action), -1) for each in told])
         memory = np.zeros((store.steps, store.agents, 0), np.float32)
         if senses.bases:
             grippers = _by_episode(store, store.action[..., ARM_JOINTS])
@@ -91,6 +105,12 @@ class Windows:
         if config.observation == "pictures":
             pictures = [_pictures(store, stream.camera, config)[kept] for stream in view.streams]
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
+        self._marks: tuple[Tensor, ...] = ()
+        if config.encoder == "heatmaps" and config.observation == "pictures":
+            found = [keypoints(store, stream, senses.keys, kept) for stream in view.streams]
+            marks = ([getattr(each, name) for each in found] for name in ("pixels", "points", "headings"))
+            self._marks = tuple(self._stack(each) for each in marks)
+        self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
         return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(self._device)
@@ -98,9 +118,9 @@ class Windows:
     def __len__(self) -> int:
         return len(self._first)
 
-    def normaliser(self) -> Normaliser:
-        """Fitted to these windows."""
-        sizes = self.proprio.shape[1], self.action.shape[1], self.context.shape[1]
+    def normaliser(self, seen_size: int = 0) -> Normaliser:
+        """Fitted to these windows, but for what is seen by eyes that have to be trained first."""
+        sizes = self.proprio.shape[1], self.action.shape[1], self.context.shape[1], seen_size
         normaliser = Normaliser(*sizes).to(self._device)
         within = torch.from_numpy(self._first[1:] == self._first[:-1]).to(self._device)
         normaliser.proprio.fit(self.proprio)
@@ -114,7 +134,8 @@ class Windows:
         if not self._config.relative_actions:
             return self.action
         _, actions = self._rows(np.arange(len(self)))
-        origin = action_origin(self.proprio[:, None])
+        context = self.context[:, None] if self._config.tcp_actions else None
+        origin = action_origin(self.proprio[:, None], context)
         return (self.action[self._index(actions)] - origin).flatten(0, 1)
 
     def _rows(self, windows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -151,8 +172,10 @@ class Windows:
         corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
         if rng is not None:
             corners = rng.integers(0, slack + 1, size=corners.shape)
-        seen = self._pictures
-        if len(seen):
+        seen, features = self._pictures, None
+        if self._features is not None:
+            seen, features = seen[:0], self._features[self._index(frames)]
+        elif len(seen):
             seen = crop(seen, unique, corners[run_of_frame], (height, width))
         return Batch(
             seen,
@@ -160,7 +183,19 @@ class Windows:
             self.proprio[self._index(frames)],
             self.context[self._index(frames)],
             self.action[self._index(actions)],
+            features,
         )
+
+    def marked(self, windows: NDArray[np.int64]) -> tuple[Tensor, ...]:
+        """The newest pictures (B, H, W, 3) of windows, and pixels, points, headings of their keypoints."""
+        chosen = self._index(windows)
+        return self._pictures[chosen], *(each[chosen] for each in self._marks)
+
+    def look_once(self, encode: Callable[[Tensor], Tensor]) -> Tensor:
+        """Encode every picture, from now on for good. Returns the features (S * T, F)."""
+        with torch.no_grad():
+            self._features = torch.cat([encode(each) for each in self._pictures.split(LOOK_AT)])
+        return self._features
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self._device)

@@ -17,24 +17,44 @@ from torch.nn import functional
 
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Batch, action_origin
-from rf_exp.policy.encoder import Blind, encoder
+from rf_exp.policy.encoder import Blind, Compact, ResNet18, encoder
+from rf_exp.policy.eyes import OUT, Eyes
 from rf_exp.policy.normaliser import Normaliser
+from rf_exp.policy.observation import POSE, of_agent
 from rf_exp.policy.unet import ConditionalUNet1D
 from rf_exp.policy.views import ACTION_SIZE
 from rf_exp.types import ARM_JOINTS
 
+NEXT = OUT + 3  # numbers that say where an own arm goes next
+
 
 class DiffusionPolicy(nn.Module):
-    """One policy: actions of size A from proprioception of size P and context of size C in O frames."""
+    """One policy: actions of size A from proprioception of size P and context of size C in O frames.
+
+    `action_size` counts joints and grippers; with `tcp_actions` the poses of TCPs come behind them.
+    """
 
     def __init__(
-        self, config: PolicyConfig, proprio_size: int, action_size: int, context_size: int = 0
+        self,
+        config: PolicyConfig,
+        proprio_size: int,
+        action_size: int,
+        context_size: int = 0,
+        keypoints: int = 0,
+        keys: int = 0,
     ) -> None:
+        """Heat maps look for so many `keypoints`: `keys` of each own agent's gripper, its end, the others."""
         super().__init__()
-        self.config, self.action_size = config, action_size
-        self.encoder = encoder(config.encoder) if config.observation == "pictures" else Blind()
-        features = self.encoder.features + proprio_size + context_size
-        size = config.observation_steps * features
+        self.config, self._keys, self._agents = config, keys, action_size // ACTION_SIZE
+        action_size += self._agents * POSE * config.tcp_actions
+        self.action_size = action_size  # of joints and grippers, and behind them of the poses of TCPs
+        self.encoder: ResNet18 | Compact | Eyes | Blind = Blind()
+        if config.observation == "pictures":
+            self.encoder = Eyes(keypoints) if config.encoder == "heatmaps" else encoder(config.encoder)
+        seen = self.encoder.features
+        if isinstance(self.encoder, Eyes):
+            seen += self._agents * NEXT
+        size = config.observation_steps * (seen + proprio_size + context_size)
         self.trunk = nn.Sequential(*_hidden([size, *config.trunk]))
         given = action_size if config.draft else 0
         self.unet = ConditionalUNet1D(action_size, [size, *config.trunk][-1], config.unet_channels, given)
@@ -45,7 +65,9 @@ class DiffusionPolicy(nn.Module):
                 nn.Linear(config.draft[-1], config.horizon * action_size),
                 nn.Unflatten(1, (config.horizon, action_size)),
             )
-        self.normaliser = Normaliser(proprio_size, action_size, context_size)
+        self.normaliser = Normaliser(
+            proprio_size, action_size, context_size, seen if isinstance(self.encoder, Eyes) else 0
+        )
         kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
         # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
         self.scheduler = kind(
@@ -64,8 +86,7 @@ class DiffusionPolicy(nn.Module):
 
     def encode(self, pictures: Tensor) -> Tensor:
         """Cropped uint8 pictures (U, h, w, 3) -> features (U, F)."""
-        # (U, h, w, 3) seen as (U, 3, h, w) is already channels_last: no copy, the fast layout on CPUs.
-        return self.encoder(pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0))
+        return self.encoder(_scaled(pictures))
 
     def encode_whole(self, pictures: Tensor) -> Tensor:
         """Uncropped uint8 pictures (U, H, W, 3) -> features (U, F) of their centres."""
@@ -74,7 +95,11 @@ class DiffusionPolicy(nn.Module):
         return self.encode(pictures[:, top : top + height, left : left + width])
 
     def observation(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
-        """Features (B, O, F), normalised proprioception (B, O, P), context (B, O, C) -> (B, observation)."""
+        """Features (B, O, F), proprioception (B, O, P) and context (B, O, C), all raw -> (B, observation)."""
+        if isinstance(self.encoder, Eyes):
+            features = self.normaliser.seen.normalise(self.pointed(features, context))
+        proprio = self.normaliser.proprio.normalise(proprio)
+        context = self.normaliser.context.normalise(context)
         return torch.cat([features, proprio, context], dim=2).flatten(1)
 
     def loss(
@@ -103,6 +128,11 @@ class DiffusionPolicy(nn.Module):
         error = functional.mse_loss if self.config.loss == "mse" else functional.l1_loss
         return error(prediction.float(), self._target(clean, noise, steps))
 
+    def eyes_loss(self, pictures: Tensor, *marks: Tensor) -> Tensor:
+        """Of pictures (B, H, W, 3) and the pixels, points and headings of their keypoints."""
+        assert isinstance(self.encoder, Eyes)
+        return self.encoder.loss(_scaled(pictures), *marks)
+
     def draft_loss(self, batch: Batch, generator: torch.Generator, proprio_noise: float = 0.0) -> Tensor:
         """Mean absolute error of the draft, which is learned before the U-Net and then stays as it is."""
         assert self.draft is not None
@@ -110,16 +140,31 @@ class DiffusionPolicy(nn.Module):
         return functional.l1_loss(draft.float(), self._clean(batch))
 
     def _observed(self, batch: Batch, generator: torch.Generator, proprio_noise: float) -> Tensor:
-        proprio = self.normaliser.proprio.normalise(batch.proprio)
+        features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device
         if proprio_noise:
-            size = (len(batch), 1, proprio.shape[2])
-            proprio = proprio + proprio_noise * torch.randn(size, generator=generator, device=proprio.device)
-        told = self.normaliser.context.normalise(batch.context)
-        return self.observation(self._features(batch), proprio, told)
+            shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
+            proprio = proprio + proprio_noise * self.normaliser.proprio.radius * shift
+        if isinstance(self.encoder, Eyes) and self.config.keypoint_noise_m:
+            shift = torch.randn(len(batch), 1, self.encoder.keypoints, 3, generator=generator, device=device)
+            points = self.config.keypoint_noise_m * functional.pad(shift, (0, OUT - 3)).flatten(2)
+            features = features + points
+        return self.observation(features, proprio, batch.context)
+
+    def pointed(self, features: Tensor, context: Tensor) -> Tensor:
+        """What the eyes see (B, O, M * OUT), and where each own arm goes next, also as seen from its TCP."""
+        keypoints = features.unflatten(2, (-1, OUT))
+        parts = [features]
+        for agent in range(self._agents):
+            tcp, changes = of_agent(context, agent)
+            now = functional.one_hot(changes.argmax(dim=2).clamp(max=self._keys), self._keys + 1)
+            own = keypoints[:, :, agent * (self._keys + 1) : (agent + 1) * (self._keys + 1)]
+            ahead = (own * now[..., None]).sum(dim=2)
+            parts += [ahead, ahead[..., :3] - tcp[..., :3]]
+        return torch.cat(parts, dim=2)
 
     def _clean(self, batch: Batch) -> Tensor:
         """The normalised actions (B, T, A) of a batch."""
-        return self.normaliser.action.normalise(batch.action - self._origin(batch.proprio))
+        return self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
 
     def _draft(self, observation: Tensor) -> Tensor | None:
         """(B, T, A), which no gradient of the U-Net reaches."""
@@ -139,6 +184,8 @@ class DiffusionPolicy(nn.Module):
 
     def _features(self, batch: Batch) -> Tensor:
         """(B, O, F) of a batch."""
+        if batch.features is not None:
+            return batch.features
         if self.encoder.features:
             return self.encode(batch.pictures)[batch.frames]
         return batch.proprio.new_zeros(*batch.frames.shape, 0)
@@ -159,9 +206,7 @@ class DiffusionPolicy(nn.Module):
         All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
         """
         shape = (len(features), self.config.horizon, self.action_size)
-        observation = self.observation(
-            features, self.normaliser.proprio.normalise(proprio), self.normaliser.context.normalise(context)
-        )
+        observation = self.observation(features, proprio, context)
         film, draft = self.unet.film_of_observations(self.trunk(observation)), self._draft(observation)
         sample = randn_tensor(shape, generator=generators, device=features.device, dtype=features.dtype)
         steps = self.scheduler.timesteps
@@ -170,15 +215,24 @@ class DiffusionPolicy(nn.Module):
         for step, film_of_step in zip(steps, self._film_table, strict=True):
             prediction = self._refined(sample, draft, film + film_of_step)
             sample = self.scheduler.step(prediction, step, sample, generator=generators).prev_sample  # pyright: ignore[reportArgumentType]
-        actions = self.normaliser.action.restore(sample) + self._origin(proprio)
+        actions = self.normaliser.action.restore(sample) + self._origin(proprio, context)
         if self.config.binary_grippers:
-            grippers = actions.unflatten(-1, (-1, ACTION_SIZE))[..., ARM_JOINTS]
+            told = actions[..., : self._agents * ACTION_SIZE]
+            grippers = told.unflatten(-1, (-1, ACTION_SIZE))[..., ARM_JOINTS]
             grippers.copy_(torch.where(grippers > 0, 1.0, -1.0))
         return actions
 
-    def _origin(self, proprio: Tensor) -> Tensor | float:
-        """What is added to a prediction to make joint targets of it (B, 1, A)."""
-        return action_origin(proprio) if self.config.relative_actions else 0.0
+    def _origin(self, proprio: Tensor, context: Tensor) -> Tensor | float:
+        """What is added to a prediction to make targets of it (B, 1, A)."""
+        if not self.config.relative_actions:
+            return 0.0
+        return action_origin(proprio, context if self.config.tcp_actions else None)
+
+
+def _scaled(pictures: Tensor) -> Tensor:
+    """Pictures (U, h, w, 3) uint8 -> (U, 3, h, w) in [-1, 1]."""
+    # Seen with channels in front they are channels_last already: no copy, the fast layout on CPUs.
+    return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 
 def _hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:

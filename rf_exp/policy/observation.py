@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
@@ -34,10 +35,16 @@ class Senses:
 
     bases: tuple[tuple[float, float, float], ...] = ()  # x (m), y (m), yaw (rad) of every arm of the task
     objects: tuple[str, ...] = ()  # whose true poses it is told
+    keys: int = 0  # changes of an own gripper that its heat maps look for
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bases", tuple(tuple(base) for base in self.bases))
         object.__setattr__(self, "objects", tuple(self.objects))
+
+    def keypoints(self, view: View) -> int:
+        """That the heat maps of a stream look for: of each own agent, and all the others."""
+        own = len(view.streams[0].agents)
+        return own * (self.keys + 1) + len(self.bases) - own
 
     def size(self, view: View) -> int:
         """Of the context of a stream of a view."""
@@ -52,8 +59,8 @@ class Senses:
         )
 
 
-def senses_of(config: PolicyConfig, store: "Store") -> Senses:
-    """The senses of a policy that learns from a store. Raises ArgumentError where the store lacks them."""
+def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
+    """The senses of a policy that learns a view. Raises ArgumentError where the store lacks them."""
     if not config.context:
         return Senses()
     try:
@@ -62,12 +69,21 @@ def senses_of(config: PolicyConfig, store: "Store") -> Senses:
         raise ArgumentError(f"{store.path} does not say where its arms stand; generate it again") from error
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
     if config.observation != "state":
-        return Senses(bases)
+        return Senses(bases, keys=_keys(store, view) if config.encoder == "heatmaps" else 0)
     if not store.objects:
         raise ArgumentError(
             f"observation=state needs the poses of the objects, and {store.path} has none; generate it again"
         )
     return Senses(bases, store.objects)
+
+
+def _keys(store: "Store", view: View) -> int:
+    """The largest number of changes of the gripper of one of the agents of a view in an episode."""
+    most = 0
+    for action in np.split(store.action, store.episode_ends[:-1]):
+        changes = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True).sum(axis=0)
+        most = max(most, *(int(changes[agent - 1]) for agent in view.agents))
+    return min(most, CHANGES)
 
 
 def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -110,6 +126,16 @@ def context(
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
     return np.concatenate(parts, axis=-1).astype(np.float32)
+
+
+def tcp_poses(senses: Senses, stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
+    base_from_world = inverse(_base(senses, stream.agents[0]))
+    poses = [
+        _flat(base_from_world @ _base(senses, agent) @ tcp_pose(joints[..., row, :]))
+        for row, agent in enumerate(stream.agents)
+    ]
+    return np.stack(poses, axis=-2)
 
 
 def _others(senses: Senses, stream: Stream) -> list[int]:
@@ -157,6 +183,12 @@ class Memory:
         """(N, M)."""
         count = np.eye(CHANGES + 1)[np.minimum(self._changes, CHANGES)]
         return np.column_stack([count, self._since / RECENT_STEPS])
+
+
+def of_agent(context: Tensor, row: int) -> tuple[Tensor, Tensor]:
+    """Of a context (..., C): the pose of the TCP of the own agent `row` (..., POSE), its changes, one-hot."""
+    first = row * (POSE + _MEMORY)
+    return context[..., first : first + POSE], context[..., first + POSE : first + POSE + CHANGES + 1]
 
 
 def remembered(grippers: NDArray[np.floating]) -> NDArray[np.float32]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.hands import followed
 from rf_exp.policy.observation import Memory, Senses, context, proprioception
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
@@ -99,7 +100,8 @@ class Actor(Performer):
     def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
         self._policy, self._config, self._senses = policy.eval(), policy.config, senses or Senses()
         self._device = policy.normaliser.fastest.device
-        fastest = policy.normaliser.fastest.cpu().double().numpy().reshape(-1, ACTION_SIZE)
+        fastest = policy.normaliser.fastest.cpu().double().numpy()
+        fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
         of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
         super().__init__(view, np.tile(of_stream, len(view.streams)))
 
@@ -163,12 +165,12 @@ class Actor(Performer):
         actions = self._policy.act(features, proprio, told, self._generators).cpu().double().numpy()
         now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
         chunk = actions[:, now : now + self._config.action_steps]
+        if self._config.tcp_actions:
+            streams = zip(self.view.streams, chunk, strict=True)
+            return np.concatenate([followed(self._senses, stream, rows) for stream, rows in streams], axis=1)
         return chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
 
     def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
-        if camera not in pictures:
-            known = ", ".join(sorted(pictures)) or "none"
-            raise StageError(f"policy {self.view.name!r} needs camera {camera!r}; the world has {known}")
         expected = (self._config.height, self._config.width, 3)
         if pictures[camera].shape != expected:
             raise StageError(
@@ -219,7 +221,8 @@ def rollout(
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
     account, success_paper, violations, interventions = Account(), False, 0, 0
     for step in range(1, step_limit + 1):
-        pictures = world.pictures() if any(actor.looks for actor in actors) else {}
+        wanted = _wanted(world, actors)
+        pictures = world.pictures(wanted) if wanted else {}
         for actor in actors:
             actor.think(scene, pictures)
         decision = None
@@ -242,6 +245,16 @@ def rollout(
             return Rollout(seed, True, success_paper, step, violations, account.contacts, "", interventions)
     lost = violations, account.contacts, account.reason(), interventions
     return Rollout(seed, False, success_paper, step_limit, *lost)
+
+
+def _wanted(world: World, actors: Sequence[Performer]) -> list[str]:
+    """The cameras that somebody looks through now. Raises StageError for one that the world does not have."""
+    wanted = {stream.camera: actor for actor in actors if actor.looks for stream in actor.view.streams}
+    for camera, actor in wanted.items():
+        if camera not in world.cameras:
+            known = ", ".join(sorted(world.cameras)) or "none"
+            raise StageError(f"policy {actor.view.name!r} needs camera {camera!r}; the world has {known}")
+    return sorted(wanted)
 
 
 def _generator(seed: int, agent: int) -> torch.Generator:

@@ -124,6 +124,12 @@ def made_of(folder: Path) -> dict[str, Any]:
     return {**read_json(folder / CONFIG, ANEW), "weights": weights}
 
 
+def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPolicy:
+    """A freshly initialised policy of a view."""
+    sizes = view.proprio_size, view.action_size, senses.size(view), senses.keypoints(view), senses.keys
+    return DiffusionPolicy(config, *sizes)
+
+
 def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, View, Senses]:
     """A trained policy, ready to act, its view and its senses. Raises StageError where none is."""
     _require_model(folder)
@@ -134,8 +140,7 @@ def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, Vi
     streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in said["view"]["streams"])
     view = View(said["view"]["name"], tuple(streams))
     senses = Senses(**said["senses"])
-    sizes = view.proprio_size, view.action_size, senses.size(view)
-    policy = DiffusionPolicy(PolicyConfig(**said["policy"]), *sizes)
+    policy = policy_of(PolicyConfig(**said["policy"]), view, senses)
     policy.load_state_dict(tensors)
     return policy.to(device_of(device)).eval(), view, senses
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import senses_of
-from rf_exp.policy.saved import CURVES, MODEL, STATE, claim, device_of, read_tensors, write_tensors
+from rf_exp.policy.saved import CURVES, MODEL, STATE, claim, device_of, policy_of, read_tensors, write_tensors
 from rf_exp.policy.views import View
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ class Curve:
     loss: float
     learning_rate: float
     samples_per_s: float  # windows
+    core_s: float  # CPU seconds since the beginning, of all threads
 
 
 def train(
@@ -68,7 +70,7 @@ def train(
     made_of = {
         "policy": asdict(policy_config),
         "view": asdict(view),
-        "senses": asdict(senses_of(policy_config, store)),
+        "senses": asdict(senses_of(policy_config, store, view)),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
@@ -94,6 +96,12 @@ def train(
     return folder
 
 
+def cost_s(folder: Path) -> float:
+    """CPU seconds that the training of a policy took."""
+    with (folder / CURVES).open(newline="") as file:
+        return max((float(row["core_s"]) for row in csv.DictReader(file)), default=0.0)
+
+
 def learning_rate(step: int, steps: int, config: TrainConfig) -> float:
     """Linear warm-up, then half a cosine down to zero at the end (paper, supplementary)."""
     if step < config.warmup_steps:
@@ -111,15 +119,14 @@ class Training:
         self._windows, self._config = windows, train_config
         self._per_epoch = windows.batches(train_config.batch_size)
         self.steps = train_config.steps or (train_config.epochs or 0) * self._per_epoch
-        self.steps += train_config.draft_steps
+        self.steps += train_config.eyes_steps + train_config.draft_steps
         self.step = 0
         self._device = windows.action.device
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(train_config.seed)
-            self.policy = DiffusionPolicy(
-                policy_config, view.proprio_size, view.action_size, windows.context.shape[1]
-            )
-        self.policy.normaliser.load_state_dict(windows.normaliser().state_dict())
+            self.policy = policy_of(policy_config, view, windows.senses)
+        seen = self.policy.normaliser.seen.centre
+        self.policy.normaliser.load_state_dict(windows.normaliser(len(seen)).state_dict())
         self.policy.to(self._device)
         if self._device.type == "cpu":  # GroupNorm on CUDA wants NCHW, the CPU's convolutions do not
             self.policy.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
@@ -139,17 +146,25 @@ class Training:
             foreach=True,
         )
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
+        self._began_s = time.process_time()
 
     def run(self) -> Iterator[Curve | None]:
         """Step until the end; yields after every step, a curve when one is due."""
         config, since = self._config, time.perf_counter()
         samples, order = 0, self._order()
+        eyes, drafts = config.eyes_steps, config.eyes_steps + config.draft_steps
+        if eyes and self.step > eyes:  # gone on with: what the eyes see is the same again
+            self._windows.look_once(self.policy.eval().encode_whole)
+            self.policy.train()
         while self.step < self.steps:
             if self.step % self._per_epoch == 0:
                 order = self._order()
+            if self.step and self.step in (eyes, drafts):
+                self._settle(eyes == self.step)
             batch = order[self.step % self._per_epoch]
-            drafting = self.step < config.draft_steps
-            done, steps = (0, config.draft_steps) if drafting else (config.draft_steps, self.steps)
+            done, steps = next(
+                (a, b) for a, b in pairwise((0, eyes, drafts, self.steps)) if a <= self.step < b
+            )
             rate = learning_rate(self.step - done, steps - done, config)
             self._update(batch, rate)
             self.step += 1
@@ -167,8 +182,13 @@ class Training:
                 )
             now = time.perf_counter()
             epoch = (self.step - 1) // self._per_epoch
-            yield Curve(self.step, self.steps, epoch, loss, rate, samples / (now - since))
+            yield Curve(self.step, self.steps, epoch, loss, rate, samples / (now - since), self._spent_s)
             since, samples = now, 0
+
+    @property
+    def _spent_s(self) -> float:
+        """CPU seconds of all threads since the beginning, in earlier processes too."""
+        return round(time.process_time() - self._began_s, 2)
 
     def _order(self) -> Sequence[NDArray[np.int64]]:
         rng = np.random.default_rng([self._config.seed, ORDER, self.step // self._per_epoch])
@@ -176,16 +196,21 @@ class Training:
 
     def _update(self, windows: NDArray[np.int64], rate: float) -> None:
         config = self._config
-        batch = self._windows.batch(windows, np.random.default_rng([config.seed, CROPS, self.step]))
+        seeing = self.step < config.eyes_steps
+        rng = np.random.default_rng([config.seed, CROPS, self.step])
         noise_seed = np.random.SeedSequence([config.seed, NOISE, self.step]).generate_state(1)[0]
         generator = torch.Generator(self._device).manual_seed(int(noise_seed))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
-            if self.step < config.draft_steps:
-                with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
-                    torch.manual_seed(int(noise_seed))
-                    loss = self.policy.draft_loss(batch, generator, config.proprio_noise)
+            if seeing:
+                loss = self.policy.eyes_loss(*self._windows.marked(windows))
             else:
-                loss = self.policy.loss(batch, generator, config.noise_draws, config.proprio_noise)
+                batch = self._windows.batch(windows, rng)
+                if self.step < config.eyes_steps + config.draft_steps:
+                    with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
+                        torch.manual_seed(int(noise_seed))
+                        loss = self.policy.draft_loss(batch, generator, config.proprio_noise)
+                else:
+                    loss = self.policy.loss(batch, generator, config.noise_draws, config.proprio_noise)
         for group in self._optimiser.param_groups:
             group["lr"] = rate
         self._optimiser.zero_grad()
@@ -193,6 +218,15 @@ class Training:
         self._optimiser.step()
         self._average.step(self._parameters)
         self._loss += loss.detach()
+
+    def _settle(self, seeing: bool) -> None:
+        """What has been learned so far stays, averaged; after `seeing`, all pictures are looked at once."""
+        self._average.copy_to(self._parameters)
+        if seeing:
+            features = self._windows.look_once(self.policy.eval().encode_whole)
+            pointed = self.policy.pointed(features[:, None], self._windows.context[:, None])[:, 0]
+            self.policy.normaliser.seen.fit(pointed)
+            self.policy.train()
 
     def averaged(self) -> DiffusionPolicy:
         """The policy with its averaged weights, for acting. Training cannot go on from it."""
@@ -205,7 +239,9 @@ class Training:
         tensors |= {f"average.{k}": value for k, value in enumerate(self._average.shadow_params)}
         moments: dict[int, dict[str, Tensor]] = self._optimiser.state_dict()["state"]
         tensors |= {f"optimiser.{k}.{n}": v for k, state in moments.items() for n, v in state.items()}
-        write_tensors(path, tensors | {"loss": self._loss}, {"step": str(self.step)})
+        write_tensors(
+            path, tensors | {"loss": self._loss}, {"step": str(self.step), "core_s": str(self._spent_s)}
+        )
 
     def resume(self, path: Path) -> None:
         """Go on from a saved state, if there is one."""
@@ -213,6 +249,7 @@ class Training:
             return
         tensors, metadata = read_tensors(path)
         self.step = int(metadata["step"])
+        self._began_s -= float(metadata["core_s"])
         parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         self._loss.copy_(tensors.pop("loss"))
         for key, value in tensors.items():

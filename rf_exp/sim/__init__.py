@@ -4,6 +4,6 @@ from rf_exp.sim.vulkan import select_driver
 
 select_driver()  # before SAPIEN is imported, or it would not know the software driver
 
-from rf_exp.sim.simulator import Simulator  # noqa: E402
+from rf_exp.sim.simulator import Limited, Simulator  # noqa: E402
 
-__all__ = ["Simulator"]
+__all__ = ["Limited", "Simulator"]

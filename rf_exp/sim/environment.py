@@ -21,7 +21,7 @@ from sapien import physx
 from rf_exp.sim import objects
 from rf_exp.sim.agent import UID
 from rf_exp.sim.room import build_room, light_room
-from rf_exp.tasks.base import CameraSpec, Start, Task
+from rf_exp.tasks.base import Start, Task
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import CONTROL_HZ
 
@@ -30,13 +30,6 @@ PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
 # Hand frame: z along the fingers, y between them. The camera sits beside the hand and looks at the tips.
 WRIST_EYE_M, WRIST_TARGET_M = (0.07, 0.0, 0.02), (0.0, 0.0, 0.12)
-
-
-def world_from_camera(camera: CameraSpec) -> Matrix:
-    """(4, 4) of a camera that stands in the world: x right, y down, z forward (OpenCV)."""
-    forward = np.subtract(camera.target_m, camera.eye_m)
-    upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
-    return from_axes(camera.eye_m, z=forward, y=upright)
 
 
 def hand_from_camera() -> Matrix:
@@ -105,7 +98,7 @@ class TableEnv(BaseEnv):
         configs = []
         for name, camera in self.task.cameras.items():
             hand: Any = self.hand(int(name.removeprefix("agent"))) if camera.mount == "wrist" else None
-            pose: Any = _sapien_camera_pose(hand_from_camera() if hand else world_from_camera(camera))
+            pose: Any = _sapien_camera_pose(hand_from_camera() if hand else camera.world_from_camera)
             configs.append(
                 CameraConfig(
                     uid=name,

@@ -1,6 +1,6 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from types import TracebackType
 from typing import Any
@@ -9,10 +9,10 @@ import numpy as np
 import sapien
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, choices
 from rf_exp.sim.agent import GRIPPER_M
 from rf_exp.sim.contacts import Contacts
-from rf_exp.sim.environment import PHYSICS_HZ, TableEnv, hand_from_camera, world_from_camera
+from rf_exp.sim.environment import PHYSICS_HZ, TableEnv, hand_from_camera
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks.base import Task
 from rf_exp.transforms import Matrix
@@ -122,9 +122,12 @@ class Simulator:
         """Camera names: `global`, `agent1`, ...; empty without rendering."""
         return tuple(self.task.cameras) if self._render else ()
 
-    def pictures(self) -> dict[str, NDArray[np.uint8]]:
-        """Camera -> (H, W, 3) RGB of the present step, all drawn in one pass."""
-        return {name: picture[..., :3].copy() for name, picture in self._drawn("Color").items()}
+    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+        """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all.
+
+        What nobody asks for is not drawn. Raises ArgumentError for a camera that there is not.
+        """
+        return {name: picture[..., :3].copy() for name, picture in self._drawn("Color", cameras).items()}
 
     def segmentation(self) -> dict[str, NDArray[np.int32]]:
         """Camera -> (H, W) number of the body seen at each pixel, see `bodies`; 0 is nothing."""
@@ -154,19 +157,24 @@ class Simulator:
                 hand = self._env.hand(int(name.removeprefix("agent")))._objs[0]
                 pose = hand.entity_pose.to_transformation_matrix().astype(float) @ hand_from_camera()
             else:
-                pose = world_from_camera(spec)
+                pose = spec.world_from_camera
             models[name] = CameraModel(*self._size_px, float(np.deg2rad(spec.fov_deg)), pose)
         return models
 
-    def _drawn(self, texture: str) -> dict[str, NDArray]:
+    def _drawn(self, texture: str, cameras: Iterable[str] | None = None) -> dict[str, NDArray]:
         if not self._render:
             raise ArgumentError("a simulator made with render=False draws no pictures; expected render=True")
         if self._drawn_at != self._step:
             self._env.scene.sub_scenes[0].update_render()
-            for camera in self._cameras.values():
-                camera.take_picture()
-            self._drawn_at = self._step
-        return {name: camera.get_picture(texture) for name, camera in self._cameras.items()}
+            self._drawn_at, self._drawn_now = self._step, set[str]()
+        wanted = list(self._cameras if cameras is None else cameras)
+        for name in wanted:
+            if name not in self._cameras:
+                raise choices("camera", name, self._cameras)
+            if name not in self._drawn_now:
+                self._cameras[name].take_picture()
+                self._drawn_now.add(name)
+        return {name: self._cameras[name].get_picture(texture) for name in wanted}
 
     def close(self) -> None:
         """Free the scene. The simulator cannot be used afterwards."""
@@ -180,6 +188,22 @@ class Simulator:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class Limited:
+    """A simulator of which only some cameras, or none, take pictures: what is not drawn costs nothing.
+
+    Depth is there when asked for.
+    """
+
+    def __init__(self, world: Simulator, cameras: Sequence[str] = ()) -> None:
+        self._world, self.cameras = world, tuple(cameras)
+        self.reset, self.step = world.reset, world.step
+        self.depth, self.camera_models = world.depth, world.camera_models
+
+    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+        """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all there are."""
+        return self._world.pictures(self.cameras if cameras is None else cameras)
 
 
 _require_rendering_once = cache(require_rendering)

@@ -27,12 +27,12 @@ def generation_path(experiment: Experiment, task: Task, row: Row) -> Path:
 
 
 def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    run = f"{experiment.demos}-{experiment.train_seed}"
+    run = f"{experiment.recipe}-{experiment.demos}-{experiment.train_seed}"
     return experiment.out / "policies" / task.name / row.name / arch.name / run
 
 
 def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    name = f"{row.name}-{experiment.demos}{'-shield' * experiment.shield}.jsonl"
+    name = f"{row.name}-{experiment.recipe}-{experiment.demos}{'-shield' * experiment.shield}.jsonl"
     return experiment.out / "results" / "evaluate" / task.name / arch.name / name
 
 

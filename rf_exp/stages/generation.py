@@ -21,7 +21,7 @@ from rf_exp.stages.identity import generation_identity
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Task
-from rf_exp.types import Episode, Row
+from rf_exp.types import Episode, Pictures, Row
 
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
@@ -34,10 +34,11 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
     Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
     """
     title = f"generate {task.name}/{row.name}"
-    settings, pictures = experiment.settings(task, row), experiment.pictures
+    settings = experiment.settings(task, row)
     made_of = generation_identity(experiment, task, row)
     path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
     with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, row, made_of) as store:
+        pictures = _pictures(experiment, task, path)
         known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
         for lost in _lost(store, known, rows_path):
             rows.append(rows_path, lost)
@@ -84,14 +85,24 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
 
 
 def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
-    path, pictures = data_path(experiment, task, row), experiment.pictures
-    cameras = ("global", *(f"agent{k}" for k in task.agents)) if pictures.render else ()
+    path = data_path(experiment, task, row)
+    pictures = _pictures(experiment, task, path)
+    cameras = pictures.of(len(task.agents))
     size = (pictures.height, pictures.width) if pictures.render else (0, 0)
     identity = {**made_of, "first_seed": experiment.seed, "cameras": list(cameras), "picture": list(size)}
     if path.exists():
         return Store.open(path, identity, writable=True)
     disturbed = experiment.disturbance_rad > 0
     return Store.create(path, identity, len(task.agents), cameras, *size, tuple(task.objects), disturbed)
+
+
+def _pictures(experiment: Experiment, task: Task, path: Path) -> Pictures:
+    """What is asked for; data that hold the pictures of further cameras will do, and go on with those."""
+    pictures, agents = experiment.pictures, len(task.agents)
+    everything = replace(pictures, cameras="all")
+    if path.exists() and {*Store.open(path).cameras} == {*everything.of(agents)}:
+        return everything
+    return pictures
 
 
 def _with_row(episode: Episode, row: GenerationRow) -> Episode:

@@ -25,7 +25,7 @@ from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
 from rf_exp.policy.shield import Shield
-from rf_exp.policy.train import train
+from rf_exp.policy.train import cost_s, train
 from rf_exp.policy.views import View, views
 from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console
@@ -64,9 +64,9 @@ def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
         all_views = views(arch, len(task.agents))
         there = all((folder / view.name / MODEL).exists() for view in all_views)
         processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
-        # The compact network is too small for threads: they would spend their time waiting for each other.
-        compact = experiment.policy.encoder == "compact"
-        threads = 1 if compact else max(1, (os.cpu_count() or 1) // processes)
+        # Our small networks are too small for threads: they would spend their time waiting for each other.
+        small = experiment.policy.encoder != "resnet18"
+        threads = 1 if small else max(1, (os.cpu_count() or 1) // processes)
         made_with = experiment.demos, experiment.policy, config, threads
         followers = [
             Follower(
@@ -104,6 +104,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
     folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
     limit = step_limit(experiment, task, row)
     trained = _trained(experiment, task, arch, folder)
+    core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
     with owned(path, evaluation_identity(experiment, task, limit)):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
         of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
@@ -129,7 +130,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
-                tells = _row(experiment, task, row, arch, limit, result, wall_s)
+                tells = _row(experiment, task, row, arch, limit, core_s, result, wall_s)
                 rows.append(path, tells)
                 ours.append(tells)
                 log(tells)
@@ -146,7 +147,9 @@ def _look(
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
-    stage = rollout_name(arch.name, experiment.demos, experiment.train_seed, experiment.shield)
+    stage = rollout_name(
+        arch.name, experiment.recipe, experiment.demos, experiment.train_seed, experiment.shield
+    )
     before = {r.scene_seed: r for r in known}
     looks: list[tuple[int, list[Path]]] = []
     jobs: list[Callable[[], Any]] = []
@@ -284,7 +287,14 @@ def _demonstrations(experiment: Experiment, task: Task, row: Row) -> Path:
 
 
 def _row(
-    experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, result: Rollout, wall_s: float
+    experiment: Experiment,
+    task: Task,
+    row: Row,
+    arch: Arch,
+    limit: int,
+    core_s: float,
+    result: Rollout,
+    wall_s: float,
 ) -> EvaluationRow:
     return EvaluationRow(
         task=task.name,
@@ -307,4 +317,6 @@ def _row(
         disturbance_rad=experiment.disturbance_rad,
         shield=experiment.shield,
         interventions=result.interventions,
+        recipe=experiment.recipe,
+        core_s=round(core_s, 1),
     )

@@ -137,11 +137,23 @@ def identity(
     counted = f"{experiment.demos} demos"
     if stage == "generate" and experiment.episodes is not None:
         counted = f"{experiment.episodes} episodes"
+    learned = [experiment.recipe] if arch else []
     seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
     about = [task.name, row.name, *([arch.name] if arch else [])]
     shielded = ["shield"] if stage == "evaluate" and experiment.shield else []
     place = "/".join(about)
-    keys = ("demos", "episodes", "seed", "train_seed", "scenes", "attempts", "occupancy", "name", "shield")
+    keys = (
+        "recipe",
+        "demos",
+        "episodes",
+        "seed",
+        "train_seed",
+        "scenes",
+        "attempts",
+        "occupancy",
+        "name",
+        "shield",
+    )
     config = {
         "stage": stage,
         "task": task.name,
@@ -156,9 +168,11 @@ def identity(
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }
     return {
-        "name": ", ".join([f"{stage} {place}" + (f"/{view}" if view else ""), counted, seed, *shielded]),
-        "group": ", ".join([place, counted, seed]),
-        "tags": [*about, counted, seed, *shielded],
+        "name": ", ".join(
+            [f"{stage} {place}" + (f"/{view}" if view else ""), *learned, counted, seed, *shielded]
+        ),
+        "group": ", ".join([place, *learned, counted, seed]),
+        "tags": [*about, *learned, counted, seed, *shielded],
         "config": config,
     }
 

@@ -25,7 +25,7 @@ from shapely import MultiPoint
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
-from rf_exp.transforms import Matrix, planar
+from rf_exp.transforms import Matrix, from_axes, planar
 from rf_exp.types import ARM_JOINTS, Condition, Measured, Scene, Verdict
 
 REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
@@ -95,6 +95,13 @@ class CameraSpec:
             raise ArgumentError(f"camera mount {self.mount!r}; available: world, wrist")
         object.__setattr__(self, "eye_m", tuple(self.eye_m))
         object.__setattr__(self, "target_m", tuple(self.target_m))
+
+    @cached_property
+    def world_from_camera(self) -> Matrix:
+        """(4, 4) of a camera that stands in the world: x right, y down, z forward (OpenCV)."""
+        forward = np.subtract(self.target_m, self.eye_m)
+        upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
+        return from_axes(self.eye_m, z=forward, y=upright)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,7 +41,7 @@ def failed(i: int, broken: int) -> str:
 def evaluation(
     task: str, arch: str, demos: int, wins: int, losses: int, *, version: str = "1",
     constraints: str = "full", train_seed: int = 0, violations: Sequence[int] = (0,),
-    shield: bool = False, interventions: int = 0, contacts: int = 0,
+    shield: bool = False, interventions: int = 0, contacts: int = 0, **more: Any,
 ) -> list[EvaluationRow]:  # fmt: skip
     return [
         EvaluationRow(
@@ -48,6 +49,7 @@ def evaluation(
             scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
             violations=touched, wall_s=5.0, version=version, contacts=contacts,
             reason="" if i < wins else "not lifted", commit="", shield=shield, interventions=interventions,
+            **more,
         )
         for i, touched in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip

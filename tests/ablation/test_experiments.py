@@ -34,7 +34,7 @@ def test_an_experiment_composes_and_yields_to_the_command_line(experiment: str) 
 def test_architectures() -> None:
     values = composed("experiment=architectures")
     assert set(values["arch"]) == set(paper().architectures)
-    assert set(values["task"]) == set(paper().architectures["shared_global"])
+    assert set(values["task"]) > set(paper().architectures["shared_global"])
     assert (values["demos"], values["scenes"]) == (150, 100)
 
 
@@ -48,8 +48,8 @@ def test_ablation_draws_nothing_and_counts_seeds() -> None:
     assert values["randomisation"]["heavy"] > 0
 
 
-def test_tasks_sweeps_over_the_paper_s_demonstrations() -> None:
-    values = composed("experiment=tasks")
+def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:
+    values = composed("experiment=benchmark")
     assert set(values["task"]) == {path.stem for path in (CONF / "task").glob("*.yaml")} - {"all"}
     assert list(values["arch"]) == ["separate_local"]
     swept = [int(count) for count in values["hydra"]["sweeper"]["params"]["demos"].split(",")]

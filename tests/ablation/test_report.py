@@ -118,7 +118,7 @@ def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> N
     for row in evaluation("place_food", "separate_local", 50, 1, 2):
         reason = "" if row.success else DROPPED
         append(out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, reason=reason))
-        name = f"evaluate-separate_local-50-{row.scene_seed}"
+        name = f"evaluate-separate_local-paper-50-{row.scene_seed}"
         Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(folder / f"{name}.png")
         if row.scene_seed != 1_000_002:
             (folder / f"{name}.mp4").write_bytes(b"film")

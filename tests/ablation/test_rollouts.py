@@ -56,6 +56,6 @@ def test_a_scene_that_was_never_begun_is_not_filmed() -> None:
 def test_files_of_policies_that_were_trained_from_other_seeds_are_apart() -> None:
     [row] = rows("")
     folder = Path("recordings/t/full")
-    assert rollout_file(row, ".mp4") == folder / "evaluate-a-5-1000000.mp4"
-    assert rollout_file(replace(row, train_seed=3), ".mp4") == folder / "evaluate-a-5-t3-1000000.mp4"
-    assert rollout_file(replace(row, shield=True), ".mp4") == folder / "evaluate-a-5-shield-1000000.mp4"
+    assert rollout_file(row, ".mp4") == folder / "evaluate-a-paper-5-1000000.mp4"
+    assert rollout_file(replace(row, train_seed=3), ".mp4") == folder / "evaluate-a-paper-5-t3-1000000.mp4"
+    assert rollout_file(replace(row, shield=True), ".mp4") == folder / "evaluate-a-paper-5-shield-1000000.mp4"

@@ -63,20 +63,23 @@ def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
         "step_limit violations wall_s version contacts reason commit schema shield interventions "
-        "observation disturbance_rad"
+        "observation disturbance_rad recipe core_s"
     )
 
 
-def test_rows_from_before_the_shield_are_read_as_rollouts_without_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("schema", "last"), [(2, "schema"), (3, "disturbance_rad")])
+def test_older_rows_are_read_as_rollouts_without_what_came_later(
+    tmp_path: Path, schema: int, last: str
+) -> None:
     names = list(asdict(EVALUATION))
-    values = {k: v for k, v in asdict(EVALUATION).items() if k in names[: names.index("schema") + 1]}
-    values["schema"] = 2
+    values = {k: v for k, v in asdict(EVALUATION).items() if k in names[: names.index(last) + 1]}
+    values["schema"] = schema
     canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
     path = tmp_path / "rows.jsonl"
     path.write_text(json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"}) + "\n")
     append(path, replace(EVALUATION, shield=True, interventions=3))
     old, new = read(path, EvaluationRow)
-    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 3)
+    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 4)
     assert (new.shield, new.interventions) == (True, 3)
     assert old.identity != new.identity
 
@@ -116,9 +119,9 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
         ("[]", "found list, expected an object"),
         (sealed(steps="80"), r"steps of a GenerationRow is '80' \(str\)"),
         (sealed(color=1), "unknown fields: color; available: attempts, brain"),
-        (sealed(schema=4), "a row of schema 4; this version reads schema 3"),
+        (sealed(schema=5), "a row of schema 5; this version reads schema 4"),
         (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, commit, constraints"),
-        (OLD, "a row of schema 1; this version reads schema 3"),
+        (OLD, "a row of schema 1; this version reads schema 4"),
         (json.dumps({**asdict(GENERATION), "crc32": "00000000"}), "damaged or edited: its checksum is"),
     ],
 )

@@ -240,7 +240,7 @@ def by_hand(name: str, line: str, column: str) -> list[int]:
         ]
     shield = name == "shield" and column == "with"
     if name == "shield":
-        task, arch, demos = line.split("-")
+        task, arch, demos, _ = line.split("-")
     elif name == "architectures":
         task, (arch, demos) = column, line.split("-")
     else:
@@ -512,8 +512,8 @@ def shielded_rows() -> Results:
 def test_a_shield_is_compared_over_the_same_scenes() -> None:
     table = made("shield", shielded_rows())
     assert [line.key for line in table.lines] == [
-        "lift_barrier-separate_local-150",
-        "take_photo-shared_local-50",
+        "lift_barrier-separate_local-150-paper",
+        "take_photo-shared_local-50-paper",
     ]
     line = table.lines[0].key
     for column, value, many in (
@@ -528,7 +528,7 @@ def test_a_shield_is_compared_over_the_same_scenes() -> None:
         cell = table.cell(line, column)
         assert (cell.value, cell.mean_violations, cell.n) == (value, many, 10), column
         assert cell.interval is not None
-    gap = "Lift Barrier, separate_local, 150 demos, against without: with +20.0 points ["
+    gap = "Lift Barrier, separate_local, 150 demos, paper, against without: with +20.0 points ["
     assert any(note.startswith(gap) for note in table.notes)
     only = table.lines[1].key
     assert (table.cell(only, "without").value, table.cell(only, "with").value) == (None, 0.5)
@@ -548,24 +548,48 @@ def test_other_tables_leave_shielded_rollouts_out_and_say_so(name: str) -> None:
     assert note in table.notes and note not in plain.notes
 
 
-def test_what_cannot_be_compared_is_left_out_and_said() -> None:
-    """Disturbed seeds measure no expert, policies that are told the truth see nothing; both are named."""
-    seen = evaluation("lift_barrier", "separate_local", 150, 6, 4)
-    told = [
-        replace(row, observation="state") for row in evaluation("lift_barrier", "separate_local", 150, 10, 0)
+def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
+    of_paper = evaluation("lift_barrier", "separate_local", 150, 2, 4)
+    ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast", core_s=90.0)
+    ours = [*ours, *evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast", core_s=60.0)]
+    told = evaluation("lift_barrier", "separate_local", 150, 30, 0, recipe="state", observation="state")
+    table = build(evaluated(of_paper, ours, told), SUITE)["benchmark"]
+    lines = {line.key: line for line in table.lines}
+    rates = {
+        key: (lines[key].cells[1].value, table.cell(key, "demos_150").value)
+        for key in lines
+        if key.startswith("lift_barrier")
+    }
+    assert rates == {
+        "lift_barrier": ("fast", 0.9),
+        "lift_barrier-paper": ("paper", 2 / 6),
+        "lift_barrier-state": ("state", 1.0),
+    }
+    assert table.cell("lift_barrier", "core_minutes").value == "1.5"
+    assert table.cell("lift_barrier-state", "core_minutes").value == ""
+    assert "Policies of recipe state are told the true poses of all things: an oracle." in table.notes
+    shown = made("architectures", evaluated(of_paper, ours, told))
+    assert [(line.key, line.cells[1].value) for line in shown.lines if "separate_local" in line.key] == [
+        ("separate_local-50", "fast"),
+        ("separate_local-150", "fast"),
+        ("separate_local-150-paper", "paper"),
+        ("separate_local-150-state", "state"),
     ]
-    shown = [
-        replace(row, disturbance_rad=0.05) for row in evaluation("take_photo", "separate_local", 150, 1, 1)
-    ]
+
+
+def test_disturbed_seeds_measure_no_expert_and_are_counted_apart() -> None:
     good = generation("lift_barrier", "full", 10, 0)
     bad = [replace(row, disturbance_rad=0.05) for row in generation("lift_barrier", "full", 1, 9)]
-    tables = build(Results(generation=(*good, *bad), evaluation=(*seen, *told, *shown)), SUITE)
-    plain = build(Results(generation=tuple(good), evaluation=(*seen, *shown)), SUITE)
-    for name, table in tables.items():
-        assert table.lines == plain[name].lines, name
-        assert table.notes[-3:-1] == (
-            "10 seeds of disturbed demonstrations are left out: they do not measure the expert.",
-            "10 rollouts of policies that were told the true state are left out.",
-        )
-        learnt = "Learnt from demonstrations whose execution was disturbed (by 0.05 rad): "
-        assert table.notes[-1] == learnt + "take_photo/separate_local."
+    learnt = evaluation("take_photo", "separate_local", 150, 1, 1, recipe="fast", disturbance_rad=0.05)
+    both, plain = (
+        build(Results(generation=rows, evaluation=tuple(learnt)), SUITE)
+        for rows in ((*good, *bad), tuple(good))
+    )
+    assert both["ablation_success"].lines == plain["ablation_success"].lines
+    cells = [both["tasks"].cell("lift_barrier", key).value for key in ("generated", "disturbed")]
+    assert cells == [1.0, 0.1]
+    assert "disturbed" not in {column.key for column in plain["tasks"].columns}
+    said = "Recipe fast learns from demonstrations whose execution was disturbed, by 0.05 rad."
+    for name, table in both.items():
+        assert table.notes[-1] == said, name
+        assert table.notes[-2].startswith("10 seeds of disturbed demonstrations do not measure the expert")

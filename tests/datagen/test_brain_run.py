@@ -56,7 +56,7 @@ def test_a_run_with_a_model_is_repeated_without_it_and_keeps_no_key(lift_barrier
     assert set(server.keys) == {f"Bearer {KEY}"}
     rows = [
         json.loads(line)
-        for line in (live / "results/generate/lift_barrier/full.jsonl").read_text().splitlines()
+        for line in (live / "results/generate/lift_barrier/full-disturbed.jsonl").read_text().splitlines()
     ]
     assert [(row["brain"], row["success"], row["attempts"]) for row in rows] == [
         ("openai", True, 2),

@@ -37,7 +37,9 @@ def block_poses(seed: int, agents: int) -> dict[str, NDArray[np.float32]]:
 def scene_of(agents: int) -> dict[str, object]:
     """What a store's identity says of the arms."""
     robots = [{"x_m": 0.5 * k, "y_m": -0.3, "yaw_deg": 90.0 * k} for k in range(agents)]
-    return {"robots": robots}
+    camera = {"eye_m": [1.8, 0.2, 1.2], "target_m": [0.4, 0.1, 0.3], "fov_deg": 70.0, "mount": "world"}
+    names = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
+    return {"robots": robots, "cameras": {name: dict(camera) for name in names}}
 
 
 def goal(block: NDArray[np.float64]) -> NDArray[np.float64]:

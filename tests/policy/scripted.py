@@ -1,6 +1,6 @@
 """Policies that are told what to do, and arms that follow their commands as the real ones do."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +52,7 @@ class Puppets:
         self._qpos[:, :7] += FOLLOWS * (action[:, :7] - self._qpos[:, :7])
         return self._scene()
 
-    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         return {}
 
     def _scene(self) -> Scene:

@@ -24,7 +24,7 @@ def test_lists_become_tuples() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"encoder": "vit"}, "unknown encoder 'vit'; available: compact, resnet18"),
+        ({"encoder": "vit"}, "unknown encoder 'vit'; available: compact, heatmaps, resnet18"),
         ({"sampler": "euler"}, "unknown sampler 'euler'; available: ddim, ddpm"),
         ({"prediction": "x"}, "unknown prediction 'x'; available: epsilon, sample, v_prediction"),
         ({"horizon": 6}, "horizon is 6; expected a multiple of 4"),

@@ -58,7 +58,7 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
     store = make_store(agents, 3)
     frame = STEPS + 9  # of episode 1
     for view in views(arch, agents):
-        windows, senses = Windows(store, view, told, CPU), senses_of(told, store)
+        windows, senses = Windows(store, view, told, CPU), senses_of(told, store, view)
         assert windows.context.shape == (len(view.streams) * store.steps, senses.size(view))
         poses = {
             name: values[0]

@@ -1,6 +1,6 @@
 """The rollout loop in a tiny world whose arms go where they are told."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -46,11 +46,13 @@ class Table:
         self.qpos[:, :7] = action[:, :7]
         return self.scene()
 
-    def pictures(self) -> dict[str, NDArray[np.uint8]]:
+    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         self.pictures_taken.append(len(self.actions))
         height, width = self.size
         seen = [picture(self.blocks[0]), *map(picture, self.blocks)]
-        return {name: frame[:height, :width] for name, frame in zip(self.cameras, seen, strict=True)}
+        wanted = {*self.cameras} if cameras is None else {*cameras}
+        named = zip(self.cameras, seen, strict=True)
+        return {name: frame[:height, :width] for name, frame in named if name in wanted}
 
 
 def judge(scene: Scene) -> Verdict:

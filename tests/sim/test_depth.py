@@ -13,8 +13,7 @@ from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Outcome, Settings
 from rf_exp.errors import ArgumentError
-from rf_exp.gallery.performance import Unseen
-from rf_exp.sim import Simulator
+from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import ObjectSpec
 from rf_exp.types import Occupancy, Row, Scene
@@ -53,7 +52,7 @@ class Looking(Nobody):
 
 def make(task: Task, world: Simulator, occupancy: Occupancy, observer: Nobody, seed: int = 0) -> Outcome:
     settings = Settings(task, Row("full"), ScriptedSpec(), occupancy=occupancy)
-    return EpisodeMaker(settings, Unseen(world), ScriptedBrain(), observer).make(seed)
+    return EpisodeMaker(settings, Limited(world), ScriptedBrain(), observer).make(seed)
 
 
 @pytest.mark.render

@@ -62,5 +62,5 @@ def test_deleting_what_is_named_helps(command, tmp_path: Path) -> None:
     for path in map(Path, listed.split(", ")):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     assert command(*changed).returncode == 0
-    store = Store.open(tmp_path / "data/pick_meat/full/quick.zarr")
+    store = Store.open(tmp_path / "data/pick_meat/full/fast.zarr")
     assert store.identity["limits"]["velocity_rad_s"] == 0.5

@@ -65,7 +65,7 @@ def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
 
 
 ARGUMENTS = ("stages=[generate]", "task=pick_meat", "render=false", "workers=1")
-ROWS, DATA = "results/generate/pick_meat/full.jsonl", "data/pick_meat/full/quick.zarr"
+ROWS, DATA = "results/generate/pick_meat/full-disturbed.jsonl", "data/pick_meat/full/fast.zarr"
 
 # The command, in a process that is killed where `{where}` is called for the seed 1.
 KILLED = """

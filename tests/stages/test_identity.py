@@ -22,7 +22,7 @@ CUBE = "mesh: cube.obj\nmass_kg: {mass_kg}\n# {comment}\npoints_of: cube\n"
 
 def experiment(*overrides: str) -> Experiment:
     with initialize_config_dir(str(CONF), version_base="1.3"):
-        node: Any = compose("config", ["task=pick_meat", "name=quick", *overrides])
+        node: Any = compose("config", ["task=pick_meat", "recipe=fast", *overrides])
     return read_experiment(OmegaConf.to_container(node, resolve=True))  # pyright: ignore[reportArgumentType]
 
 

@@ -17,10 +17,16 @@ from rf_exp.policy.saved import CONFIG, MODEL, read_tensors, write_tensors
 pytestmark = [pytest.mark.render, pytest.mark.slow]
 
 ARGUMENTS = ("task=pick_meat", "demos=2", "scenes=1", "recordings=0", "workers=1", "wandb=disabled")
-ARGUMENTS += ("picture={width: 64, height: 48}", "training.steps=3", "training.batch_size=8")
+ARGUMENTS += (
+    "picture={width: 64, height: 48}",
+    "training.steps=3",
+    "training.eyes_steps=2",
+    "training.draft_steps=2",
+    "training.batch_size=8",
+)
 ROWS, POLICY = (
-    "results/evaluate/pick_meat/separate_local/full-2.jsonl",
-    "policies/pick_meat/full/separate_local/2-0",
+    "results/evaluate/pick_meat/separate_local/full-fast-2.jsonl",
+    "policies/pick_meat/full/separate_local/fast-2-0",
 )
 
 
@@ -108,7 +114,7 @@ def test_other_data_is_refused(evaluate, out: Path) -> None:
 
 def test_another_step_limit_is_refused(evaluate, out: Path) -> None:
     """It comes from the rows of generation."""
-    path = out / "results/generate/pick_meat/full.jsonl"
+    path = out / "results/generate/pick_meat/full-disturbed.jsonl"
     made = rows.read(path, rows.GenerationRow)
     path.unlink()
     for row in made:

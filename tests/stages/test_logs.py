@@ -99,7 +99,7 @@ def test_a_generation_says_what_it_is_about(generation):
 def test_a_generation_logs_the_rates_of_all_its_rows(generation):
     """Also of those that an earlier run made."""
     out, _ = generation
-    rows = read_rows(out / "results/generate/place_food/logical.jsonl", GenerationRow)
+    rows = read_rows(out / "results/generate/place_food/logical-disturbed.jsonl", GenerationRow)
     first, second = (run["history"] for run in runs(out).values())
     assert [entry["_step"] for entry in first + second] == [1, 2, 3]
     for count, entry in enumerate(first + second, start=1):
@@ -121,7 +121,15 @@ def test_the_output_does_not_speak_of_the_service(generation):
 @pytest.mark.render
 @pytest.mark.slow
 def test_training_and_evaluation_say_what_they_are_about(tmp_path):
-    sizes = ("demos=2", "scenes=2", "picture={width: 64, height: 48}", "training.steps=3", "train_seed=7")
+    sizes = (
+        "demos=2",
+        "scenes=2",
+        "picture={width: 64, height: 48}",
+        "training.steps=3",
+        "training.eyes_steps=2",
+        "training.draft_steps=2",
+        "train_seed=7",
+    )
     done = command(*sizes, "arch=separate_local", "training.batch_size=8", f"out={tmp_path}")
     assert done.returncode == 0, done.stderr
     assert "wandb" not in (done.stdout + done.stderr).lower()
@@ -176,7 +184,7 @@ def test_a_blocked_folder_is_said_before_any_work(tmp_path):
     done = command(*GENERATE, "episodes=1", f"out={tmp_path}")
     assert done.returncode == 2
     assert "wandb=disabled" in done.stderr and "Traceback" not in done.stderr
-    assert not (tmp_path / "results/generate/place_food/logical.jsonl").exists()
+    assert not (tmp_path / "results/generate/place_food/logical-disturbed.jsonl").exists()
 
 
 @pytest.mark.slow

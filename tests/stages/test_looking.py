@@ -28,7 +28,8 @@ from tests.test_viz import Content
 
 SMALL = (
     *("arch=shared_local", "demos=1", "scenes=3", "workers=1", "wandb=disabled", "stages=[evaluate]"),
-    *("training.steps=1", "training.batch_size=4", "policy.unet_channels=[16,32]"),
+    *("policy=paper", "policy.encoder=compact", "policy.sampler=ddim", "policy.inference_diffusion_steps=4"),
+    *("training.epochs=null", "training.steps=1", "training.batch_size=4", "policy.unet_channels=[16,32]"),
     f"picture={{width: {WIDTH}, height: {HEIGHT}}}",
 )
 STEPS = 6  # of a rollout: twice as long as the episodes of the expert, which are made up

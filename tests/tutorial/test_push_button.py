@@ -28,11 +28,11 @@ def test_a_task_outside_of_the_package_is_generated(tmp_path: Path) -> None:
         timeout=300,
     )
     assert run.returncode == 0, run.stdout + run.stderr
-    path = tmp_path / "results/generate/push_button/full.jsonl"
+    path = tmp_path / "results/generate/push_button/full-disturbed.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()]
     assert [row["seed"] for row in rows] == list(range(5))
     assert all(row["success"] and row["success_paper"] for row in rows), rows
-    store = Store.open(tmp_path / "data/push_button/full/quick.zarr")
+    store = Store.open(tmp_path / "data/push_button/full/fast.zarr")
     assert len(store) == 5 and store.steps == sum(row["steps"] for row in rows)
     assert "Push Button" in (tmp_path / "tables/tasks.md").read_text()
 

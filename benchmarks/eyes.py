@@ -1,0 +1,93 @@
+"""How many millimetres the heat maps are off, and how many milliseconds they take, on seeds they never saw.
+
+    python benchmarks/eyes.py outputs/data/stack_cube/full/fast.zarr [--train 130] [--steps 1500]
+
+Trains the eyes of every agent's own camera on the first episodes of a store and looks at the rest: the
+distance between where an own gripper changes next (or the episode ends, or another arm is) and where the eyes
+say so, at every frame before that in which it is in the picture. The last line is JSON: by agent median and
+90th percentile in mm for each keypoint, milliseconds a picture, and CPU seconds of training.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.dataset import Windows
+from rf_exp.policy.eyes import Eyes
+from rf_exp.policy.train import Training
+from rf_exp.policy.views import views
+from rf_exp.store import Store
+from rf_exp.types import Arch
+
+CPU = torch.device("cpu")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("store", type=Path)
+    parser.add_argument("--train", type=int, default=130, help="episodes")
+    parser.add_argument("--steps", type=int, default=1500)
+    parser.add_argument("--batch", type=int, default=32)
+    parser.add_argument("--rate", type=float, default=2e-3)
+    given = parser.parse_args()
+    torch.set_num_threads(1)
+    store = Store.open(given.store)
+    size = {"height": store.attrs["height"], "width": store.attrs["width"]}
+    config = PolicyConfig.compact(
+        encoder="heatmaps", context=True, observation_steps=1, crop=1.0, drop_idle=True, **size
+    )
+    recipe = TrainConfig.compact(
+        eyes_steps=given.steps,
+        steps=1,
+        batch_size=given.batch,
+        learning_rate=given.rate,
+        noise_draws=1,
+        run_length=1,
+    )
+    result: dict[str, object] = {"benchmark": "eyes", "store": str(given.store)}
+    for view in views(Arch("separate_local", False, False), store.agents):
+        windows, everything = (Windows(each, view, config, CPU) for each in (store.first(given.train), store))
+        training, began = Training(windows, view, config, recipe), time.process_time()
+        for _ in training.run():
+            if training.step == given.steps:
+                break
+        seconds = time.process_time() - began
+        eyes = training.averaged().encoder
+        assert isinstance(eyes, Eyes)
+        unseen = np.arange(len(windows), len(everything))
+        pictures, pixels, points, _ = everything.marked(unseen)
+        began = time.process_time()
+        with torch.inference_mode():
+            parts = [eyes.read(*eyes.look(_scaled(part)))[:2] for part in pictures.split(64)]
+        places, found = (torch.cat(each) for each in zip(*parts, strict=True))
+        milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
+        away = 1e3 * (found - points).norm(dim=2)
+        inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)
+        off = config.width * (places - pixels).norm(dim=2)
+        print("pixels", [_said(off[inside[:, k], k]) for k in range(eyes.keypoints)])
+        said = [_said(away[inside[:, k], k]) for k in range(eyes.keypoints)]
+        result[view.name] = {"mm": said, "ms": round(milliseconds, 2), "training_s": round(seconds)}
+        print(f"{view.name}: mm {said}, {milliseconds:.2f} ms a picture, {seconds:.0f} s", flush=True)
+    print(json.dumps(result))
+
+
+def _scaled(pictures: torch.Tensor) -> torch.Tensor:
+    return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
+
+
+def _said(away_mm: torch.Tensor) -> list[float] | None:
+    """Median and 90th percentile."""
+    if not len(away_mm):
+        return None
+    return [round(float(away_mm.quantile(part)), 1) for part in (0.5, 0.9)]
+
+
+if __name__ == "__main__":
+    main()

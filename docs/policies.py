@@ -1,0 +1,134 @@
+"""Writes docs/policies.md from the rows in results/evaluate: python docs/policies.py"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from statistics import fmean
+
+from rf_exp.ablation.paper import paper
+from rf_exp.ablation.rollouts import kind_of
+from rf_exp.ablation.rows import EvaluationRow, load, newest
+from rf_exp.ablation.statistics import wilson
+from rf_exp.ablation.suite import configured
+from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, title_of
+
+ROOT = Path(__file__).parents[1]
+HEADING = (
+    *("task", "arms", "architecture", "recipe", "demos", "strict", "95 % interval", "scenes"),
+    *("paper's criterion", "the paper", "rollouts with a violation", "core-minutes"),
+)
+MOST = 3  # kinds of failures that are told of a policy
+
+INTRODUCTION = """\
+# Policies, measured
+
+Written by `python docs/policies.py` from the rows in `results/evaluate/`; a test compares. Every scene is a
+seed from 1,000,000 on that generation never saw; all are counted, none is chosen. *Strict* is our
+criterion, *paper's criterion* that of the paper for the same rollouts, *the paper* its figure, a dash where
+it has none. A violation is a control step in which arms touched. Core-minutes are the CPU time of learning,
+of all policies of the architecture together.
+
+```
+python -m rf_exp.run -m experiment=benchmark          # eleven tasks, 50, 100 and 150 demonstrations
+python -m rf_exp.run experiment=architectures         # four architectures, four tasks
+```
+
+Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
+
+- **Demonstrations that show how to come back** (`disturbance_rad`), see [laboratory.md](laboratory.md).
+- **Eyes with millimetres** (`policy.encoder=heatmaps`). One heat map for each moment at which the own
+  gripper changes, one for the end of the episode, one for each other arm: where the own TCP will be then,
+  projected into the picture. The labels follow from stored joints, commands and the place of the camera; no
+  pose of an object is used. They are learned first and then fixed, so that every picture is looked at once.
+  `python benchmarks/eyes.py STORE` tells how many millimetres they are off on episodes they never saw.
+- **A draft and its refinement** (`policy.draft`): a perceptron makes a chunk of actions, the diffusion
+  U-Net says what to change about it.
+- **Actions as motions of hands** (`policy.tcp_actions`): where the TCP goes is predicted beside the joints,
+  and the joints follow it. In the laboratory, Two Robots Stack Cube rose from 24 to 32 of the same 40
+  scenes by it.
+- Moments in which nobody moves are left out, chunks of 32 of which 24 are executed, the absolute error.
+
+`state` is the oracle: `fast` with the true poses of all things in place of pictures, no result beside the
+paper's.
+"""
+
+
+def cells(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[EvaluationRow]]]:
+    """The rows of each policy, in the order of the paper's tasks, with one of them."""
+    found: dict[tuple[object, ...], list[EvaluationRow]] = {}
+    for row in rows:
+        if row.constraints == BASELINE_CONSTRAINTS:
+            key = (row.task, row.recipe, row.arch != BASELINE_ARCH, row.arch, row.demos, row.shield)
+            found.setdefault(key, []).append(row)
+    order = [*paper().levels, *sorted({row.task for row in rows} - {*paper().levels})]
+    for _, group in sorted(found.items(), key=lambda item: (order.index(str(item[0][0])), *item[0][1:])):
+        kept, _ = newest(group)
+        yield kept[0], list(kept)
+
+
+def of_paper(row: EvaluationRow) -> float | None:
+    """The paper's figure for the same task, architecture and number of demonstrations."""
+    if row.arch == BASELINE_ARCH:
+        return paper().baseline.get(row.task, {}).get(row.demos)
+    return paper().architectures.get(row.arch, {}).get(row.task) if row.demos == paper().demos[-1] else None
+
+
+def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
+    known = configured().get(row.task)
+    rate, figure = wilson(sum(r.success for r in group), len(group)), of_paper(row)
+    cost = fmean({r.train_seed: r.core_s for r in group}.values()) / 60
+    return (
+        title_of(row.task, configured()),
+        str(known.agents if known else paper().levels[row.task]),
+        row.arch + ", shielded" * row.shield,
+        row.recipe,
+        str(row.demos),
+        f"**{100 * rate.value:.0f} %**",
+        f"{100 * rate.low:.0f} to {100 * rate.high:.0f}",
+        str(len(group)),
+        f"{100 * fmean(r.success_paper for r in group):.0f} %",
+        "-" if figure is None else f"{100 * figure:.0f} %",
+        f"{100 * fmean(r.violations > 0 for r in group):.0f} %",
+        f"{cost:.1f}" if cost else "",
+    )
+
+
+def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
+    """What failed most often, in one line."""
+    kinds = Counter(kind_of(r.reason) for r in group if not r.success)
+    told = "; ".join(f"{count} times {kind}" for kind, count in kinds.most_common(MOST))
+    more = sum(kinds.values()) - sum(count for _, count in kinds.most_common(MOST))
+    name = f"{title_of(row.task, configured())}, {row.arch}, {row.recipe}, {row.demos}"
+    return f"- **{name}{', shielded' * row.shield}**: {told}{f'; {more} others' if more else ''}."
+
+
+def document() -> str:
+    rows = load(ROOT).evaluation
+    groups = list(cells(rows))
+    parts = [INTRODUCTION, "## Success", ""]
+    for each in (HEADING, ["---"] * len(HEADING), *(line(row, group) for row, group in groups)):
+        parts.append("| " + " | ".join(each) + " |")
+    ours = {(row.task, row.demos) for row, _ in groups if row.arch == BASELINE_ARCH and row.recipe == "fast"}
+    missing = [
+        f"{title_of(task, configured())} ({', '.join(map(str, counts))})"
+        for task in paper().levels
+        if (counts := [demos for demos in paper().demos if (task, demos) not in ours])
+    ]
+    if missing:
+        parts += ["", f"Not measured yet, recipe `fast`, `{BASELINE_ARCH}`: {'; '.join(missing)}."]
+    failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
+    if failed:
+        parts += [
+            "",
+            "## What failed",
+            "",
+            "Conditions that did not hold at the end, and what came before.",
+            "",
+        ]
+    commits = sorted({row.commit for row in rows})
+    parts += [*failed, "", f"Made by the code of commits {', '.join(commits)}." if commits else ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+if __name__ == "__main__":
+    (Path(__file__).parent / "policies.md").write_text(document(), "utf-8")

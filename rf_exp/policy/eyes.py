@@ -1,0 +1,129 @@
+"""Eyes with millimetres: one heat map for each keypoint, in place of features that nobody can name.
+
+A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over its
+cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's peak
+is a picture coordinate finer than a cell, and a small network with a linear path lifts it to a point in the
+base frame of the arm: cameras stand still, so that is a smooth function.
+"""
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from rf_exp.policy.keypoints import HEADING
+
+CELL = 4  # pixels of a picture to a cell of a map
+CHANNELS = 32
+POOLED = 16  # numbers that describe what is seen at a keypoint
+PEAK = 5  # cells, side of the square round the largest one whose middle is taken
+OUT = 3 + HEADING + 1  # point (m), heading, how sure
+PIXEL_WEIGHT, POINT_M, HEADING_WEIGHT = 0.05, 0.05, 0.1  # of the parts of the loss
+
+
+class _Dilated(nn.Module):
+    """A residual 3x3 convolution whose taps lie `apart` cells apart."""
+
+    def __init__(self, apart: int) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(CHANNELS, CHANNELS, 3, padding=apart, dilation=apart, bias=False)
+        self.norm = nn.GroupNorm(4, CHANNELS)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + functional.relu(self.norm(self.conv(x)))
+
+
+class _Each(nn.Module):
+    """A small network with a linear path beside it for each of M keypoints: (B, M, I) -> (B, M, O)."""
+
+    def __init__(self, keypoints: int, inputs: int, hidden: int, outputs: int) -> None:
+        super().__init__()
+
+        def layer(size: int, out: int) -> nn.Module:
+            return nn.Conv1d(keypoints * size, keypoints * out, 1, groups=keypoints)
+
+        self.bent = nn.Sequential(layer(inputs, hidden), nn.Mish(), layer(hidden, outputs))
+        self.straight = layer(inputs, outputs)
+
+    def forward(self, x: Tensor) -> Tensor:
+        flat = x.flatten(1)[..., None]
+        return (self.bent(flat) + self.straight(flat)).reshape(*x.shape[:2], -1)
+
+
+class Eyes(nn.Module):
+    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT) of M keypoints."""
+
+    def __init__(self, keypoints: int) -> None:
+        super().__init__()
+        self.keypoints, self.features = keypoints, keypoints * OUT
+        self.trunk = nn.Sequential(
+            nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
+            nn.GroupNorm(4, CHANNELS),
+            nn.ReLU(),
+            *(_Dilated(apart) for apart in (1, 2, 4)),
+        )
+        self.maps = nn.Conv2d(CHANNELS, keypoints, 1)
+        self.pool = nn.Linear(CHANNELS, POOLED)
+        self.lift = _Each(keypoints, 2, 32, 3)
+        self.turn = _Each(keypoints, POOLED, 32, HEADING)
+
+    def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+        """The maps (B, M, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
+        seen = self.trunk(pictures)
+        return self.maps(seen), seen
+
+    def read(self, maps: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Places in the picture (B, M, 2) from 0 to 1, points (B, M, 3), headings (B, M, 6), trust (B, M)."""
+        chance = maps.flatten(2).softmax(dim=2).unflatten(2, maps.shape[2:])
+        near = _peaks(chance)
+        total = near.sum(dim=(2, 3))
+        rows, columns = (torch.arange(size, device=maps.device) + 0.5 for size in maps.shape[2:])
+        y = (near.sum(dim=3) @ rows) / total / maps.shape[2]
+        x = (near.sum(dim=2) @ columns) / total / maps.shape[3]
+        pixels = torch.stack([x, y], dim=2)
+        weights = (near / total[..., None, None]).flatten(2)
+        pooled = self.pool(weights @ seen.flatten(2).transpose(1, 2))  # (B, M, POOLED)
+        return pixels, self.lift(4 * (pixels - 0.5)), self.turn(pooled), total
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        _, points, headings, sure = self.read(*self.look(pictures))
+        return torch.cat([points, headings, sure[..., None]], dim=2).flatten(1)
+
+    def loss(self, pictures: Tensor, pixels: Tensor, points: Tensor, headings: Tensor) -> Tensor:
+        """Of pictures whose keypoints are at `pixels` (B, M, 2), `points` and `headings`; NaN is not seen."""
+        maps, seen = self.look(pictures)
+        found, lifted, turned, _ = self.read(maps, seen)
+        inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)  # (B, M); NaN is not
+        if not inside.any():
+            return maps.sum() * 0.0
+        cross = _cross_entropy(maps[inside], pixels[inside])
+        off = (found - pixels)[inside].abs().mean() * maps.shape[3]
+        away = (lifted - points)[inside].abs().mean() / POINT_M
+        turn = (turned - headings)[inside].abs().mean()
+        return cross + PIXEL_WEIGHT * off + away + HEADING_WEIGHT * turn
+
+
+def _peaks(chance: Tensor) -> Tensor:
+    """Maps (B, M, h, w) with all but the PEAK x PEAK cells round the largest one set to zero."""
+    height, width = chance.shape[2:]
+    best = chance.flatten(2).argmax(dim=2)
+    row, column = best // width, best % width
+    rows, columns = (torch.arange(size, device=chance.device) for size in (height, width))
+    near_row = (rows - row[..., None]).abs() <= PEAK // 2
+    near_column = (columns - column[..., None]).abs() <= PEAK // 2
+    return chance * (near_row[..., :, None] & near_column[..., None, :])
+
+
+def _cross_entropy(maps: Tensor, pixels: Tensor) -> Tensor:
+    """Of maps (K, h, w) to places (K, 2) from 0 to 1, each spread over the four nearest cells."""
+    height, width = maps.shape[1:]
+    logs = maps.flatten(1).log_softmax(dim=1)
+    x = (pixels[:, 0] * width - 0.5).clamp(0, width - 1)
+    y = (pixels[:, 1] * height - 0.5).clamp(0, height - 1)
+    left, top = x.floor().clamp(max=width - 2), y.floor().clamp(max=height - 2)
+    total = maps.new_zeros(len(maps))
+    for dx in (0, 1):
+        for dy in (0, 1):
+            share = (1 - (x - left - dx).abs()) * (1 - (y - top - dy).abs())
+            cell = ((top + dy) * width + left + dx).long()
+            total = total - share * logs.gather(1, cell[:, None])[:, 0]
+    return total.mean()

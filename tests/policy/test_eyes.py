@@ -1,0 +1,217 @@
+"""Heat maps: labels from demonstrations alone, places finer than a cell, and a policy that is led by them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from rf_exp.errors import ArgumentError
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.dataset import Windows
+from rf_exp.policy.eyes import CELL, Eyes
+from rf_exp.policy.hands import followed, with_hands
+from rf_exp.policy.keypoints import keypoints
+from rf_exp.policy.observation import Senses, senses_of, tcp_poses
+from rf_exp.policy.saved import load_policy
+from rf_exp.policy.train import Training, train
+from rf_exp.policy.views import Stream, View, views
+from rf_exp.robots import limits_rad, tcp_pose
+from rf_exp.sim.simulator import CameraModel
+from rf_exp.store import Store
+from rf_exp.tasks.base import CameraSpec
+from rf_exp.transforms import apply, inverse, planar
+from rf_exp.types import Arch
+from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture
+def seeing(policy_config: PolicyConfig) -> PolicyConfig:
+    return replace(
+        policy_config,
+        encoder="heatmaps",
+        context=True,
+        crop=1.0,
+        observation_steps=1,
+        draft=(32,),
+        tcp_actions=True,
+        keypoint_noise_m=0.002,
+    )
+
+
+@pytest.fixture
+def phases(train_config: TrainConfig) -> TrainConfig:
+    return replace(train_config, eyes_steps=3, draft_steps=3, steps=3)
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig, arch: Arch) -> None:
+    """Compared with a camera model and kinematics, episode by episode, in frames of every kind."""
+    agents = 2
+    store: Store = make_store(agents, 3)
+    scene = store.identity["scene"]
+    bases = [planar(r["x_m"], r["y_m"], float(np.deg2rad(r["yaw_deg"]))) for r in scene["robots"]]
+    for view in views(arch, agents):
+        senses = senses_of(seeing, store, view)
+        assert senses.keys == 1  # a gripper that closes, and stays so
+        for stream in view.streams:
+            found = keypoints(store, stream, senses.keys, slice(None))
+            assert found.points.shape == (store.steps, senses.keypoints(view), 3)
+            spec = CameraSpec(**scene["cameras"][stream.camera])
+            camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
+            others = [k for k in range(1, agents + 1) if k not in stream.agents]
+            for frame in range(0, store.steps, 7):
+                first = frame // STEPS * STEPS  # of its episode
+                closed = first + int(np.argmax(store.action[first : first + STEPS, 0, 7] < 0))
+                moments = [(k, at) for k in stream.agents for at in (closed, first + STEPS - 1)]
+                moments += [(k, frame) for k in others]
+                for column, (agent, at) in enumerate(moments):
+                    if at == closed and frame > closed and agent in stream.agents and column % 2 == 0:
+                        assert np.isnan(found.points[frame, column]).all()  # it is past
+                        continue
+                    tcp = bases[agent - 1] @ tcp_pose(store.qpos[at, agent - 1])
+                    local = apply(inverse(bases[stream.agents[0] - 1]), tcp[:3, 3])
+                    np.testing.assert_allclose(found.points[frame, column], local, atol=1e-6)
+                    seen = camera.intrinsics @ apply(inverse(camera.world_from_camera), tcp[:3, 3])
+                    pixel = seen[:2] / seen[2] / (WIDTH, HEIGHT)
+                    np.testing.assert_allclose(found.pixels[frame, column], pixel, atol=1e-4)
+
+
+def test_a_camera_on_a_hand_is_refused(make_store) -> None:
+    store: Store = make_store(1, 3)
+    store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"
+    try:
+        with pytest.raises(ArgumentError, match="camera 'agent1' rides on a hand"):
+            keypoints(store, Stream("agent1", (1,)), 1, slice(None))
+    finally:
+        store.identity["scene"]["cameras"]["agent1"]["mount"] = "world"
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.5, 0.5), (0.31, 0.62), (0.08, 0.93)])
+def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
+    eyes = Eyes(1)
+    height, width = 24, 32
+    rows, columns = torch.arange(height) + 0.5, torch.arange(width) + 0.5
+    away = ((columns - x * width) ** 2)[None] + ((rows - y * height) ** 2)[:, None]
+    pixels, *_ = eyes.read(-away[None, None] / 0.8, torch.zeros(1, 32, height, width))
+    assert (pixels[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
+        [x * width, y * height], abs=0.1
+    )
+
+
+def test_eyes_learn_to_find_what_is_shown() -> None:
+    """Within a pixel, after a hundred steps, where a cell is four pixels wide."""
+    torch.manual_seed(0)
+    eyes, rng = Eyes(2), np.random.default_rng(0)
+    optimiser = torch.optim.AdamW(eyes.parameters(), 4e-3)
+
+    def shown(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        places = rng.uniform(0.15, 0.85, (count, 2, 2))
+        pictures = np.full((count, 3, 48, 64), -0.2, np.float32)
+        rows, columns = np.mgrid[:48, :64] + 0.5
+        for picture, pair in zip(pictures, places, strict=True):
+            for colour, (x, y) in enumerate(pair):
+                picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
+        return torch.from_numpy(pictures), torch.from_numpy(places.astype(np.float32))
+
+    for _ in range(100):
+        pictures, pixels = shown(16)
+        pixels[0, 0] = torch.nan  # past
+        points = torch.nn.functional.pad(pixels, (0, 1))
+        loss = eyes.loss(pictures, pixels, points, torch.zeros(16, 2, 6))
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    pictures, pixels = shown(64)
+    found, points, _, _ = eyes.eval().read(*eyes.look(pictures))
+    off = (found - pixels) * torch.tensor([64, 48])
+    assert off.norm(dim=2).quantile(0.9) < CELL / 4
+    assert (points[..., :2] - pixels).norm(dim=2).median() < 0.02
+
+
+def test_nothing_to_see_is_nothing_to_learn() -> None:
+    eyes, nowhere = Eyes(1), torch.full((2, 1, 2), torch.nan)
+    loss = eyes.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 3), torch.zeros(2, 1, 6))
+    loss.backward()
+    assert loss.item() == 0.0
+
+
+@pytest.mark.parametrize("saved_at", range(1, 9))
+def test_every_step_can_be_gone_on_from(
+    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path: Path, saved_at: int
+) -> None:
+    store, view = make_store(1, 3), View("agent1", (Stream("agent1", (1,)),))
+
+    def begun() -> Training:
+        return Training(Windows(store, view, seeing, CPU), view, seeing, phases)
+
+    straight, early, late = begun(), begun(), begun()
+    for _ in straight.run():
+        pass
+    for _ in early.run():
+        if early.step == saved_at:
+            early.save(tmp_path / "state")
+            break
+    late.resume(tmp_path / "state")
+    for _ in late.run():
+        pass
+    weights = late.averaged().state_dict()
+    assert all(torch.equal(value, weights[n]) for n, value in straight.averaged().state_dict().items())
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_policies_of_all_views_save_and_load(
+    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path: Path, arch: Arch
+) -> None:
+    store: Store = make_store(2, 3)
+    for view in views(arch, 2):
+        folder = train(store, view, seeing, phases, tmp_path / view.name)
+        policy, read, senses = load_policy(folder)
+        assert (read, senses) == (view, senses_of(seeing, store, view))
+        windows = Windows(store, view, seeing, CPU)
+        batch = windows.batch(np.arange(4), None)
+        features = policy.encode_whole(batch.pictures)[batch.frames]
+        generators = [torch.Generator().manual_seed(k) for k in range(4)]
+        actions = policy.act(features, batch.proprio, batch.context, generators)
+        assert actions.shape == (4, seeing.horizon, view.action_size // 8 * 17)
+        assert torch.isfinite(actions).all()
+
+
+def test_joints_follow_the_hands() -> None:
+    """Joints that are a little off are led to where the predicted hands are, both arms of a stream."""
+    rng = np.random.default_rng(3)
+    senses = Senses(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
+    stream = Stream("global", (1, 2))
+    action = np.concatenate([REST + rng.normal(0, 0.2, (12, 2, 7)), rng.choice([-1.0, 1.0], (12, 2, 1))], 2)
+    action[..., :7] = np.clip(action[..., :7], limits_rad()[0] + 0.1, limits_rad()[1] - 0.1)
+    chunk = with_hands(senses, stream, action).astype(float)
+    chunk[:, :16] += np.tile(np.append(rng.normal(0, 0.01, 7), 0.0), 2)
+    found = followed(senses, stream, chunk)
+    assert np.array_equal(found[..., 7], action[..., 7])
+    np.testing.assert_allclose(
+        tcp_poses(senses, stream, found[..., :7]), tcp_poses(senses, stream, action[..., :7]), atol=2e-3
+    )
+    assert np.abs(found - action)[..., :7].max() < 0.1
+
+
+def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
+    senses, stream = Senses(bases=((0.0, 0.0, 0.0),)), Stream("agent1", (1,))
+    chunk = with_hands(senses, stream, np.append(REST, 1.0)[None, None]).astype(float)
+    chunk[0, 8:11] = (3.0, 0.0, 0.5)
+    assert np.array_equal(followed(senses, stream, chunk)[0, 0], chunk[0, :8])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"crop": 0.9}, "encoder is 'heatmaps'; expected context=true and crop=1 with heatmaps"),
+        ({"context": False, "encoder": "compact"}, "context is False; expected true with tcp_actions"),
+        ({"keypoint_noise_m": -0.1}, "keypoint_noise_m is -0.1; expected 0 or above"),
+    ],
+)
+def test_what_does_not_fit_is_refused(seeing: PolicyConfig, change: dict, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        replace(seeing, **change)
