@@ -281,6 +281,17 @@ class Episode:
 
 
 @dataclass(frozen=True)
+class Sight:
+    """Where in a picture a policy sees that an agent will be, or another one is."""
+
+    camera: str
+    agent: int
+    x: float  # to the right, from 0 to 1 over the picture
+    y: float  # down
+    goes: bool  # whether it is where this agent goes next
+
+
+@dataclass(frozen=True)
 class RolloutStep:
     """One control step of a rollout, as its observers are told of it."""
 
@@ -292,6 +303,7 @@ class RolloutStep:
     verdict: Verdict
     violation: Violation | None  # seen by the monitor
     withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one
+    seen: tuple[Sight, ...] = ()  # what heat maps saw when a policy looked for the last time
 
 
 @dataclass(frozen=True)

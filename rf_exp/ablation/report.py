@@ -184,7 +184,11 @@ def _rollouts(out: Path, results: Results, suite: Suite) -> str:
             except OSError as error:
                 notes.append(f"{out / rollout_file(row, PICTURE)}: no picture: {error}")
         notes += [f"{task}: {len(rows) - share} more are below recordings/."] if len(rows) > share else []
-    return page.panels(drawn) + page.bullets(notes)
+    lead = (
+        "<p class='soft'>The last moment of each. A ring in a view is where a policy sees its agent go "
+        "next, dots are what else it sees.</p>"
+    )
+    return (lead if drawn else "") + page.panels(drawn) + page.bullets(notes)
 
 
 def _rollout(out: Path, row: EvaluationRow) -> str:

@@ -94,6 +94,12 @@ class DiffusionPolicy(nn.Module):
         top, left = (self.config.height - height) // 2, (self.config.width - width) // 2
         return self.encode(pictures[:, top : top + height, left : left + width])
 
+    def places(self, pictures: Tensor) -> Tensor | None:
+        """Where in pictures (U, H, W, 3) heat maps see their keypoints: (U, M, 2) from 0 to 1."""
+        if not isinstance(self.encoder, Eyes):
+            return None
+        return self.encoder.read(*self.encoder.look(_scaled(pictures)))[0]
+
     def observation(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
         """Features (B, O, F), proprioception (B, O, P) and context (B, O, C), all raw -> (B, observation)."""
         if isinstance(self.encoder, Eyes):

@@ -117,7 +117,7 @@ def context(
     for agent in stream.agents:
         parts += [_flat(base_from_world @ _tcp(senses, agent, qpos)), memory[..., agent - 1, :]]
     if senses.objects:
-        for agent in _others(senses, stream):
+        for agent in others(senses, stream):
             parts += [
                 proprioception(qpos[..., agent - 1 : agent, :]),
                 _flat(base_from_world @ _tcp(senses, agent, qpos)),
@@ -138,7 +138,8 @@ def tcp_poses(senses: Senses, stream: Stream, joints: NDArray[np.floating]) -> N
     return np.stack(poses, axis=-2)
 
 
-def _others(senses: Senses, stream: Stream) -> list[int]:
+def others(senses: Senses, stream: Stream) -> list[int]:
+    """The agents of the task that a stream does not command."""
     return [agent for agent in range(1, len(senses.bases) + 1) if agent not in stream.agents]
 
 
@@ -177,6 +178,11 @@ class Memory:
         self._open = opened
         self._changes = self._changes + changed
         self._since = np.where(changed, 0, np.minimum(self._since + 1, RECENT_STEPS))
+
+    @property
+    def changes(self) -> NDArray[np.int64]:
+        """(N,) how often the gripper of each agent has changed."""
+        return self._changes
 
     @property
     def vector(self) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ and the arms (`rf_exp.policy.shield`).
 """
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +19,12 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.hands import followed
-from rf_exp.policy.observation import Memory, Senses, context, proprioception
+from rf_exp.policy.observation import Memory, Senses, context, others, proprioception
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets
 from rf_exp.policy.views import ACTION_SIZE, View
-from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Verdict, Violation, World
+from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Sight, Verdict, Violation, World
 
 
 class Performer:
@@ -41,6 +41,7 @@ class Performer:
         self._kept = False  # whether an agent was kept from its target in the last step
         # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
         self.predicted: dict[int, NDArray[np.float64]] = {}
+        self.seen: tuple[Sight, ...] = ()  # at the last look
 
     @property
     def looks(self) -> bool:
@@ -149,13 +150,29 @@ class Actor(Performer):
         )
         features = proprio.new_zeros(len(streams), 0)
         if self.looks:
-            seen = np.stack([self._picture(pictures, stream.camera) for stream in streams])
-            features = self._policy.encode_whole(torch.from_numpy(seen).to(self._device))
+            seen = torch.from_numpy(np.stack([self._picture(pictures, stream.camera) for stream in streams]))
+            features = self._policy.encode_whole(seen.to(self._device))
+            places = self._policy.places(seen.to(self._device))
+            if places is not None:
+                self.seen = tuple(self._sights(places.cpu().double().numpy(), self._memory.changes))
         # Before an episode's start its first frame repeats, as in training.
         for _ in range(1 if self._features else self._config.observation_steps):
             self._features.append(features)
             self._proprio.append(proprio)
             self._context.append(torch.from_numpy(told).to(self._device))
+
+    def _sights(self, places: NDArray[np.float64], changes: NDArray[np.int64]) -> Iterator[Sight]:
+        """What heat maps see at (S, M, 2), but for what is past."""
+        for stream, of_stream in zip(self.view.streams, places, strict=True):
+            meant = [
+                (agent, key, key == min(changes[agent - 1], self._senses.keys))
+                for agent in stream.agents
+                for key in range(self._senses.keys + 1)
+            ]
+            meant += [(agent, self._senses.keys, False) for agent in others(self._senses, stream)]
+            for (agent, key, goes), (x, y) in zip(meant, of_stream, strict=True):
+                if key >= min(changes[agent - 1], self._senses.keys):
+                    yield Sight(stream.camera, agent, float(x), float(y), bool(goes))
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
         """Sampled from what was observed."""
@@ -240,7 +257,8 @@ def rollout(
         if on_step is not None:
             predicted = {agent: chunk for actor in actors for agent, chunk in actor.predicted.items()}
             withheld = None if decision is None else decision.withheld
-            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld))
+            seen = tuple(sight for actor in actors for sight in actor.seen)
+            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, seen))
         if verdict.success:
             return Rollout(seed, True, success_paper, step, violations, account.contacts, "", interventions)
     lost = violations, account.contacts, account.reason(), interventions

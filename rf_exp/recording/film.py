@@ -13,20 +13,22 @@ from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene
 from rf_exp.viz import text
 from rf_exp.viz.film import Film
-from rf_exp.viz.frames import INK, SOFT, Line, frame
-from rf_exp.viz.layout import HOLDS, VIOLATED
+from rf_exp.viz.frames import INK, SOFT, Line, Mark, frame
+from rf_exp.viz.layout import HOLDS, VIOLATED, agent_colour
 
 EVERY = 4  # control steps from one frame to the next
 RATE = 2 * CONTROL_HZ // EVERY  # frames a second: twice as fast as real
 REST_FRAMES = 2 * RATE  # the last one stays a while
 HEIGHT_PX = 240  # of the global view
 QUALITY = 28  # see Film
+LEAST = 5e-4  # of a number that is shown
 
 
 class RolloutFilm:
     """Films one rollout; an observer of the rollout loop, a context manager.
 
-    Shows all cameras, the time, and which conditions of success hold. The picture of the last moment is
+    Shows all cameras, the time, and which conditions of success hold; where heat maps see that an agent goes
+    next as a ring of its colour, what else they see as dots. The picture of the last moment is
     written to `picture`.
     """
 
@@ -62,7 +64,8 @@ class RolloutFilm:
 
     def _frame(self, step: RolloutStep, ending: str) -> NDArray[np.uint8]:
         title = f"{step.scene.step * CONTROL_DT_S:.1f} s{ending}"
-        return frame(self._world.pictures(), title, _lines(step), HEIGHT_PX)
+        marks = [Mark(s.camera, s.x, s.y, agent_colour(s.agent), s.goes) for s in step.seen]
+        return frame(self._world.pictures(), title, _lines(step), HEIGHT_PX, marks)
 
 
 def _lines(step: RolloutStep) -> list[Line]:
@@ -73,9 +76,14 @@ def _lines(step: RolloutStep) -> list[Line]:
     lines, verdict = [], step.verdict
     for name, holds in verdict.evidence.items():
         found = verdict.measured.get(name)
-        number = f": {found.value:.2g} {found.unit}, asked {found.asked}" if found is not None else ""
+        number = f": {_short(found.value)} {found.unit}, asked {found.asked}" if found is not None else ""
         lines.append(Line(f"{name}{number}", HOLDS if holds else VIOLATED, INK if holds else SOFT))
     if step.withheld is not None:
         said = text.withheld(step.withheld)
         lines.append(Line(said, VIOLATED if step.withheld else HOLDS, INK if step.withheld else SOFT))
     return lines
+
+
+def _short(value: float) -> str:
+    """Two digits; the noise of the physics is nothing."""
+    return f"{value:.2g}" if abs(value) >= LEAST else "0"

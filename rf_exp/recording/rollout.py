@@ -11,7 +11,7 @@ from rf_exp.constraints.world import Bodies
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Rollout, RolloutStep, Scene, Sight, Verdict
 from rf_exp.viz import text
 
 DISTANCES_EVERY = 2  # control steps
@@ -31,6 +31,7 @@ class RolloutRecorder(SceneRecorder):
         self._violated = False
         self._table = ""
         self._withheld = ""  # what the shield did last
+        self._seen: tuple[Sight, ...] = ()
 
     def begun(self, scene: Scene) -> None:
         """The start."""
@@ -44,6 +45,9 @@ class RolloutRecorder(SceneRecorder):
             ahead = self._arms[agent - 1].tcp(chunk[:, :ARM_JOINTS])[:, :3, 3]
             self._recorder.path(agent, "predicted", ahead)
         self.look(step.scene, step.action, self._world.pictures())
+        if step.seen != self._seen:
+            self._seen = step.seen
+            self._recorder.seen(step.seen)
         for agent in self._task.agents:
             self._trails[agent].append(self._hands_m((agent,))[0])
             self._recorder.path(agent, "done", np.array(self._trails[agent]))

@@ -15,7 +15,19 @@ GROUND, INK, SOFT = (22, 24, 28), (236, 238, 240), (150, 154, 160)
 GAP_PX = 8
 TEXT_PX, SMALL_PX = 17, 15  # sizes of letters
 LINE_PX = 25  # from one line to the next
+RING_PX, DOT_PX = 6, 2  # radii of marks
 ROWS = 2  # agents' views below one another at most, beside the global view
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place in the picture of a camera, from 0 to 1 to the right and down: a ring, or a small dot."""
+
+    camera: str
+    x: float
+    y: float
+    colour: Rgb
+    ring: bool
 
 
 @dataclass(frozen=True)
@@ -28,7 +40,11 @@ class Line:
 
 
 def frame(
-    pictures: Mapping[str, NDArray[np.uint8]], title: str, lines: Sequence[Line], height_px: int
+    pictures: Mapping[str, NDArray[np.uint8]],
+    title: str,
+    lines: Sequence[Line],
+    height_px: int,
+    marks: Sequence[Mark] = (),
 ) -> NDArray[np.uint8]:
     """One frame of a film (H, W, 3): global view of that height, agents' views beside it, lines below.
 
@@ -45,15 +61,30 @@ def frame(
         height_px + LINE_PX * len(lines) + 3 * GAP_PX,
     )
     whole, draw = blank((size[0] + size[0] % 2, size[1] + size[1] % 2))
-    whole.paste(scaled(large, (width_px, height_px)), (0, 0))
+    whole.paste(_marked(large, (width_px, height_px), [m for m in marks if m.camera == "global"]), (0, 0))
     label(draw, (0, 0), title, INK)
     for place, agent in enumerate(agents):
         column, row = divmod(place, rows)
         at = (width_px + GAP_PX + column * (view_px[0] + GAP_PX), row * (high + GAP_PX))
-        whole.paste(scaled(pictures[f"agent{agent}"], view_px), at)
+        name = f"agent{agent}"
+        whole.paste(_marked(pictures[name], view_px, [m for m in marks if m.camera == name]), at)
         label(draw, at, f"view of Agent_{agent}", agent_colour(agent))
     write_lines(draw, (GAP_PX, height_px + GAP_PX), lines)
     return np.asarray(whole)
+
+
+def _marked(picture: NDArray[np.uint8], size: tuple[int, int], marks: Sequence[Mark]) -> Image.Image:
+    """A picture of that size with marks on it, dots below rings."""
+    image = scaled(picture, size)
+    draw = ImageDraw.Draw(image)
+    for mark in sorted(marks, key=lambda each: each.ring):
+        x, y, radius = mark.x * size[0], mark.y * size[1], RING_PX if mark.ring else DOT_PX
+        box = (x - radius, y - radius, x + radius, y + radius)
+        if mark.ring:
+            draw.ellipse(box, outline=mark.colour, width=2)
+        else:
+            draw.ellipse(box, fill=mark.colour)
+    return image
 
 
 def write_lines(draw: ImageDraw.ImageDraw, at: tuple[int, int], lines: Sequence[Line]) -> None:

@@ -23,6 +23,7 @@ from rf_exp.types import (
     CameraModel,
     Proposal,
     Schedule,
+    Sight,
     Trajectory,
     Violation,
 )
@@ -69,6 +70,7 @@ VOXEL_EDGE_M = 0.0004
 NOW: Rgb = (255, 255, 255)
 NOW_POINTS = 4.0  # radius on the screen, however far the picture is zoomed
 FAINT = 110  # alpha of commanded curves, next to measured ones
+GOES_PX, SEEN_PX = 5.0, 2.0  # radii of the points that heat maps see, where an agent goes next and others
 PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
 
 
@@ -318,6 +320,18 @@ class Recorder:
             self._log(entity, rr.Scalars(target[:ARM_JOINTS]))
             self._log(f"gripper/agent{agent}/predicted", rr.Scalars(_opening_mm(target)))
         self._set_time(now)
+
+    def seen(self, sights: Sequence[Sight]) -> None:
+        """What heat maps see, in the pictures of the cameras: large where an agent goes next."""
+        for camera, model in self._cameras.items():
+            ours = [sight for sight in sights if sight.camera == camera]
+            if not ours:
+                continue
+            entity = f"{camera_entity(camera)}/seen"
+            places = [(sight.x * model.width_px, sight.y * model.height_px) for sight in ours]
+            colours = [self._colour(f"agent{sight.agent}") for sight in ours]
+            radii = rr.Radius.ui_points([GOES_PX if sight.goes else SEEN_PX for sight in ours])
+            self._log(entity, rr.Points2D(places, colors=colours, radii=radii, draw_order=1.0))
 
     def path(self, agent: int, kind: str, places_m: NDArray[np.floating]) -> None:
         """A path of an agent's hand (K, 3) in the scene: `predicted` is pale."""

@@ -14,6 +14,7 @@ from rf_exp.policy.eyes import CELL, Eyes
 from rf_exp.policy.hands import followed, with_hands
 from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.observation import Senses, senses_of, tcp_poses
+from rf_exp.policy.rollout import load_actors, rollout
 from rf_exp.policy.saved import load_policy
 from rf_exp.policy.train import Training, train
 from rf_exp.policy.views import Stream, View, views
@@ -22,8 +23,9 @@ from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
 from rf_exp.tasks.base import CameraSpec
 from rf_exp.transforms import apply, inverse, planar
-from rf_exp.types import Arch
+from rf_exp.types import Arch, RolloutStep
 from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH
+from tests.policy.test_rollout import Table, judge
 
 CPU = torch.device("cpu")
 
@@ -215,3 +217,22 @@ def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
 def test_what_does_not_fit_is_refused(seeing: PolicyConfig, change: dict, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         replace(seeing, **change)
+
+
+def test_what_is_seen_is_told_with_the_step(
+    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path
+) -> None:
+    """Of each stream the keys of its agents that are not past, one of them the next, and the other arms."""
+    store: Store = make_store(2, 3)
+    for view in views(Arch("separate_local", False, False), 2):
+        train(store, view, seeing, phases, tmp_path / view.name)
+    told: list[RolloutStep] = []
+    rollout(Table(2), judge, load_actors(tmp_path), 1, 2, on_step=told.append)
+    for step in told:
+        own = {"agent1": 1, "agent2": 2}
+        assert {sight.camera for sight in step.seen} == {*own}
+        for camera, agent in own.items():
+            sights = [sight for sight in step.seen if sight.camera == camera]
+            assert [sight.agent for sight in sights] == [agent, agent, 3 - agent]
+            assert [sight.goes for sight in sights] == [True, False, False]
+            assert all(0 <= place <= 1 for sight in sights for place in (sight.x, sight.y))
