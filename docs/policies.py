@@ -46,7 +46,10 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
 - **Actions as motions of hands** (`policy.tcp_actions`): where the TCP goes is predicted beside the joints,
   and the joints follow it. In the laboratory, Two Robots Stack Cube rose from 24 to 32 of the same 40
   scenes by it.
-- Moments in which nobody moves are left out, chunks of 32 of which 24 are executed, the absolute error.
+- Moments in which nobody moves are left out, chunks of 32 of which 12 are executed, the absolute error. How
+  much of a chunk is executed decides nothing about what is learned: the same policies of the laboratory (Two
+  Robots Stack Cube, 40 scenes from 2,000,000 on, one training seed) succeeded in 27 scenes when they executed
+  24 steps, in 31 with 16, in 35 with 12, in 31 with 8.
 
 `state` is the oracle: `fast` with the true poses of all things in place of pictures, no result beside the
 paper's.

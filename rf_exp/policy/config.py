@@ -14,6 +14,7 @@ SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
+ACTING = ("action_steps", "sampler", "inference_diffusion_steps")  # of a policy; they change no weight
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 

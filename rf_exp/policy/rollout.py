@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
+from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.hands import followed
 from rf_exp.policy.observation import Memory, Senses, context, others, proprioception
@@ -197,12 +198,12 @@ class Actor(Performer):
         return pictures[camera]
 
 
-def load_actors(folder: Path, device: str = "auto") -> tuple[Actor, ...]:
-    """The actors of an architecture: one for each policy in the subfolders of `folder`."""
+def load_actors(folder: Path, device: str = "auto", acting: PolicyConfig | None = None) -> tuple[Actor, ...]:
+    """The actors of an architecture: one for each policy in the subfolders of `folder`, see `load_policy`."""
     found = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
     if not found:
         raise StageError(f"no trained policies in {folder}; train them first (stages=[train])")
-    return tuple(Actor(*load_policy(path, device)) for path in found)
+    return tuple(Actor(*load_policy(path, device, acting)) for path in found)
 
 
 def rollout(

@@ -23,7 +23,7 @@ from torch import Tensor
 from rf_exp.artifacts.files import read_json, sweep, whole, write_json
 from rf_exp.artifacts.identity import differing, digest, plain
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.config import ACTING, PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Senses
 from rf_exp.policy.views import Stream, View
@@ -109,11 +109,19 @@ def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
 def expect(folder: Path, wanted: Mapping[str, Any]) -> None:
     """Raises StageError naming what differs unless the policy of a folder is made of these values."""
     found = read_json(folder / CONFIG, ANEW)
-    if differences := differing({key: found.get(key) for key in wanted}, wanted):
+    made, asked = ({key: _weighty(key, each.get(key)) for key in wanted} for each in (found, wanted))
+    if differences := differing(made, asked):
         raise StageError(
             f"{folder} holds a policy of another configuration; differing: {'; '.join(differences)}; "
             "delete the folder or choose another `out`"
         )
+
+
+def _weighty(key: str, value: Any) -> Any:
+    """A part of what a policy is made of, without what decides how it acts and not what it has learned."""
+    if key != "policy" or not isinstance(value, Mapping):
+        return value
+    return {name: each for name, each in value.items() if name not in ACTING}
 
 
 def made_of(folder: Path) -> dict[str, Any]:
@@ -130,8 +138,13 @@ def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPoli
     return DiffusionPolicy(config, *sizes)
 
 
-def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, View, Senses]:
-    """A trained policy, ready to act, its view and its senses. Raises StageError where none is."""
+def load_policy(
+    folder: Path, device: str = "auto", acting: PolicyConfig | None = None
+) -> tuple[DiffusionPolicy, View, Senses]:
+    """A trained policy, ready to act, its view and its senses. Raises StageError where none is.
+
+    It acts as it was configured when it was trained, or as `acting` says (`rf_exp.policy.config.ACTING`).
+    """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
     said = read_json(folder / CONFIG, ANEW)
@@ -140,7 +153,8 @@ def load_policy(folder: Path, device: str = "auto") -> tuple[DiffusionPolicy, Vi
     streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in said["view"]["streams"])
     view = View(said["view"]["name"], tuple(streams))
     senses = Senses(**said["senses"])
-    policy = policy_of(PolicyConfig(**said["policy"]), view, senses)
+    how = {} if acting is None else {name: getattr(acting, name) for name in ACTING}
+    policy = policy_of(PolicyConfig(**{**said["policy"], **how}), view, senses)
     policy.load_state_dict(tensors)
     return policy.to(device_of(device)).eval(), view, senses
 

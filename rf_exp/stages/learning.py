@@ -124,7 +124,16 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
             jobs = (
-                partial(evaluate_scene, task, experiment.pictures, folder, seed, limit, experiment.shield)
+                partial(
+                    evaluate_scene,
+                    task,
+                    experiment.pictures,
+                    folder,
+                    experiment.policy,
+                    seed,
+                    limit,
+                    experiment.shield,
+                )
                 for seed in missing
             )
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
@@ -168,6 +177,7 @@ def _look(
                 task,
                 experiment.pictures,
                 folder,
+                experiment.policy,
                 seed,
                 limit,
                 experiment.shield,
@@ -209,6 +219,7 @@ def evaluate_scene(
     task: Task,
     pictures: Pictures,
     folder: Path,
+    acting: PolicyConfig,
     seed: int,
     limit: int,
     shield: bool = False,
@@ -241,7 +252,9 @@ def evaluate_scene(
                 observer.rolled(step)
 
         guard = Shield(task) if shield else None
-        result = rollout(world, Judge(task, start), _actors(folder), seed, limit, monitor, look, start, guard)
+        result = rollout(
+            world, Judge(task, start), _actors(folder, acting), seed, limit, monitor, look, start, guard
+        )
         for observer in observers:
             observer.ended(result)
     return result, time.perf_counter() - began
@@ -255,9 +268,9 @@ def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
 
 
 @lru_cache(maxsize=1)
-def _actors(folder: Path) -> tuple[Actor, ...]:
+def _actors(folder: Path, acting: PolicyConfig) -> tuple[Actor, ...]:
     """The policies of a folder, loaded once a process; a finished folder never changes."""
-    return load_actors(folder)
+    return load_actors(folder, acting=acting)
 
 
 def step_limit(experiment: Experiment, task: Task, row: Row) -> int:

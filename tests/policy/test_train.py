@@ -232,6 +232,22 @@ def test_a_budget_in_epochs_is_that_many_passes(
     assert training.steps == 2 * 5  # 72 windows in batches of at most 16
 
 
+def test_how_a_policy_acts_is_no_part_of_what_it_learned(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    """Steps that are executed and the sampler may be others at a rollout, without training again."""
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    before = (tmp_path / MODEL).read_bytes()
+    other = replace(policy_config, action_steps=2, inference_diffusion_steps=4)
+    train(store, LOCAL, other, train_config, tmp_path)
+    assert (tmp_path / MODEL).read_bytes() == before
+    policy, *_ = load_policy(tmp_path, "cpu", other)
+    assert policy.config == other and len(policy.scheduler.timesteps) == 4
+    assert load_policy(tmp_path, "cpu")[0].config == policy_config
+    with pytest.raises(StageError, match=r"differing: policy.horizon: found 8, wanted 16"):
+        train(store, LOCAL, replace(other, horizon=16), train_config, tmp_path)
+
+
 def test_loading_where_nothing_is(tmp_path: Path) -> None:
     with pytest.raises(StageError, match=r"no trained policy in .*: model.safetensors is missing; train it"):
         load_policy(tmp_path)
