@@ -224,14 +224,16 @@ def test_the_whole_experiment_at_a_tiny_size(tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
     assert "report:" in result.stdout and "rerun " in result.stdout
     for arch in ("shared_global", "shared_local", "separate_global", "separate_local"):
-        policies = list((tmp_path / "policies/lift_barrier/full" / arch / "2-0").glob("*/model.safetensors"))
+        policies = list(
+            (tmp_path / "policies/lift_barrier/full" / arch / "fast-2-0").glob("*/model.safetensors")
+        )
         assert len(policies) == (1 if arch.startswith("shared") else 2)
         line = (tmp_path / f"results/evaluate/lift_barrier/{arch}/full-fast-2.jsonl").read_text()
         assert json.loads(line)["scene_seed"] == 1_000_000
         assert (
-            tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.rrd"
+            tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-fast-2-1000000.rrd"
         ).stat().st_size > 50_000
-        film = f"recordings/lift_barrier/full/evaluate-{arch}-2-1000000.mp4"
+        film = f"recordings/lift_barrier/full/evaluate-{arch}-fast-2-1000000.mp4"
         assert (tmp_path / film).exists() and f'src="{film}"' in (tmp_path / "report.html").read_text()
     assert (tmp_path / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
     assert (tmp_path / "report.html").stat().st_size > 10_000

@@ -48,7 +48,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
         goal = experiment.episodes or HOPELESS * experiment.demos
         span = range(experiment.seed, min(experiment.seed + goal, EVALUATION_SEED))
         enough = len(span) if experiment.episodes else experiment.demos
-        tried = [seed for seed in span if seed in stored or seed in failed]
+        tried = {seed for seed in span if seed in stored or seed in failed}
         made = len(stored)
 
         if made >= enough or len(tried) == len(span):
@@ -68,7 +68,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
                     if outcome.seed not in known:  # a kill before this: the episode has its row
                         rows.append(rows_path, tells)
                         log(tells)
-                    tried.append(outcome.seed)
+                    tried.add(outcome.seed)
                     made += outcome.success
                     progress.advance(
                         int(by_seed or outcome.success), f"{made} of {len(tried)} seeds succeeded"

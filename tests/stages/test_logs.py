@@ -134,7 +134,7 @@ def test_training_and_evaluation_say_what_they_are_about(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "wandb" not in (done.stdout + done.stderr).lower()
     found = runs(tmp_path)
-    place, counted = "lift_barrier/full/separate_local", "2 demos, train seed 7"
+    place, counted = "lift_barrier/full/separate_local", "fast, 2 demos, train seed 7"
     assert set(found) == {
         "generate lift_barrier/full, 2 demos, seed 0",
         f"train {place}/agent1, {counted}",
@@ -145,7 +145,10 @@ def test_training_and_evaluation_say_what_they_are_about(tmp_path):
         if run["stage"] == "generate":
             continue
         assert run["group"] == f"{place}, {counted}"
-        assert set(run["tags"]) == {"lift_barrier", "full", "separate_local", "2 demos", "train seed 7"}
+        assert set(run["tags"]) == {
+            *("lift_barrier", "full", "separate_local"),
+            *("fast", "2 demos", "train seed 7"),
+        }
         config = run["config"]
         assert config["arch"] == {"name": "separate_local", "shared_policy": False, "global_view": False}
         assert (config["task"], config["constraints"], config["demos"]) == ("lift_barrier", "full", 2)

@@ -63,7 +63,7 @@ def evaluate(given: Experiment, **changed) -> set[str]:
 
 
 def name(seed: int, suffix: str) -> str:
-    return f"evaluate-shared_local-1-{1_000_000 + seed}{suffix}"
+    return f"evaluate-shared_local-test-1-{1_000_000 + seed}{suffix}"
 
 
 @pytest.mark.render
@@ -147,10 +147,10 @@ def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> 
     (task,), (row,), (arch,) = shielded.tasks, shielded.rows, shielded.archs
     plain = evaluation_path(replace(shielded, shield=False), task, row, arch)
     before = plain.read_bytes()
-    shown = "evaluate-shared_local-1-shield-1000000"
+    shown = "evaluate-shared_local-test-1-shield-1000000"
     assert evaluate(shielded, recordings=1, films=1) == {f"{shown}{suffix}" for suffix in (RRD, MP4, PNG)}
     path = evaluation_path(shielded, task, row, arch)
-    assert path.name == "full-1-shield.jsonl" and plain.read_bytes() == before
+    assert path.name == "full-test-1-shield.jsonl" and plain.read_bytes() == before
     assert [(each.shield, each.steps) for each in rows.read(path, EvaluationRow)] == [(True, STEPS)] * 3
     folder = shielded.out / "recordings" / task.name / row.name
     assert Content(folder / f"{shown}{RRD}").column("/conditions/shield", "StateChange:state")[0] == ["holds"]
