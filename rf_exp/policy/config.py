@@ -123,6 +123,7 @@ class TrainConfig:
     batch_size: int = 128  # windows
     run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
     noise_draws: int = 1  # for each window in a batch
+    eyes_rate: float = 1.0  # learning rate of the heat maps, as a multiple of the others'
     eyes_steps: int = 0  # before all others, of the heat maps alone, which then stay as they are
     draft_steps: int = 0  # before the others, of the draft alone
     learning_rate: float = 1e-4
@@ -143,7 +144,9 @@ class TrainConfig:
         budgets = {name: getattr(self, name) for name in ("epochs", "steps")}
         given = {name: value for name, value in budgets.items() if value is not None}
         _require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
-        _positive(self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "epsilon")
+        _positive(
+            self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "eyes_rate", "epsilon"
+        )
         _positive(self, "log_every", "checkpoint_every", "ema_power")
         for name in ("weight_decay", "warmup_steps", "proprio_noise", "eyes_steps", "draft_steps", "seed"):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")

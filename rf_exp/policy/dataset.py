@@ -105,11 +105,12 @@ class Windows:
         if config.observation == "pictures":
             pictures = [_pictures(store, stream.camera, config)[kept] for stream in view.streams]
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
-        self._marks: tuple[Tensor, ...] = ()
+        self.pixels = self.points = self.headings = torch.empty(0)  # of keypoints, see `Keypoints`
         if config.encoder == "heatmaps" and config.observation == "pictures":
             found = [keypoints(store, stream, senses.keys, kept) for stream in view.streams]
-            marks = ([getattr(each, name) for each in found] for name in ("pixels", "points", "headings"))
-            self._marks = tuple(self._stack(each) for each in marks)
+            self.pixels = self._stack([each.pixels for each in found])
+            self.points = self._stack([each.points for each in found])
+            self.headings = self._stack([each.headings for each in found])
         self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
@@ -186,10 +187,10 @@ class Windows:
             features,
         )
 
-    def marked(self, windows: NDArray[np.int64]) -> tuple[Tensor, ...]:
-        """The newest pictures (B, H, W, 3) of windows, and pixels, points, headings of their keypoints."""
+    def marked(self, windows: NDArray[np.int64]) -> tuple[Tensor, Tensor, Tensor]:
+        """The newest pictures (B, H, W, 3) of windows, and the pixels and headings of their keypoints."""
         chosen = self._index(windows)
-        return self._pictures[chosen], *(each[chosen] for each in self._marks)
+        return self._pictures[chosen], self.pixels[chosen], self.headings[chosen]
 
     def look_once(self, encode: Callable[[Tensor], Tensor]) -> Tensor:
         """Encode every picture, from now on for good. Returns the features (S * T, F)."""

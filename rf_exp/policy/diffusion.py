@@ -134,10 +134,15 @@ class DiffusionPolicy(nn.Module):
         error = functional.mse_loss if self.config.loss == "mse" else functional.l1_loss
         return error(prediction.float(), self._target(clean, noise, steps))
 
-    def eyes_loss(self, pictures: Tensor, *marks: Tensor) -> Tensor:
-        """Of pictures (B, H, W, 3) and the pixels, points and headings of their keypoints."""
+    def eyes_loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor) -> Tensor:
+        """Of pictures (B, H, W, 3) and the places and headings of their keypoints."""
         assert isinstance(self.encoder, Eyes)
-        return self.encoder.loss(_scaled(pictures), *marks)
+        return self.encoder.loss(_scaled(pictures), pixels, headings)
+
+    def lift_eyes(self, pixels: Tensor, points: Tensor) -> None:
+        """Tells heat maps where the points (N, M, 3) are that stand at `pixels` (N, M, 2) of pictures."""
+        assert isinstance(self.encoder, Eyes)
+        self.encoder.fit(pixels, points)
 
     def draft_loss(self, batch: Batch, generator: torch.Generator, proprio_noise: float = 0.0) -> Tensor:
         """Mean absolute error of the draft, which is learned before the U-Net and then stays as it is."""

@@ -2,8 +2,8 @@
 
 A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over its
 cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's peak
-is a picture coordinate finer than a cell, and a small network with a linear path lifts it to a point in the
-base frame of the arm: cameras stand still, so that is a smooth function.
+is a picture coordinate finer than a cell. Cameras stand still, so that the point in the base frame of the arm
+is a smooth function of it: a polynomial, fitted to the labels in closed form once the maps are learned.
 """
 
 import torch
@@ -17,7 +17,9 @@ CHANNELS = 32
 POOLED = 16  # numbers that describe what is seen at a keypoint
 PEAK = 5  # cells, side of the square round the largest one whose middle is taken
 OUT = 3 + HEADING + 1  # point (m), heading, how sure
-PIXEL_WEIGHT, POINT_M, HEADING_WEIGHT = 0.05, 0.05, 0.1  # of the parts of the loss
+PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 0.1  # of the parts of the loss beside the cross entropy
+TERMS = 10  # of a polynomial of third degree in two variables
+RIDGE = 1e-6
 
 
 class _Dilated(nn.Module):
@@ -52,6 +54,8 @@ class _Each(nn.Module):
 class Eyes(nn.Module):
     """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT) of M keypoints."""
 
+    lift: Tensor  # (M, TERMS, 3) m
+
     def __init__(self, keypoints: int) -> None:
         super().__init__()
         self.keypoints, self.features = keypoints, keypoints * OUT
@@ -63,7 +67,7 @@ class Eyes(nn.Module):
         )
         self.maps = nn.Conv2d(CHANNELS, keypoints, 1)
         self.pool = nn.Linear(CHANNELS, POOLED)
-        self.lift = _Each(keypoints, 2, 32, 3)
+        self.register_buffer("lift", torch.zeros(keypoints, TERMS, 3))
         self.turn = _Each(keypoints, POOLED, 32, HEADING)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
@@ -82,24 +86,44 @@ class Eyes(nn.Module):
         pixels = torch.stack([x, y], dim=2)
         weights = (near / total[..., None, None]).flatten(2)
         pooled = self.pool(weights @ seen.flatten(2).transpose(1, 2))  # (B, M, POOLED)
-        return pixels, self.lift(4 * (pixels - 0.5)), self.turn(pooled), total
+        points = torch.einsum("bmt,mtc->bmc", _terms(pixels), self.lift)
+        return pixels, points, self.turn(pooled), total
+
+    def fit(self, pixels: Tensor, points: Tensor) -> None:
+        """Lift places in pictures (N, M, 2) to points (N, M, 3) in m, by least squares; NaN is left out."""
+        for key in range(self.keypoints):
+            seen = _inside(pixels[:, key])
+            terms, targets = _terms(pixels[seen, key]).double(), points[seen, key].double()
+            normal = terms.T @ terms + RIDGE * max(1, len(terms)) * torch.eye(TERMS, device=terms.device)
+            self.lift[key] = torch.linalg.solve(normal, terms.T @ targets).float()
 
     def forward(self, pictures: Tensor) -> Tensor:
         _, points, headings, sure = self.read(*self.look(pictures))
         return torch.cat([points, headings, sure[..., None]], dim=2).flatten(1)
 
-    def loss(self, pictures: Tensor, pixels: Tensor, points: Tensor, headings: Tensor) -> Tensor:
-        """Of pictures whose keypoints are at `pixels` (B, M, 2), `points` and `headings`; NaN is not seen."""
+    def loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor) -> Tensor:
+        """Of pictures whose keypoints are at `pixels` (B, M, 2) with `headings`; NaN is not seen."""
         maps, seen = self.look(pictures)
-        found, lifted, turned, _ = self.read(maps, seen)
-        inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)  # (B, M); NaN is not
+        found, _, turned, _ = self.read(maps, seen)
+        inside = _inside(pixels)
         if not inside.any():
             return maps.sum() * 0.0
         cross = _cross_entropy(maps[inside], pixels[inside])
         off = (found - pixels)[inside].abs().mean() * maps.shape[3]
-        away = (lifted - points)[inside].abs().mean() / POINT_M
         turn = (turned - headings)[inside].abs().mean()
-        return cross + PIXEL_WEIGHT * off + away + HEADING_WEIGHT * turn
+        return cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
+
+
+def _inside(pixels: Tensor) -> Tensor:
+    """Which of places (..., 2) are in the picture; NaN is not."""
+    return ((pixels >= 0) & (pixels <= 1)).all(dim=-1)
+
+
+def _terms(pixels: Tensor) -> Tensor:
+    """Places (..., 2) from 0 to 1 -> the terms of a polynomial of third degree (..., TERMS)."""
+    x, y = (2 * pixels - 1).unbind(dim=-1)
+    one = torch.ones_like(x)
+    return torch.stack([one, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], dim=-1)
 
 
 def _peaks(chance: Tensor) -> Tensor:

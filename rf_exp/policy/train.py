@@ -22,14 +22,25 @@ from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rf_exp.artifacts.files import whole
+from rf_exp.artifacts.files import read_json, whole
 from rf_exp.artifacts.identity import digest
 from rf_exp.errors import StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import senses_of
-from rf_exp.policy.saved import CURVES, MODEL, STATE, claim, device_of, policy_of, read_tensors, write_tensors
+from rf_exp.policy.saved import (
+    ANEW,
+    CONFIG,
+    CURVES,
+    MODEL,
+    STATE,
+    claim,
+    device_of,
+    policy_of,
+    read_tensors,
+    write_tensors,
+)
 from rf_exp.policy.views import View
 
 if TYPE_CHECKING:
@@ -91,7 +102,8 @@ def train(
                 training.save(folder / STATE)
             if interrupted.is_set():
                 raise KeyboardInterrupt
-    write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": digest(made_of)})
+    said = digest(read_json(folder / CONFIG, ANEW))  # which may differ in how the policy acts
+    write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
     (folder / STATE).unlink(missing_ok=True)
     return folder
 
@@ -166,6 +178,8 @@ class Training:
                 (a, b) for a, b in pairwise((0, eyes, drafts, self.steps)) if a <= self.step < b
             )
             rate = learning_rate(self.step - done, steps - done, config)
+            if self.step < eyes:
+                rate *= config.eyes_rate
             self._update(batch, rate)
             self.step += 1
             samples += len(batch)
@@ -223,6 +237,7 @@ class Training:
         """What has been learned so far stays, averaged; after `seeing`, all pictures are looked at once."""
         self._average.copy_to(self._parameters)
         if seeing:
+            self.policy.lift_eyes(self._windows.pixels, self._windows.points)
             features = self._windows.look_once(self.policy.eval().encode_whole)
             pointed = self.policy.pointed(features[:, None], self._windows.context[:, None])[:, 0]
             self.policy.normaliser.seen.fit(pointed)
