@@ -1,6 +1,6 @@
 """How many millimetres the heat maps are off, and how many milliseconds they take, on seeds they never saw.
 
-    python benchmarks/eyes.py outputs/data/stack_cube/full/fast.zarr [--train 130] [--steps 1500]
+    python benchmarks/eyes.py [outputs/data/lift_barrier/full/fast.zarr] [--train 40] [--steps 500]
 
 Trains the eyes of every agent's own camera on the first episodes of a store and looks at the rest: the
 distance between where an own gripper changes next (or the episode ends, or another arm is) and where the eyes
@@ -24,6 +24,7 @@ from rf_exp.policy.views import views
 from rf_exp.store import Store
 from rf_exp.types import Arch
 
+DEMO = Path("outputs/data/lift_barrier/full/fast.zarr")
 CPU = torch.device("cpu")
 
 
@@ -31,8 +32,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("store", type=Path)
-    parser.add_argument("--train", type=int, default=130, help="episodes")
+    parser.add_argument("store", type=Path, nargs="?", default=DEMO, help="of the demo, unless said")
+    parser.add_argument("--train", type=int, default=40, help="episodes")
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--rate", type=float, default=3e-3)
