@@ -64,29 +64,27 @@ def main() -> None:
         assert isinstance(eyes, Eyes)
         unseen = np.arange(len(windows), len(everything))
         eyes.fit(windows.pixels, windows.points)
-        pictures, pixels, _ = everything.marked(unseen)
+        pictures, pixels, headings = everything.marked(unseen)
         points = everything.points[torch.from_numpy(unseen)]
         began = time.process_time()
         with torch.inference_mode():
-            parts = [eyes.read(*eyes.look(_scaled(part)))[:2] for part in pictures.split(64)]
-        places, found = (torch.cat(each) for each in zip(*parts, strict=True))
+            parts = [eyes.read(*eyes.look(_scaled(part)))[:3] for part in pictures.split(64)]
+        places, found, turned = (torch.cat(each) for each in zip(*parts, strict=True))
         milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
-        away = 1e3 * (found - points).norm(dim=2)
-        inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)
         sides = torch.tensor([config.width, config.height])
-        off = ((places - pixels) * sides).norm(dim=2)
-        pixels_off = [_said(off[inside[:, k], k]) for k in range(eyes.keypoints)]
-        said = [_said(away[inside[:, k], k]) for k in range(eyes.keypoints)]
-        result[view.name] = {
-            "mm": said,
-            "pixels": pixels_off,
-            "ms": round(milliseconds, 2),
-            "training_s": round(seconds),
+        off = {
+            "mm": 1e3 * (found - points).norm(dim=2),
+            "pixels": ((places - pixels) * sides).norm(dim=2),
+            "degrees": _askew_deg(turned, headings),
         }
-        print(
-            f"{view.name}: mm {said}, pixels {pixels_off}, {milliseconds:.2f} ms a picture, {seconds:.0f} s",
-            flush=True,
-        )
+        inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)
+        of_view: dict[str, object] = {
+            unit: [_said(values[inside[:, k], k]) for k in range(eyes.keypoints)]
+            for unit, values in off.items()
+        }
+        of_view |= {"ms": round(milliseconds, 2), "training_s": round(seconds)}
+        result[view.name] = of_view
+        print(f"{view.name}: {of_view}", flush=True)
     print(json.dumps(result))
 
 
@@ -94,11 +92,17 @@ def _scaled(pictures: torch.Tensor) -> torch.Tensor:
     return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 
-def _said(away_mm: torch.Tensor) -> list[float] | None:
+def _askew_deg(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:
+    """How far headings (..., 6) are off, where half a turn is nothing."""
+    twice = [torch.atan2(each[..., 3], each[..., 2]) for each in (found, true)]
+    return torch.rad2deg((twice[0] - twice[1] + torch.pi) % (2 * torch.pi) - torch.pi).abs() / 2
+
+
+def _said(values: torch.Tensor) -> list[float] | None:
     """Median and 90th percentile."""
-    if not len(away_mm):
+    if not len(values):
         return None
-    return [round(float(away_mm.quantile(part)), 1) for part in (0.5, 0.9)]
+    return [round(float(values.quantile(part)), 1) for part in (0.5, 0.9)]
 
 
 if __name__ == "__main__":

@@ -84,13 +84,20 @@ def test_another_scene_is_refused(evaluate, out: Path, override: str, key: str) 
     [
         ("training.steps=4", "train.steps: found 3, wanted 4"),
         ("picture.width=80", "policy.width: found 64, wanted 80"),
-        ("policy.inference_diffusion_steps=3", "policy.inference_diffusion_steps: found 10, wanted 3"),
+        ("policy.horizon=16", "policy.horizon: found 32, wanted 16"),
     ],
 )
 def test_a_policy_that_was_trained_otherwise_is_refused(evaluate, override: str, key: str) -> None:
     result = evaluate(override)
     assert result.returncode == 1
     assert "holds a policy of another configuration" in result.stderr and key in result.stderr
+
+
+def test_a_policy_that_acts_otherwise_has_rows_of_its_own(evaluate) -> None:
+    """It is the same policy, but its rollouts are others."""
+    result = evaluate("policy.inference_diffusion_steps=3")
+    assert result.returncode == 1 and "was made with another configuration" in result.stderr
+    assert "policy.inference_diffusion_steps: found 10, wanted 3" in result.stderr
 
 
 def test_other_weights_are_refused(evaluate, out: Path) -> None:
