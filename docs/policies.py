@@ -70,7 +70,9 @@ def cells(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[E
 
 
 def of_paper(row: EvaluationRow) -> float | None:
-    """The paper's figure for the same task, architecture and number of demonstrations."""
+    """The paper's figure for the same task, architecture and number of demonstrations; an oracle has none."""
+    if row.observation == "state":
+        return None
     if row.arch == BASELINE_ARCH:
         return paper().baseline.get(row.task, {}).get(row.demos)
     return paper().architectures.get(row.arch, {}).get(row.task) if row.demos == paper().demos[-1] else None
