@@ -14,10 +14,10 @@ from rf_exp.policy.keypoints import HEADING
 
 CELL = 4  # pixels of a picture to a cell of a map
 CHANNELS = 32
-POOLED = 16  # numbers that describe what is seen at a keypoint
+POOLED = 32  # numbers that describe what is seen at a keypoint
 PEAK = 5  # cells, side of the square round the largest one whose middle is taken
 OUT = 3 + HEADING + 1  # point (m), heading, how sure
-PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 0.1  # of the parts of the loss beside the cross entropy
+PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropy
 TERMS = 10  # of a polynomial of third degree in two variables
 RIDGE = 1e-6
 
