@@ -40,7 +40,10 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   gripper changes, one for the end of the episode, one for each other arm: where the own TCP will be then,
   projected into the picture. The labels follow from stored joints, commands and the place of the camera; no
   pose of an object is used. They are learned first and then fixed, so that every picture is looked at once.
-  `python benchmarks/eyes.py STORE` tells how many millimetres they are off on episodes they never saw.
+  `python benchmarks/eyes.py STORE` tells how many millimetres and degrees they are off on episodes they never
+  saw. On Pick Meat that is 3.3 mm in the median, and 7.3 degrees; when it was 15.7 degrees, because headings
+  counted a tenth as much in the loss, 90 of the 100 scenes succeeded. The rows of the other tasks, and the
+  oracle, are from before that change; each row tells its commit.
 - **A draft and its refinement** (`policy.draft`): a perceptron makes a chunk of actions, the diffusion
   U-Net says what to change about it.
 - **Actions as motions of hands** (`policy.tcp_actions`): where the TCP goes is predicted beside the joints,
