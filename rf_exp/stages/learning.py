@@ -123,19 +123,8 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
-            jobs = (
-                partial(
-                    evaluate_scene,
-                    task,
-                    experiment.pictures,
-                    folder,
-                    experiment.policy,
-                    seed,
-                    limit,
-                    experiment.shield,
-                )
-                for seed in missing
-            )
+            scene = _scene(experiment, task, folder, limit)
+            jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
@@ -152,7 +141,7 @@ def _look(
     experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, known: Sequence[EvaluationRow]
 ) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
-    folder = policy_path(experiment, task, row, arch)
+    scene = _scene(experiment, task, policy_path(experiment, task, row, arch), limit)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
@@ -173,14 +162,8 @@ def _look(
         looks.append((seed, missing))
         jobs.append(
             partial(
-                evaluate_scene,
-                task,
-                experiment.pictures,
-                folder,
-                experiment.policy,
+                scene,
                 seed,
-                limit,
-                experiment.shield,
                 record=record if record in missing else None,
                 film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
             )
@@ -213,6 +196,12 @@ def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> di
         expect(folder / view.name, {"policy": asdict(experiment.policy), "train": config.identity})
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}
+
+
+def _scene(experiment: Experiment, task: Task, folder: Path, limit: int) -> Callable[..., Any]:
+    """`evaluate_scene` of an experiment, which lacks the seed alone."""
+    kept = {"limit": limit, "shield": experiment.shield}
+    return partial(evaluate_scene, task, experiment.pictures, folder, experiment.policy, **kept)
 
 
 def evaluate_scene(
