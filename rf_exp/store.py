@@ -180,6 +180,10 @@ class Store:
         """Rows of all episodes together, T."""
         return int(self._ends[-1]) if len(self._ends) else 0
 
+    def by_episode(self, values: NDArray) -> list[NDArray]:
+        """Rows of all stored steps (T, ...) -> those of each episode."""
+        return np.split(values[: self.steps], self.episode_ends[:-1])
+
     def first(self, episodes: int) -> "Store":
         """The same store, for reading, as if it held only its first episodes.
 

@@ -95,7 +95,7 @@ class Windows:
             self.action = self._stack([each.reshape(len(action), -1) for each in told])
         memory = np.zeros((store.steps, store.agents, 0), np.float32)
         if senses.bases:
-            grippers = _by_episode(store, store.action[..., ARM_JOINTS])
+            grippers = store.by_episode(store.action[..., ARM_JOINTS])
             memory = np.concatenate([remembered(each) for each in grippers])
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
@@ -107,7 +107,7 @@ class Windows:
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
         self.pixels = self.points = self.headings = torch.empty(0)  # of keypoints, see `Keypoints`
         if config.encoder == "heatmaps" and config.observation == "pictures":
-            found = [keypoints(store, stream, senses.keys, kept) for stream in view.streams]
+            found = [keypoints(store, stream, senses, kept) for stream in view.streams]
             self.pixels = self._stack([each.pixels for each in found])
             self.points = self._stack([each.points for each in found])
             self.headings = self._stack([each.headings for each in found])
@@ -205,7 +205,7 @@ class Windows:
 def moving(store: "Store") -> NDArray[np.bool_]:
     """(T,) the steps in which somebody moves: an arm is sent on, or fingers open or close."""
     kept = []
-    for action, qpos in zip(_by_episode(store, store.action), _by_episode(store, store.qpos), strict=True):
+    for action, qpos in zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True):
         before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
         sent = np.abs(action[..., :ARM_JOINTS] - before).max(axis=(1, 2)) > STILL_RAD
         told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
@@ -215,10 +215,6 @@ def moving(store: "Store") -> NDArray[np.bool_]:
         kept.append(sent | told | (np.abs(fingers).max(axis=1) > STILL_M))
         kept[-1][-1] = True  # an episode keeps its end
     return np.concatenate(kept)
-
-
-def _by_episode(store: "Store", values: NDArray) -> list[NDArray]:
-    return np.split(values[: store.steps], store.episode_ends[:-1])
 
 
 def crop(

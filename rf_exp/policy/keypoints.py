@@ -5,26 +5,23 @@ order, and at the end of the episode; then the TCPs of all other agents now. No 
 all follows from stored joints and commands, and a camera whose place is known.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
+from rf_exp.policy.observation import Senses, others, world_from_tcp
 from rf_exp.policy.views import Stream
-from rf_exp.robots.panda import tcp_pose
 from rf_exp.tasks.base import CameraSpec
-from rf_exp.transforms import inverse, planar
-from rf_exp.types import ARM_JOINTS
+from rf_exp.transforms import apply, inverse, planar
+from rf_exp.types import ARM_JOINTS, CameraModel
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
-HEADING = (
-    6  # cosine and sine of one, two and four times the heading of the fingers; 4: a cube is alike all round
-)
+HEADING = 6  # cosine and sine of one, two and four times the heading of the fingers (a cube has four sides)
 
 
 @dataclass(frozen=True)
@@ -36,41 +33,32 @@ class Keypoints:
     headings: NDArray[np.float32]  # (T, M, HEADING)
 
 
-def keypoints(store: "Store", stream: Stream, own_keys: int, kept: NDArray[np.bool_] | slice) -> Keypoints:
+def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.bool_] | slice) -> Keypoints:
     """The keypoints of the kept frames of a store.
 
-    Raises ArgumentError where the store does not say where arms and cameras stand, and for a moving camera.
+    Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
     """
-    scene = _scene(store)
-    bases = [planar(r["x_m"], r["y_m"], float(np.deg2rad(r["yaw_deg"]))) for r in scene["robots"]]
-    camera = CameraSpec(**scene["cameras"][stream.camera])
-    if camera.mount != "world":
-        raise ArgumentError(f"camera {stream.camera!r} rides on a hand; heat maps need one that stands still")
-    others = [agent for agent in range(1, store.agents + 1) if agent not in stream.agents]
+    camera = _camera(store, stream.camera)
     found = []
-    episodes = zip(_episodes(store, store.qpos), _episodes(store, store.action), strict=True)
-    for qpos, action in episodes:
-        tcp = np.stack([bases[k] @ tcp_pose(qpos[:, k]) for k in range(store.agents)], axis=1)  # (T, N, 4, 4)
+    for qpos, action in zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True):
         columns = []
         for agent in stream.agents:
-            columns += _own(tcp[:, agent - 1], action[:, agent - 1, ARM_JOINTS], own_keys)
-        columns += [tcp[:, agent - 1] for agent in others]
+            tcp = world_from_tcp(senses, agent, qpos)
+            columns += _own(tcp, action[:, agent - 1, ARM_JOINTS], senses.keys)
+        columns += [world_from_tcp(senses, agent, qpos) for agent in others(senses, stream)]
         found.append(np.stack(columns, axis=1))
     world = np.concatenate(found)[kept]  # (T, M, 4, 4)
-    local = inverse(bases[stream.agents[0] - 1]) @ world
+    local = inverse(planar(*senses.bases[stream.agents[0] - 1])) @ world
     heading = np.arctan2(local[..., 1, 1], local[..., 0, 1])  # of the axis along which fingers move
     turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
-    pixels = _project(world[..., :3, 3], camera, store.attrs["width"] / store.attrs["height"])
     return Keypoints(
-        pixels.astype(np.float32),
+        _project(world[..., :3, 3], camera).astype(np.float32),
         local[..., :3, 3].astype(np.float32),
         np.moveaxis(turns, 0, -1).astype(np.float32),
     )
 
 
-def _own(
-    tcp: NDArray[np.floating], gripper: NDArray[np.floating], own_keys: int
-) -> list[NDArray[np.floating]]:
+def _own(tcp: NDArray[np.float64], gripper: NDArray[np.floating], own_keys: int) -> list[NDArray[np.float64]]:
     """The keypoints (T, 4, 4) of an agent of one episode: at each change, until then, and at the end."""
     steps = np.arange(len(tcp))
     changes = np.flatnonzero(np.diff(gripper > 0, prepend=True))
@@ -83,23 +71,21 @@ def _own(
     return [*columns, np.broadcast_to(tcp[-1], tcp.shape)]
 
 
-def _project(points: NDArray[np.floating], camera: CameraSpec, aspect: float) -> NDArray[np.floating]:
-    """World points (..., 3) -> (..., 2) from 0 to 1 over a picture of width / height `aspect`; NaN behind."""
-    camera_from_world = inverse(camera.world_from_camera)
-    seen = points @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
+def _project(points: NDArray[np.float64], camera: CameraModel) -> NDArray[np.float64]:
+    """World points (..., 3) -> (..., 2) from 0 to 1 over the picture; NaN behind the camera."""
+    seen = apply(inverse(camera.world_from_camera), points) @ camera.intrinsics.T
     depth = np.where(seen[..., 2:] > 1e-3, seen[..., 2:], np.nan)
-    half = np.tan(np.deg2rad(camera.fov_deg) / 2) * np.array([aspect, 1.0])
-    return 0.5 + 0.5 * seen[..., :2] / depth / half
+    return seen[..., :2] / depth / (camera.width_px, camera.height_px)
 
 
-def _scene(store: "Store") -> Mapping[str, Any]:
+def _camera(store: "Store", name: str) -> CameraModel:
     try:
-        return {name: store.identity["scene"][name] for name in ("robots", "cameras")}
+        spec = CameraSpec(**store.identity["scene"]["cameras"][name])
     except KeyError as error:
         raise ArgumentError(
-            f"{store.path} does not say where its arms and cameras stand; generate it again"
+            f"{store.path} does not say where its cameras stand; generate it again"
         ) from error
-
-
-def _episodes(store: "Store", values: NDArray) -> list[NDArray]:
-    return np.split(values[: store.steps], store.episode_ends[:-1])
+    if spec.mount != "world":
+        raise ArgumentError(f"camera {name!r} rides on a hand; heat maps need one that stands still")
+    size = store.attrs["width"], store.attrs["height"]
+    return CameraModel(*size, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)

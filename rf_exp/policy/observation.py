@@ -80,7 +80,7 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
 def _keys(store: "Store", view: View) -> int:
     """The largest number of changes of the gripper of one of the agents of a view in an episode."""
     most = 0
-    for action in np.split(store.action, store.episode_ends[:-1]):
+    for action in store.by_episode(store.action):
         changes = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True).sum(axis=0)
         most = max(most, *(int(changes[agent - 1]) for agent in view.agents))
     return min(most, CHANGES)
@@ -115,12 +115,12 @@ def context(
     base_from_world = inverse(_base(senses, stream.agents[0]))
     parts: list[NDArray[np.floating]] = []
     for agent in stream.agents:
-        parts += [_flat(base_from_world @ _tcp(senses, agent, qpos)), memory[..., agent - 1, :]]
+        parts += [_flat(base_from_world @ world_from_tcp(senses, agent, qpos)), memory[..., agent - 1, :]]
     if senses.objects:
         for agent in others(senses, stream):
             parts += [
                 proprioception(qpos[..., agent - 1 : agent, :]),
-                _flat(base_from_world @ _tcp(senses, agent, qpos)),
+                _flat(base_from_world @ world_from_tcp(senses, agent, qpos)),
             ]
         parts += [_flat(base_from_world @ poses[name]) for name in senses.objects]
     if len(view.streams) > 1:  # one policy for several agents: which of them
@@ -147,8 +147,8 @@ def _base(senses: Senses, agent: int) -> Matrix:
     return planar(*senses.bases[agent - 1])
 
 
-def _tcp(senses: Senses, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
-    """world_from_tcp (..., 4, 4)."""
+def world_from_tcp(senses: Senses, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(..., 4, 4) of an agent, from the joints of all agents (..., N, 7 or more)."""
     return _base(senses, agent) @ tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 

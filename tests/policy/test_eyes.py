@@ -60,7 +60,7 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
         senses = senses_of(seeing, store, view)
         assert senses.keys == 1  # a gripper that closes, and stays so
         for stream in view.streams:
-            found = keypoints(store, stream, senses.keys, slice(None))
+            found = keypoints(store, stream, senses, slice(None))
             assert found.points.shape == (store.steps, senses.keypoints(view), 3)
             spec = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
@@ -87,7 +87,7 @@ def test_a_camera_on_a_hand_is_refused(make_store) -> None:
     store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"
     try:
         with pytest.raises(ArgumentError, match="camera 'agent1' rides on a hand"):
-            keypoints(store, Stream("agent1", (1,)), 1, slice(None))
+            keypoints(store, Stream("agent1", (1,)), Senses(((0.0, 0.0, 0.0),), keys=1), slice(None))
     finally:
         store.identity["scene"]["cameras"]["agent1"]["mount"] = "world"
 
