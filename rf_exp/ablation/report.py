@@ -95,7 +95,7 @@ def _summary(results: Results) -> str:
         rows = [row for row in results.evaluation if row.shield is (kind != "rollouts")]
         if not rows and kind != "rollouts":
             continue
-        policies = {(r.task, r.arch, r.constraints, r.demos, r.train_seed) for r in rows}
+        policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
         rollouts += [
             (
                 f"{sum(r.success for r in rows)} of {len(rows)}",
@@ -164,7 +164,8 @@ def _policy_failures(results: Results, suite: Suite) -> str:
 
 def _learnt_from(row: EvaluationRow) -> str:
     trained = f", training seed {row.train_seed}" if row.train_seed else ""
-    return f"{row.constraints}, {row.demos} demonstrations{trained}{', shielded' * row.shield}"
+    recipe = f", recipe {row.recipe}" if row.recipe != "paper" else ""
+    return f"{row.constraints}, {row.demos} demonstrations{recipe}{trained}{', shielded' * row.shield}"
 
 
 def _rollouts(out: Path, results: Results, suite: Suite) -> str:

@@ -94,11 +94,11 @@ class DiffusionPolicy(nn.Module):
         top, left = (self.config.height - height) // 2, (self.config.width - width) // 2
         return self.encode(pictures[:, top : top + height, left : left + width])
 
-    def places(self, pictures: Tensor) -> Tensor | None:
-        """Where in pictures (U, H, W, 3) heat maps see their keypoints: (U, M, 2) from 0 to 1."""
-        if not isinstance(self.encoder, Eyes):
-            return None
-        return self.encoder.read(*self.encoder.look(_scaled(pictures)))[0]
+    def look(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Features of pictures (U, H, W, 3), and where in them heat maps see their keypoints: (U, M, 2)."""
+        if isinstance(self.encoder, Eyes):
+            return self.encoder.see(_scaled(pictures))
+        return self.encode_whole(pictures), None
 
     def observation(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
         """Features (B, O, F), proprioception (B, O, P) and context (B, O, C), all raw -> (B, observation)."""

@@ -97,9 +97,13 @@ class Eyes(nn.Module):
             normal = terms.T @ terms + RIDGE * max(1, len(terms)) * torch.eye(TERMS, device=terms.device)
             self.lift[key] = torch.linalg.solve(normal, terms.T @ targets).float()
 
+    def see(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+        """Features (B, M * OUT), and the places in the pictures (B, M, 2), from 0 to 1."""
+        places, points, headings, sure = self.read(*self.look(pictures))
+        return torch.cat([points, headings, sure[..., None]], dim=2).flatten(1), places
+
     def forward(self, pictures: Tensor) -> Tensor:
-        _, points, headings, sure = self.read(*self.look(pictures))
-        return torch.cat([points, headings, sure[..., None]], dim=2).flatten(1)
+        return self.see(pictures)[0]
 
     def loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor) -> Tensor:
         """Of pictures whose keypoints are at `pixels` (B, M, 2) with `headings`; NaN is not seen."""

@@ -152,8 +152,7 @@ class Actor(Performer):
         features = proprio.new_zeros(len(streams), 0)
         if self.looks:
             seen = torch.from_numpy(np.stack([self._picture(pictures, stream.camera) for stream in streams]))
-            features = self._policy.encode_whole(seen.to(self._device))
-            places = self._policy.places(seen.to(self._device))
+            features, places = self._policy.look(seen.to(self._device))
             if places is not None:
                 self.seen = tuple(self._sights(places.cpu().double().numpy(), self._memory.changes))
         # Before an episode's start its first frame repeats, as in training.

@@ -38,7 +38,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
     made_of = generation_identity(experiment, task, row)
     path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
     with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, row, made_of) as store:
-        pictures = _pictures(experiment, task, path)
+        pictures = _pictures(experiment, store.cameras, len(task.agents))
         known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
         for lost in _lost(store, known, rows_path):
             rows.append(rows_path, lost)
@@ -85,8 +85,10 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
 
 
 def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
-    path = data_path(experiment, task, row)
-    pictures = _pictures(experiment, task, path)
+    path, there = data_path(experiment, task, row), ()
+    if path.exists() and experiment.pictures.cameras != "all":
+        there = Store.open(path).cameras
+    pictures = _pictures(experiment, there, len(task.agents))
     cameras = pictures.of(len(task.agents))
     size = (pictures.height, pictures.width) if pictures.render else (0, 0)
     identity = {**made_of, "first_seed": experiment.seed, "cameras": list(cameras), "picture": list(size)}
@@ -96,13 +98,10 @@ def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, obje
     return Store.create(path, identity, len(task.agents), cameras, *size, tuple(task.objects), disturbed)
 
 
-def _pictures(experiment: Experiment, task: Task, path: Path) -> Pictures:
-    """What is asked for; data that hold the pictures of further cameras will do, and go on with those."""
-    pictures, agents = experiment.pictures, len(task.agents)
-    everything = replace(pictures, cameras="all")
-    if path.exists() and {*Store.open(path).cameras} == {*everything.of(agents)}:
-        return everything
-    return pictures
+def _pictures(experiment: Experiment, there: Sequence[str], agents: int) -> Pictures:
+    """What is asked for; data that hold the pictures of all cameras will do, and go on with those."""
+    everything = replace(experiment.pictures, cameras="all")
+    return everything if {*there} == {*everything.of(agents)} else experiment.pictures
 
 
 def _with_row(episode: Episode, row: GenerationRow) -> Episode:
