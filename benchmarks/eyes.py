@@ -18,7 +18,8 @@ import torch
 
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
-from rf_exp.policy.eyes import Eyes
+from rf_exp.policy.eyes import OUT
+from rf_exp.policy.keypoints import HEADING
 from rf_exp.policy.train import Training
 from rf_exp.policy.views import views
 from rf_exp.store import Store
@@ -60,16 +61,16 @@ def main() -> None:
             if training.step == given.steps:
                 break
         seconds = time.process_time() - began
-        eyes = training.averaged().encoder
-        assert isinstance(eyes, Eyes)
+        policy = training.averaged()
+        policy.lift_eyes(windows.pixels, windows.points)
         unseen = np.arange(len(windows), len(everything))
-        eyes.fit(windows.pixels, windows.points)
         pictures, pixels, headings = everything.marked(unseen)
         points = everything.points[torch.from_numpy(unseen)]
         began = time.process_time()
         with torch.inference_mode():
-            parts = [eyes.read(*eyes.look(_scaled(part)))[:3] for part in pictures.split(64)]
-        places, found, turned = (torch.cat(each) for each in zip(*parts, strict=True))
+            seen, places = zip(*(policy.look(part) for part in pictures.split(64)), strict=True)
+        seen, places = torch.cat(seen).unflatten(1, (-1, OUT)), torch.cat(places)
+        found, turned = seen[..., :3], seen[..., 3 : 3 + HEADING]
         milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
         sides = torch.tensor([config.width, config.height])
         off = {
@@ -79,17 +80,13 @@ def main() -> None:
         }
         inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)
         of_view: dict[str, object] = {
-            unit: [_said(values[inside[:, k], k]) for k in range(eyes.keypoints)]
+            unit: [_said(values[inside[:, k], k]) for k in range(inside.shape[1])]
             for unit, values in off.items()
         }
         of_view |= {"ms": round(milliseconds, 2), "training_s": round(seconds)}
         result[view.name] = of_view
         print(f"{view.name}: {of_view}", flush=True)
     print(json.dumps(result))
-
-
-def _scaled(pictures: torch.Tensor) -> torch.Tensor:
-    return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 
 def _askew_deg(found: torch.Tensor, true: torch.Tensor) -> torch.Tensor:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.errors import StageError
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.stages.artifacts import owned
 from rf_exp.store import Store
+from rf_exp.types import Pictures
 
 ARGUMENTS = ("stages=[generate]", "task=pick_meat", "render=false", "workers=1", "recordings=0", "episodes=1")
 
@@ -64,3 +65,27 @@ def test_deleting_what_is_named_helps(command, tmp_path: Path) -> None:
     assert command(*changed).returncode == 0
     store = Store.open(tmp_path / "data/pick_meat/full/fast.zarr")
     assert store.identity["limits"]["velocity_rad_s"] == 0.5
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_demonstrations_with_more_cameras_will_do(command, tmp_path: Path) -> None:
+    """What has the pictures of all cameras also serves who asks for some of them, and not the other way."""
+    seen = ("task=pick_meat", "stages=[generate]", "demos=1", "recordings=0", "workers=1", "wandb=disabled")
+    seen += ("picture={width: 32, height: 24}",)
+    for folder, first in (("some", "local"), ("whole", "all")):
+        assert command(*seen, f"cameras={first}", f"out={tmp_path / folder}").returncode == 0
+    some, whole = (tmp_path / name / "data/pick_meat/full/fast.zarr" for name in ("some", "whole"))
+    assert set(Store.open(some).cameras) == {"agent1"}
+    assert set(Store.open(whole).cameras) == {"global", "agent1"}
+    again = command(*seen, "demos=2", "cameras=local", f"out={tmp_path / 'whole'}")
+    assert again.returncode == 0
+    with Store.open(whole) as store:
+        assert len(store) == 2 and store.pictures["global"].shape[0] == store.steps
+    refused = command(*seen, "cameras=all", f"out={tmp_path / 'some'}")
+    assert refused.returncode == 1 and "cameras" in refused.stderr
+
+
+def test_unknown_cameras_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="unknown cameras 'wrist'; available: all, global, local"):
+        Pictures(cameras="wrist")  # pyright: ignore[reportArgumentType]
