@@ -21,7 +21,6 @@ RATE = 2 * CONTROL_HZ // EVERY  # frames a second: twice as fast as real
 REST_FRAMES = 2 * RATE  # the last one stays a while
 HEIGHT_PX = 240  # of the global view
 QUALITY = 28  # see Film
-LEAST = 5e-4  # of a number that is shown
 
 
 class RolloutFilm:
@@ -76,14 +75,9 @@ def _lines(step: RolloutStep) -> list[Line]:
     lines, verdict = [], step.verdict
     for name, holds in verdict.evidence.items():
         found = verdict.measured.get(name)
-        number = f": {_short(found.value)} {found.unit}, asked {found.asked}" if found is not None else ""
+        number = f": {text.measured(found, 2)}, asked {found.asked}" if found is not None else ""
         lines.append(Line(f"{name}{number}", HOLDS if holds else VIOLATED, INK if holds else SOFT))
     if step.withheld is not None:
         said = text.withheld(step.withheld)
         lines.append(Line(said, VIOLATED if step.withheld else HOLDS, INK if step.withheld else SOFT))
     return lines
-
-
-def _short(value: float) -> str:
-    """Two digits; the noise of the physics is nothing."""
-    return f"{value:.2g}" if abs(value) >= LEAST else "0"

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from rf_exp.types import CONTROL_DT_S, Proposal, Rollout, Subgoal, Verdict, Violation
+from rf_exp.types import CONTROL_DT_S, Measured, Proposal, Rollout, Subgoal, Verdict, Violation
+
+LEAST = 5e-4  # of a number that is shown
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,18 @@ def violation(found: Violation) -> str:
     return f"{f'{agents}: ' if agents else ''}{found.reason} ({measured}at {found.time_s:.2f} s)"
 
 
+def measured(found: Measured, digits: int) -> str:
+    """What a condition's number is, with its unit; the noise of the physics is nothing."""
+    value = f"{found.value:.{digits}g}" if abs(found.value) >= LEAST else "0"
+    return f"{value} {found.unit}"
+
+
 def conditions(verdict: Verdict, since: Mapping[str, int]) -> str:
     """A table: a row for each condition of success, with its number, and the step since when it is so."""
     lines = ["| | condition | value | asked | since |", "|---|---|---|---|---|"]
     for name, holds in verdict.evidence.items():
         found = verdict.measured.get(name)
-        value, asked = (f"{found.value:.3g} {found.unit}", found.asked) if found is not None else ("", "")
+        value, asked = (measured(found, 3), found.asked) if found is not None else ("", "")
         mark = "holds" if holds else "**not yet**"
         lines += [f"| {mark} | {_cell(name)} | {value} | {asked} | {since[name] * CONTROL_DT_S:.2f} s |"]
     lost = [f"- {name} is {how}" for name, how in verdict.lost.items()]
