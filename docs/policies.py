@@ -10,7 +10,7 @@ from rf_exp.ablation.rollouts import kind_of
 from rf_exp.ablation.rows import EvaluationRow, load, newest
 from rf_exp.ablation.statistics import wilson
 from rf_exp.ablation.suite import configured
-from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, title_of
+from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, title_of
 
 ROOT = Path(__file__).parents[1]
 HEADING = (
@@ -84,7 +84,7 @@ def of_paper(row: EvaluationRow) -> float | None:
 def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
     known = configured().get(row.task)
     rate, figure = wilson(sum(r.success for r in group), len(group)), of_paper(row)
-    cost = fmean({r.train_seed: r.core_s for r in group}.values()) / 60
+    cost = core_minutes(group)
     return (
         title_of(row.task, configured()),
         str(known.agents if known else paper().levels[row.task]),

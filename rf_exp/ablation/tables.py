@@ -560,13 +560,18 @@ def _but_first(recipe: str, recipes: Sequence[str]) -> str:
     return "" if recipe == recipes[0] else f"-{recipe}"
 
 
+def core_minutes(rows: Iterable[EvaluationRow]) -> float:
+    """CPU time of learning behind the rollouts of one architecture, the mean of its training seeds."""
+    return fmean({row.train_seed: row.core_s for row in rows}.values()) / 60
+
+
 def _core_minutes(results: Results, task: str, recipe: str) -> str:
-    """Of learning, at each number of demonstrations; the mean of the training seeds."""
-    cost_s: dict[int, dict[int, float]] = {}
+    """At each number of demonstrations."""
+    by_demos: dict[int, list[EvaluationRow]] = {}
     for row in results.evaluation:
         if _is_baseline(row) and (row.task, row.recipe) == (task, recipe) and row.core_s:
-            cost_s.setdefault(row.demos, {})[row.train_seed] = row.core_s
-    return " / ".join(f"{fmean(of_seed.values()) / 60:.1f}" for _, of_seed in sorted(cost_s.items()))
+            by_demos.setdefault(row.demos, []).append(row)
+    return " / ".join(f"{core_minutes(rows):.1f}" for _, rows in sorted(by_demos.items()))
 
 
 def _is_baseline(row: EvaluationRow) -> bool:
