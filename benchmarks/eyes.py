@@ -19,7 +19,7 @@ import torch
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.eyes import OUT
-from rf_exp.policy.keypoints import HEADING
+from rf_exp.policy.keypoints import HAND, HEADING
 from rf_exp.policy.train import Training
 from rf_exp.policy.views import views
 from rf_exp.store import Store
@@ -69,8 +69,9 @@ def main() -> None:
         began = time.process_time()
         with torch.inference_mode():
             seen, places = zip(*(policy.look(part) for part in pictures.split(64)), strict=True)
+        points, pixels = (each.unflatten(1, (-1, len(HAND)))[:, :, 0] for each in (points, pixels))
         seen, places = torch.cat(seen).unflatten(1, (-1, OUT)), torch.cat(places)
-        found, turned = seen[..., :3], seen[..., 3 : 3 + HEADING]
+        found, turned = seen[..., :3], seen[..., -1 - HEADING : -1]
         milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
         sides = torch.tensor([config.width, config.height])
         off = {

@@ -15,6 +15,8 @@ PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
 ACTING = ("action_steps", "sampler", "inference_diffusion_steps")  # of a policy; they change no weight
+# Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
+LEARNER = 2
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 
@@ -124,6 +126,7 @@ class TrainConfig:
     run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
     noise_draws: int = 1  # for each window in a batch
     eyes_rate: float = 1.0  # learning rate of the heat maps, as a multiple of the others'
+    eyes_shift_px: int = 0  # by which the pictures for the heat maps are shifted at most, either way
     eyes_steps: int = 0  # before all others, of the heat maps alone, which then stay as they are
     draft_steps: int = 0  # before the others, of the draft alone
     learning_rate: float = 1e-4
@@ -148,7 +151,8 @@ class TrainConfig:
             self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "eyes_rate", "epsilon"
         )
         _positive(self, "log_every", "checkpoint_every", "ema_power")
-        for name in ("weight_decay", "warmup_steps", "proprio_noise", "eyes_steps", "draft_steps", "seed"):
+        counts = "warmup_steps", "eyes_shift_px", "eyes_steps", "draft_steps", "seed"
+        for name in ("weight_decay", "proprio_noise", *counts):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")
         _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
         _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")

@@ -187,10 +187,27 @@ class Windows:
             features,
         )
 
-    def marked(self, windows: NDArray[np.int64]) -> tuple[Tensor, Tensor, Tensor]:
-        """The newest pictures (B, H, W, 3) of windows, and the pixels and headings of their keypoints."""
+    def marked(
+        self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """The newest pictures (B, H, W, 3) of windows, and the pixels and headings of their keypoints.
+
+        With `rng` each picture is shifted by up to `shift_px` pixels either way, and its keypoints with it.
+        """
         chosen = self._index(windows)
-        return self._pictures[chosen], self.pixels[chosen], self.headings[chosen]
+        pictures, pixels = self._pictures[chosen], self.pixels[chosen]
+        if rng is not None and shift_px:
+            size = np.array(pictures.shape[1:3])
+            shifts = rng.integers(-shift_px, shift_px + 1, (len(windows), 2))  # down, to the right
+            rows, columns = (
+                self._index(np.clip(np.arange(size[axis]) - shifts[:, axis, None], 0, size[axis] - 1))
+                for axis in (0, 1)
+            )
+            each = torch.arange(len(windows), device=self._device)[:, None, None]
+            pictures = pictures[each, rows[:, :, None], columns[:, None]]
+            by = torch.from_numpy((shifts / size)[:, None, ::-1].astype(np.float32))
+            pixels = pixels + by.to(self._device)
+        return pictures, pixels, self.headings[chosen]
 
     def look_once(self, encode: Callable[[Tensor], Tensor]) -> Tensor:
         """Encode every picture, from now on for good. Returns the features (S * T, F)."""

@@ -19,6 +19,7 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Batch, action_origin
 from rf_exp.policy.encoder import Blind, Compact, ResNet18, encoder
 from rf_exp.policy.eyes import OUT, Eyes
+from rf_exp.policy.keypoints import HAND
 from rf_exp.policy.normaliser import Normaliser
 from rf_exp.policy.observation import POSE, of_agent
 from rf_exp.policy.unet import ConditionalUNet1D
@@ -156,9 +157,10 @@ class DiffusionPolicy(nn.Module):
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + proprio_noise * self.normaliser.proprio.radius * shift
         if isinstance(self.encoder, Eyes) and self.config.keypoint_noise_m:
-            shift = torch.randn(len(batch), 1, self.encoder.keypoints, 3, generator=generator, device=device)
-            points = self.config.keypoint_noise_m * functional.pad(shift, (0, OUT - 3)).flatten(2)
-            features = features + points
+            points = len(batch), 1, self.encoder.keypoints, 3 * len(HAND)
+            shift = torch.randn(points, generator=generator, device=device)
+            shift = self.config.keypoint_noise_m * functional.pad(shift, (0, OUT - points[-1])).flatten(2)
+            features = features + shift
         return self.observation(features, proprio, batch.context)
 
     def pointed(self, features: Tensor, context: Tensor) -> Tensor:

@@ -10,13 +10,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rf_exp.policy.keypoints import HEADING
+from rf_exp.policy.keypoints import HAND, HEADING
 
 CELL = 4  # pixels of a picture to a cell of a map
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
 PEAK = 5  # cells, side of the square round the largest one whose middle is taken
-OUT = 3 + HEADING + 1  # point (m), heading, how sure
+OUT = 3 * len(HAND) + HEADING + 1  # TCP (m), other points as seen from it (m), heading, how sure
 PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropy
 TERMS = 10  # of a polynomial of third degree in two variables
 RIDGE = 1e-6
@@ -52,9 +52,9 @@ class _Each(nn.Module):
 
 
 class Eyes(nn.Module):
-    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT) of M keypoints."""
+    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT) of M keypoints, each P = len(HAND) points."""
 
-    lift: Tensor  # (M, TERMS, 3) m
+    lift: Tensor  # (M * P, TERMS, 3) m
 
     def __init__(self, keypoints: int) -> None:
         super().__init__()
@@ -65,56 +65,58 @@ class Eyes(nn.Module):
             nn.ReLU(),
             *(_Dilated(apart) for apart in (1, 2, 4)),
         )
-        self.maps = nn.Conv2d(CHANNELS, keypoints, 1)
+        self.maps = nn.Conv2d(CHANNELS, keypoints * len(HAND), 1)
         self.pool = nn.Linear(CHANNELS, POOLED)
-        self.register_buffer("lift", torch.zeros(keypoints, TERMS, 3))
+        self.register_buffer("lift", torch.zeros(keypoints * len(HAND), TERMS, 3))
         self.turn = _Each(keypoints, POOLED, 32, HEADING)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """The maps (B, M, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
+        """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
-    def read(self, maps: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Places in the picture (B, M, 2) from 0 to 1, points (B, M, 3), headings (B, M, 6), trust (B, M)."""
+    def read(self, maps: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Places in the picture (B, M * P, 2) from 0 to 1, headings (B, M, HEADING), trust (B, M)."""
         chance = maps.flatten(2).softmax(dim=2).unflatten(2, maps.shape[2:])
         near = _peaks(chance)
         total = near.sum(dim=(2, 3))
         rows, columns = (torch.arange(size, device=maps.device) + 0.5 for size in maps.shape[2:])
         y = (near.sum(dim=3) @ rows) / total / maps.shape[2]
         x = (near.sum(dim=2) @ columns) / total / maps.shape[3]
-        pixels = torch.stack([x, y], dim=2)
-        weights = (near / total[..., None, None]).flatten(2)
-        pooled = self.pool(weights @ seen.flatten(2).transpose(1, 2))  # (B, M, POOLED)
-        points = torch.einsum("bmt,mtc->bmc", _terms(pixels), self.lift)
-        return pixels, points, self.turn(pooled), total
+        weights = (near / total[..., None, None]).flatten(2)[:, :: len(HAND)]
+        pooled = self.pool(weights @ seen.flatten(2).transpose(1, 2))  # (B, M, POOLED), at the TCPs
+        return torch.stack([x, y], dim=2), self.turn(pooled), total[:, :: len(HAND)]
 
     def fit(self, pixels: Tensor, points: Tensor) -> None:
-        """Lift places in pictures (N, M, 2) to points (N, M, 3) in m, by least squares; NaN is left out."""
-        for key in range(self.keypoints):
+        """Lift places (N, M * P, 2) to points (N, M * P, 3) in m, by least squares; NaN is left out."""
+        for key in range(len(self.lift)):
             seen = _inside(pixels[:, key])
             terms, targets = _terms(pixels[seen, key]).double(), points[seen, key].double()
             normal = terms.T @ terms + RIDGE * max(1, len(terms)) * torch.eye(TERMS, device=terms.device)
             self.lift[key] = torch.linalg.solve(normal, terms.T @ targets).float()
 
     def see(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """Features (B, M * OUT), and the places in the pictures (B, M, 2), from 0 to 1."""
-        places, points, headings, sure = self.read(*self.look(pictures))
-        return torch.cat([points, headings, sure[..., None]], dim=2).flatten(1), places
+        """Features (B, M * OUT), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
+        places, headings, sure = self.read(*self.look(pictures))
+        points = torch.einsum("bkt,ktc->bkc", _terms(places), self.lift).unflatten(1, (-1, len(HAND)))
+        tcp = points[:, :, :1]
+        hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
+        return torch.cat([hands, headings, sure[..., None]], dim=2).flatten(1), places[:, :: len(HAND)]
 
     def forward(self, pictures: Tensor) -> Tensor:
         return self.see(pictures)[0]
 
     def loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor) -> Tensor:
-        """Of pictures whose keypoints are at `pixels` (B, M, 2) with `headings`; NaN is not seen."""
+        """Of pictures whose keypoints are at `pixels` (B, M * P, 2) and head so; NaN is not seen."""
         maps, seen = self.look(pictures)
-        found, _, turned, _ = self.read(maps, seen)
+        found, turned, _ = self.read(maps, seen)
         inside = _inside(pixels)
         if not inside.any():
             return maps.sum() * 0.0
         cross = _cross_entropy(maps[inside], pixels[inside])
         off = (found - pixels)[inside].abs().mean() * maps.shape[3]
-        turn = (turned - headings)[inside].abs().mean()
+        hands = inside[:, :: len(HAND)]
+        turn = (turned - headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
         return cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
 
 

@@ -21,15 +21,17 @@ from rf_exp.types import ARM_JOINTS, CameraModel
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
+# Points of a hand, m in the frame of its TCP: the TCP, and across the fingers' axis where tools work.
+HAND = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
 HEADING = 6  # cosine and sine of one, two and four times the heading of the fingers (a cube has four sides)
 
 
 @dataclass(frozen=True)
 class Keypoints:
-    """M keypoints in each of T frames of a stream. NaN where one is not there, or is past."""
+    """M keypoints in each of T frames of a stream, each as P points of HAND. NaN where one is past."""
 
-    pixels: NDArray[np.float32]  # (T, M, 2) x to the right and y down, from 0 to 1 over the picture
-    points: NDArray[np.float32]  # (T, M, 3) m, in the base frame of the stream's first agent
+    pixels: NDArray[np.float32]  # (T, M * P, 2) x to the right and y down, from 0 to 1 over the picture
+    points: NDArray[np.float32]  # (T, M * P, 3) m, in the base frame of the stream's first agent
     headings: NDArray[np.float32]  # (T, M, HEADING)
 
 
@@ -47,13 +49,16 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
             columns += _own(tcp, action[:, agent - 1, ARM_JOINTS], senses.keys)
         columns += [world_from_tcp(senses, agent, qpos) for agent in others(senses, stream)]
         found.append(np.stack(columns, axis=1))
-    world = np.concatenate(found)[kept]  # (T, M, 4, 4)
-    local = inverse(planar(*senses.bases[stream.agents[0] - 1])) @ world
-    heading = np.arctan2(local[..., 1, 1], local[..., 0, 1])  # of the axis along which fingers move
+    hands = np.concatenate(found)[kept]  # (T, M, 4, 4)
+    world = np.array(HAND) @ hands[..., :3, :3].swapaxes(-1, -2) + hands[..., None, :3, 3]
+    world = world.reshape(len(hands), -1, 3)
+    to_base = inverse(planar(*senses.bases[stream.agents[0] - 1]))
+    fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
+    heading = np.arctan2(fingers[..., 1], fingers[..., 0])
     turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
     return Keypoints(
-        _project(world[..., :3, 3], camera).astype(np.float32),
-        local[..., :3, 3].astype(np.float32),
+        _project(world, camera).astype(np.float32),
+        apply(to_base, world).astype(np.float32),
         np.moveaxis(turns, 0, -1).astype(np.float32),
     )
 

@@ -25,7 +25,7 @@ from torch import Tensor
 from rf_exp.artifacts.files import read_json, whole
 from rf_exp.artifacts.identity import digest
 from rf_exp.errors import StageError
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import senses_of
@@ -79,6 +79,7 @@ def train(
     ArgumentError when the store does not fit the view or the pictures.
     """
     made_of = {
+        "learner": LEARNER,
         "policy": asdict(policy_config),
         "view": asdict(view),
         "senses": asdict(senses_of(policy_config, store, view)),
@@ -216,7 +217,7 @@ class Training:
         generator = torch.Generator(self._device).manual_seed(int(noise_seed))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
             if seeing:
-                loss = self.policy.eyes_loss(*self._windows.marked(windows))
+                loss = self.policy.eyes_loss(*self._windows.marked(windows, config.eyes_shift_px, rng))
             else:
                 batch = self._windows.batch(windows, rng)
                 if self.step < config.eyes_steps + config.draft_steps:

@@ -21,7 +21,7 @@ from rf_exp.artifacts.provenance import commit
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
 from rf_exp.policy.shield import Shield
@@ -193,7 +193,8 @@ def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> di
     for view in views(arch, len(task.agents)):
         made[view.name] = made_of(folder / view.name)
         config = replace(experiment.training, seed=experiment.train_seed)
-        expect(folder / view.name, {"policy": asdict(experiment.policy), "train": config.identity})
+        wanted = {"learner": LEARNER, "policy": asdict(experiment.policy), "train": config.identity}
+        expect(folder / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}
 

@@ -1,6 +1,7 @@
 """Heat maps: labels from demonstrations alone, places finer than a cell, and a policy that is led by them."""
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.eyes import CELL, Eyes
 from rf_exp.policy.hands import followed, with_hands
-from rf_exp.policy.keypoints import keypoints
+from rf_exp.policy.keypoints import HAND, keypoints
 from rf_exp.policy.observation import Senses, senses_of, tcp_poses
 from rf_exp.policy.rollout import load_actors, rollout
 from rf_exp.policy.saved import load_policy
@@ -61,7 +62,7 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
         assert senses.keys == 1  # a gripper that closes, and stays so
         for stream in view.streams:
             found = keypoints(store, stream, senses, slice(None))
-            assert found.points.shape == (store.steps, senses.keypoints(view), 3)
+            assert found.points.shape == (store.steps, senses.keypoints(view) * len(HAND), 3)
             spec = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
             others = [k for k in range(1, agents + 1) if k not in stream.agents]
@@ -70,16 +71,17 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
                 closed = first + int(np.argmax(store.action[first : first + STEPS, 0, 7] < 0))
                 moments = [(k, at) for k in stream.agents for at in (closed, first + STEPS - 1)]
                 moments += [(k, frame) for k in others]
-                for column, (agent, at) in enumerate(moments):
+                for (column, (agent, at)), (part, point) in product(enumerate(moments), enumerate(HAND)):
+                    mine = column * len(HAND) + part
                     if at == closed and frame > closed and agent in stream.agents and column % 2 == 0:
-                        assert np.isnan(found.points[frame, column]).all()  # it is past
+                        assert np.isnan(found.points[frame, mine]).all()  # it is past
                         continue
-                    tcp = bases[agent - 1] @ tcp_pose(store.qpos[at, agent - 1])
-                    local = apply(inverse(bases[stream.agents[0] - 1]), tcp[:3, 3])
-                    np.testing.assert_allclose(found.points[frame, column], local, atol=1e-6)
-                    seen = camera.intrinsics @ apply(inverse(camera.world_from_camera), tcp[:3, 3])
+                    world = apply(bases[agent - 1] @ tcp_pose(store.qpos[at, agent - 1]), np.array(point))
+                    local = apply(inverse(bases[stream.agents[0] - 1]), world)
+                    np.testing.assert_allclose(found.points[frame, mine], local, atol=1e-6)
+                    seen = camera.intrinsics @ apply(inverse(camera.world_from_camera), world)
                     pixel = seen[:2] / seen[2] / (WIDTH, HEIGHT)
-                    np.testing.assert_allclose(found.pixels[frame, column], pixel, atol=1e-4)
+                    np.testing.assert_allclose(found.pixels[frame, mine], pixel, atol=1e-4)
 
 
 def test_a_camera_on_a_hand_is_refused(make_store) -> None:
@@ -98,7 +100,9 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
     height, width = 24, 32
     rows, columns = torch.arange(height) + 0.5, torch.arange(width) + 0.5
     away = ((columns - x * width) ** 2)[None] + ((rows - y * height) ** 2)[:, None]
-    pixels, *_ = eyes.read(-away[None, None] / 0.8, torch.zeros(1, 32, height, width))
+    pixels, *_ = eyes.read(
+        -away[None, None].expand(1, len(HAND), -1, -1) / 0.8, torch.zeros(1, 32, height, width)
+    )
     assert (pixels[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
         [x * width, y * height], abs=0.1
     )
@@ -107,22 +111,22 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
 def test_eyes_learn_to_find_what_is_shown() -> None:
     """Within a pixel, after a hundred steps, where a cell is four pixels wide."""
     torch.manual_seed(0)
-    eyes, rng = Eyes(2), np.random.default_rng(0)
+    eyes, rng = Eyes(1), np.random.default_rng(0)
     optimiser = torch.optim.AdamW(eyes.parameters(), 4e-3)
 
     def shown(count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        places = rng.uniform(0.15, 0.85, (count, 2, 2))
+        places = rng.uniform(0.15, 0.85, (count, len(HAND), 2))
         pictures = np.full((count, 3, 48, 64), -0.2, np.float32)
         rows, columns = np.mgrid[:48, :64] + 0.5
-        for picture, pair in zip(pictures, places, strict=True):
-            for colour, (x, y) in enumerate(pair):
+        for picture, hand in zip(pictures, places, strict=True):
+            for colour, (x, y) in enumerate(hand):
                 picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
         return torch.from_numpy(pictures), torch.from_numpy(places.astype(np.float32))
 
     for _ in range(100):
         pictures, pixels = shown(16)
         pixels[0, 0] = torch.nan  # past
-        loss = eyes.loss(pictures, pixels, torch.zeros(16, 2, 6))
+        loss = eyes.loss(pictures, pixels, torch.zeros(16, 1, 6))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -130,17 +134,34 @@ def test_eyes_learn_to_find_what_is_shown() -> None:
     pixels[:20, 0] = torch.nan
     eyes.fit(pixels, torch.nn.functional.pad(pixels**2, (0, 1)))
     pictures, pixels = shown(64)
-    found, points, _, _ = eyes.eval().read(*eyes.look(pictures))
+    features, places = eyes.eval().see(pictures)
+    found, *_ = eyes.read(*eyes.look(pictures))
     off = (found - pixels) * torch.tensor([64, 48])
     assert off.norm(dim=2).quantile(0.9) < CELL / 4
-    assert (points[..., :2] - pixels**2).norm(dim=2).median() < 0.03 and points[..., 2].abs().max() < 1e-3
+    assert torch.equal(places, found[:, :1])
+    points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), pixels**2
+    expected[:, 1:] -= expected[:, :1]
+    assert (points[..., :2] - expected).norm(dim=2).median() < 0.03 and points[..., 2].abs().max() < 1e-3
+
+
+def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyConfig) -> None:
+    """Wherever a keypoint still is in the picture, the same colours are round it as before."""
+    windows = Windows(make_store(1, 3), View("agent1", (Stream("agent1", (1,)),)), seeing, CPU)
+    chosen, rng = np.arange(0, len(windows), 3), np.random.default_rng(0)
+    pictures, pixels, _ = windows.marked(chosen)
+    shifted, moved, _ = windows.marked(chosen, 8, rng)
+    by = ((moved - pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
+    assert len(by.unique(dim=0)) > 20 and by.abs().max() == 8
+    for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
+        rows, columns = np.mgrid[8 : HEIGHT - 8, 8 : WIDTH - 8]
+        assert torch.equal(after[rows + down, columns + right], before[rows, columns])
 
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
-    eyes, nowhere = Eyes(1), torch.full((2, 1, 2), torch.nan)
+    eyes, nowhere = Eyes(1), torch.full((2, len(HAND), 2), torch.nan)
     loss = eyes.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 6))
-    eyes.fit(nowhere, torch.zeros(2, 1, 3))
-    assert torch.equal(eyes.lift, torch.zeros(1, 10, 3))
+    eyes.fit(nowhere, torch.zeros(2, len(HAND), 3))
+    assert torch.equal(eyes.lift, torch.zeros(len(HAND), 10, 3))
     loss.backward()
     assert loss.item() == 0.0
 

@@ -11,6 +11,8 @@ from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from statistics import fmean
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.saved import CONFIG, CURVES, MODEL, STATE, device_of, load_policy
 from rf_exp.policy.train import Curve, Training, learning_rate, train
@@ -222,6 +224,25 @@ def test_the_same_seed_gives_the_same_weights_and_another_does_not(
     first, same, other = ((folder / MODEL).read_bytes() for folder in folders)
     assert first == same
     assert first != other
+
+
+LOSSES = {2: {"compact": 0.2889584, "heatmaps": 1.7401117, "state": 0.3099415}}
+
+
+@pytest.mark.parametrize("kind", ["compact", "heatmaps", "state"])
+def test_the_version_of_the_learner_stands_for_what_it_learns(
+    store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, kind: str
+) -> None:
+    """Where this fails because learning has changed: raise LEARNER, and take the new losses."""
+    changes: dict[str, Any] = {
+        "compact": {},
+        "heatmaps": {"encoder": kind, "context": True, "crop": 1.0, "draft": (32,), "tcp_actions": True},
+        "state": {"observation": kind, "context": True, "drop_idle": True},
+    }[kind]
+    phases = {"eyes_steps": 4, "eyes_shift_px": 8, "draft_steps": 4} if kind == "heatmaps" else {}
+    config = replace(policy_config, **changes)
+    folder = train(store, LOCAL, config, replace(train_config, log_every=2, **phases), tmp_path / kind)
+    assert fmean(float(row["loss"]) for row in rows(folder)) == pytest.approx(LOSSES[LEARNER][kind], rel=1e-3)
 
 
 def test_a_budget_in_epochs_is_that_many_passes(
