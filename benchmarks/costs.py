@@ -1,0 +1,89 @@
+"""What the parts of an experiment cost, in CPU seconds of one core: the figures of rf_exp/stages/costs.yaml.
+
+    python benchmarks/costs.py [outputs/data/lift_barrier/full/fast.zarr] [--seeds 4] [--states]
+
+Makes the first seeds of every task with the pictures of all agents and takes a few steps of each phase of
+learning from a store; the rows in results/ say how long a scene of evaluation took. Prints the YAML. With
+`--states` only what episodes of the paper's recipe cost without pictures (docs/expert.md).
+"""
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+import torch
+import yaml
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+
+from rf_exp.ablation.rows import load
+from rf_exp.command import CONF, register_all_tasks
+from rf_exp.datagen.generate import make_episode
+from rf_exp.experiment import Experiment, read_experiment
+from rf_exp.policy.dataset import Windows
+from rf_exp.policy.train import Training
+from rf_exp.policy.views import views
+from rf_exp.store import Store
+
+DEMO = Path("outputs/data/lift_barrier/full/fast.zarr")
+ROOT = Path(__file__).resolve().parents[1]
+STEPS = 20  # of each phase
+
+
+def demonstrations_s(experiment: Experiment, seeds: int) -> dict[str, float]:
+    """Task -> CPU seconds for one demonstration; seeds that fail are paid for as well."""
+    found = {}
+    for task in experiment.tasks:
+        settings = experiment.settings(task, experiment.rows[0])
+        make_episode(settings, experiment.pictures, seeds)  # starts the renderer
+        began = time.process_time()
+        made = sum(make_episode(settings, experiment.pictures, seed).success for seed in range(seeds))
+        found[task.name] = (time.process_time() - began) / max(1, made)
+    return found
+
+
+def steps_s(experiment: Experiment, store: Store) -> dict[str, float]:
+    """Phase of learning -> CPU seconds a step."""
+    torch.set_num_threads(1)
+    view = views(experiment.archs[0], store.agents)[0]
+    windows = Windows(store, view, experiment.policy, torch.device("cpu"))
+    phases = dict.fromkeys(("eyes_steps", "draft_steps", "steps"), STEPS)
+    training = Training(windows, view, experiment.policy, replace(experiment.training, **phases))
+    marks = [time.process_time()]
+    for _ in training.run():
+        if training.step % STEPS == 0:
+            marks.append(time.process_time())
+    return {phase: (b - a) / STEPS for phase, a, b in zip(phases, marks, marks[1:], strict=False)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("store", type=Path, nargs="?", default=DEMO, help="of the demo, unless said")
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--states", action="store_true", help="episodes without pictures and disturbances")
+    given = parser.parse_args()
+    register_all_tasks()
+    states = ["policy=paper", "recipe=paper", "render=false", "stages=[generate]"]
+    chosen = [*(states if given.states else ("profile=laptop", "recipe=fast")), "task=all"]
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("config", chosen)
+    experiment = read_experiment(OmegaConf.to_container(config, resolve=True), chosen)  # pyright: ignore[reportArgumentType]
+    if given.states:
+        made = demonstrations_s(experiment, given.seeds)
+        print(yaml.safe_dump({task: round(each, 2) for task, each in made.items()}, sort_keys=False))
+        return
+    evaluated = [row for row in load(ROOT).evaluation if row.recipe == experiment.recipe]
+    tasks = {}
+    for task, made_s in demonstrations_s(experiment, given.seeds).items():
+        scenes = [row.wall_s for row in evaluated if row.task == task]
+        tasks[task] = {"demonstration_s": round(made_s, 1), "scene_s": round(median(scenes or [1.0]), 1)}
+    learning = {phase: round(each, 4) for phase, each in steps_s(experiment, Store.open(given.store)).items()}
+    print(yaml.safe_dump({experiment.recipe: {"learning_s": learning, "tasks": tasks}}, sort_keys=False))
+
+
+if __name__ == "__main__":
+    main()

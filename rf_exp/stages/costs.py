@@ -1,0 +1,70 @@
+"""How long what is still missing will take, told before it begins: from measured costs of each part."""
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.experiment import Experiment
+from rf_exp.policy.saved import MODEL
+from rf_exp.policy.views import views
+from rf_exp.stages.artifacts import evaluation_path, generation_path, policy_path
+from rf_exp.tasks import Task
+from rf_exp.types import Row
+
+COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures them
+
+
+def foretold(experiment: Experiment) -> str:
+    """The hours of each stage in a sentence; empty where nobody has measured, or where little is left."""
+    known: dict[str, Any] = yaml.safe_load(COSTS.read_text()).get(experiment.recipe, {})
+    if any(task.name not in known.get("tasks", {}) for task in experiment.tasks):
+        return ""
+    policy_s = sum(
+        each * (getattr(experiment.training, phase) or 0) for phase, each in known["learning_s"].items()
+    )
+    left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
+    for task, row in product(experiment.tasks, experiment.rows):
+        cost = known["tasks"][task.name]
+        left_s["generate"] += cost["demonstration_s"] * _demonstrations(experiment, task, row)
+        for policies, scenes in _of_archs(experiment, task, row):
+            left_s["train"] += policy_s * policies
+            left_s["evaluate"] += cost["scene_s"] * scenes
+    left_s = {stage: each for stage, each in left_s.items() if each and stage in experiment.stages}
+    total_s = sum(left_s.values())
+    if total_s < 120:
+        return ""
+    parts = ", ".join(f"{stage} {_time(each)}" for stage, each in left_s.items())
+    workers = f"{experiment.workers} worker{'s' * (experiment.workers > 1)}"
+    return f"about {_time(total_s / experiment.workers)} with {workers} ({parts} of one core)"
+
+
+def _demonstrations(experiment: Experiment, task: Task, row: Row) -> int:
+    """That are not there yet."""
+    if experiment.episodes is not None:
+        return max(0, experiment.episodes - len(_read(generation_path(experiment, task, row), GenerationRow)))
+    made = sum(each.success for each in _read(generation_path(experiment, task, row), GenerationRow))
+    return max(0, experiment.demos - made)
+
+
+def _of_archs(experiment: Experiment, task: Task, row: Row) -> Iterator[tuple[int, int]]:
+    """Of each architecture the policies and the scenes that are not there yet."""
+    for arch in experiment.archs:
+        folder = policy_path(experiment, task, row, arch)
+        names = [view.name for view in views(arch, len(task.agents))]
+        seen = _read(evaluation_path(experiment, task, row, arch), EvaluationRow)
+        done = sum(each.train_seed == experiment.train_seed for each in seen)
+        yield sum(not (folder / name / MODEL).exists() for name in names), max(0, experiment.scenes - done)
+
+
+def _read(path: Path, kind: Any) -> tuple[Any, ...]:
+    return rows.read(path, kind) if path.exists() else ()
+
+
+def _time(seconds: float) -> str:
+    minutes = max(1, round(seconds / 60))
+    return f"{minutes} min" if minutes < 60 else f"{minutes / 60:.1f} h"
