@@ -16,7 +16,7 @@ OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
 ACTING = ("action_steps", "sampler", "inference_diffusion_steps")  # of a policy; they change no weight
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 2
+LEARNER = 3
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 
@@ -41,7 +41,9 @@ class PolicyConfig:
     """The networks and the diffusion process. Pictures must come in `height` x `width` pixels."""
 
     encoder: str = "resnet18"  # resnet18 | compact | heatmaps: see eyes.py
-    keypoint_noise_m: float = 0.0  # on what heat maps see, while the rest learns from it
+    keypoint_noise: float = (
+        0.0  # on what heat maps see (m, and parts of a picture), while the rest learns from it
+    )
     unet_channels: tuple[int, ...] = (256, 512, 1024)
     horizon: int = 8  # actions predicted, the first at the oldest observation
     observation_steps: int = 3
@@ -75,7 +77,7 @@ class PolicyConfig:
         _one_of(self, "loss", LOSSES)
         looks = self.encoder != "heatmaps" or (self.context and self.crop == 1.0)
         _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
-        _require(self.keypoint_noise_m >= 0, "keypoint_noise_m", self.keypoint_noise_m, "0 or above")
+        _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
         refines = not self.draft or self.prediction == "sample"
         _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
         _require(0.0 <= self.dropout < 1.0, "dropout", self.dropout, "a number in [0, 1)")

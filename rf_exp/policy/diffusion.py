@@ -18,8 +18,7 @@ from torch.nn import functional
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Batch, action_origin
 from rf_exp.policy.encoder import Blind, Compact, ResNet18, encoder
-from rf_exp.policy.eyes import OUT, Eyes
-from rf_exp.policy.keypoints import HAND
+from rf_exp.policy.eyes import OUT, PLACED, Eyes
 from rf_exp.policy.normaliser import Normaliser
 from rf_exp.policy.observation import POSE, of_agent
 from rf_exp.policy.unet import ConditionalUNet1D
@@ -156,10 +155,10 @@ class DiffusionPolicy(nn.Module):
         if proprio_noise:
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + proprio_noise * self.normaliser.proprio.radius * shift
-        if isinstance(self.encoder, Eyes) and self.config.keypoint_noise_m:
-            points = len(batch), 1, self.encoder.keypoints, 3 * len(HAND)
-            shift = torch.randn(points, generator=generator, device=device)
-            shift = self.config.keypoint_noise_m * functional.pad(shift, (0, OUT - points[-1])).flatten(2)
+        if isinstance(self.encoder, Eyes) and self.config.keypoint_noise:
+            shape = len(batch), 1, self.encoder.keypoints, PLACED
+            shift = torch.randn(shape, generator=generator, device=device)
+            shift = self.config.keypoint_noise * functional.pad(shift, (0, OUT - PLACED)).flatten(2)
             features = features + shift
         return self.observation(features, proprio, batch.context)
 

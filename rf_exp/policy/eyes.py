@@ -16,7 +16,10 @@ CELL = 4  # pixels of a picture to a cell of a map
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
 PEAK = 5  # cells, side of the square round the largest one whose middle is taken
-OUT = 3 * len(HAND) + HEADING + 1  # TCP (m), other points as seen from it (m), heading, how sure
+# Of a keypoint: TCP (m), other points as seen from it (m), where all are in the picture, heading, how sure.
+# What moves through the room, as another arm does, has a place in the picture to half a pixel, but no point.
+PLACED = (3 + 2) * len(HAND)
+OUT = PLACED + HEADING + 1
 PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropy
 TERMS = 10  # of a polynomial of third degree in two variables
 RIDGE = 1e-6
@@ -101,7 +104,8 @@ class Eyes(nn.Module):
         points = torch.einsum("bkt,ktc->bkc", _terms(places), self.lift).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
-        return torch.cat([hands, headings, sure[..., None]], dim=2).flatten(1), places[:, :: len(HAND)]
+        where = places.unflatten(1, (-1, len(HAND))).flatten(2)
+        return torch.cat([hands, where, headings, sure[..., None]], dim=2).flatten(1), places[:, :: len(HAND)]
 
     def forward(self, pictures: Tensor) -> Tensor:
         return self.see(pictures)[0]

@@ -41,7 +41,7 @@ def seeing(policy_config: PolicyConfig) -> PolicyConfig:
         observation_steps=1,
         draft=(32,),
         tcp_actions=True,
-        keypoint_noise_m=0.002,
+        keypoint_noise=0.002,
     )
 
 
@@ -236,7 +236,7 @@ def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
     [
         ({"crop": 0.9}, "encoder is 'heatmaps'; expected context=true and crop=1 with heatmaps"),
         ({"context": False, "encoder": "compact"}, "context is False; expected true with tcp_actions"),
-        ({"keypoint_noise_m": -0.1}, "keypoint_noise_m is -0.1; expected 0 or above"),
+        ({"keypoint_noise": -0.1}, "keypoint_noise is -0.1; expected 0 or above"),
     ],
 )
 def test_what_does_not_fit_is_refused(seeing: PolicyConfig, change: dict, message: str) -> None:
