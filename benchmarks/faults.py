@@ -28,7 +28,8 @@ from omegaconf import OmegaConf
 from rf_exp.constraints import RoboChecker
 from rf_exp.constraints.spatial import CONTACT_N
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Plan, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Plan, Settings
 from rf_exp.errors import choices
 from rf_exp.processes import in_order
 from rf_exp.sim.pool import simulator

@@ -14,8 +14,8 @@ from pathlib import Path
 from omegaconf import OmegaConf
 
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.episode import Settings
 from rf_exp.datagen.generate import generate
+from rf_exp.datagen.planning import Settings
 from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Pictures, Row
 

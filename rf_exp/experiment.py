@@ -16,7 +16,7 @@ from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Arch, JointLimits, Occupancy, Pictures, Row
 
 if TYPE_CHECKING:
-    from rf_exp.datagen.episode import Settings
+    from rf_exp.datagen.planning import Settings
 
 STAGES = ("generate", "train", "evaluate", "report")
 _FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")

@@ -22,7 +22,8 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts.files import write_json
 from rf_exp.artifacts.identity import digest
 from rf_exp.datagen.brain import ScriptedSpec, to_json
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.version import GENERATOR
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task

@@ -11,7 +11,7 @@ from hydra.core.global_hydra import GlobalHydra
 
 from rf_exp.command import guarded
 from rf_exp.datagen.brain import FaultySpec
-from rf_exp.datagen.episode import Plan, Settings
+from rf_exp.datagen.planning import Plan, Settings
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
 from rf_exp.types import Pictures, Proposal, Row, Schedule

@@ -12,7 +12,7 @@ from PIL import Image
 
 from rf_exp.command import guarded
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.episode import Settings
+from rf_exp.datagen.planning import Settings
 from rf_exp.errors import StageError
 from rf_exp.gallery import __main__ as gallery
 from rf_exp.gallery.film import EVERY, REST_FRAMES

@@ -10,7 +10,8 @@ from rf_exp.constraints.depth import look
 from rf_exp.constraints.evidence import Evidence
 from rf_exp.constraints.occupancy import centres_m
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Outcome, Plan, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Outcome
+from rf_exp.datagen.planning import Plan, Settings
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
 from rf_exp.sim.simulator import Limited, Simulator

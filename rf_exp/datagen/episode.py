@@ -7,38 +7,29 @@ half-way through costs what is left, not what is done.
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Bodies, CheckCode, RoboChecker, actions
+from rf_exp.constraints import Bodies, RoboChecker, actions
 from rf_exp.constraints.depth import look
-from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
+from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
-from rf_exp.datagen.motion import Posture, Unreachable, come_to_rest, disturb, let_off, plan_motion
-from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.datagen.motion import come_to_rest, disturb, let_off
+from rf_exp.datagen.planning import Plan, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
-from rf_exp.errors import ArgumentError
-from rf_exp.tasks import Judge, Task
+from rf_exp.tasks import Judge
 from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (
     ARM_JOINTS,
     COLLISION,
     CONTROL_DT_S,
-    MOTION,
-    Cause,
     Episode,
-    JointLimits,
-    Occupancy,
-    Proposal,
-    Row,
     Scene,
-    Schedule,
     SeeingWorld,
     Subgoal,
-    Trajectory,
     Violation,
 )
 
@@ -46,31 +37,6 @@ _ROUNDS = 12  # proposals that may succeed one after the other; a plan that neve
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
 LARGEST_DISTURBANCE_RAD = 0.2
 _CALMER = 8  # times that a plan is disturbed less, where its checks object, before it is not at all
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How episodes are made. All of it decides the bytes of the result, together with the seed."""
-
-    task: Task
-    row: Row
-    brain: BrainSpec
-    limits: JointLimits = field(default_factory=JointLimits)
-    attempts: int = 4
-    occupancy: Occupancy = "state"
-    disturbance_rad: float = 0.0  # of executed motion; see motion/disturb.py
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
-            raise ArgumentError(
-                f"disturbance_rad is {self.disturbance_rad}; expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
-            )
-        if self.attempts < 1:
-            raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
-
-    def make_brain(self, seed: int) -> Brain:
-        """The brain for one episode."""
-        return self.brain.make(self.task, self.row, seed)
 
 
 @dataclass(frozen=True)
@@ -87,17 +53,6 @@ class Outcome:
     reason: str  # empty for a success
     wall_s: float
     episode: Episode | None = None
-
-
-@dataclass(frozen=True)
-class Plan:
-    """A proposal that has become motion and has passed its checks."""
-
-    proposal: Proposal
-    code: CheckCode
-    trajectories: tuple[Trajectory, ...]
-    schedule: Schedule
-    executed: tuple[Trajectory, ...]  # what the arms are sent along: the trajectories, or disturbed ones
 
 
 class Observer(Protocol):
@@ -143,7 +98,7 @@ class EpisodeMaker:
     def __init__(
         self, settings: Settings, world: SeeingWorld, brain: Brain, observer: Observer | None = None
     ) -> None:
-        self._settings, self._world, self._brain = settings, world, brain
+        self._settings, self._world, self._planner = settings, world, Planner(settings, brain)
         self._observer: Observer = observer or Nobody()
         self._frames: list[_Frame] = []
         self._rounds: list[dict[str, object]] = []
@@ -204,74 +159,23 @@ class EpisodeMaker:
     # -- planning --------------------------------------------------------------------------------
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Plan | Violation | None:
-        task, row = self._settings.task, self._settings.row
         scene = self._as_commanded(self._looked_at(question.scene))
-        try:
-            proposal = from_json(self._brain.answer(question), task)
-        except BadAnswer as error:
-            return _refused("RoboBrain", "answer", (), scene, str(error))
-        if not proposal.subgoals:
-            return None
-        checker = RoboChecker(task, proposal, row, scene.step * CONTROL_DT_S)
-        if isinstance(checker.code, Violation):
-            return checker.code
-        violation: Violation | None = None
-        for way in _ways(row):
-            result = self._motion(proposal, checker, scene, way, rng)
-            if isinstance(result, Plan):
-                result = self._disturbed(result, checker, scene)
-                self._checker = checker
-                self._rounds.append(
-                    {
-                        "proposal": json.loads(to_json(proposal)),
-                        "check_code": str(checker.code),
-                        **checker.certificate(),
-                    }
-                )
-                self._observer.planned(result, checker)
-                return result
-            # Of two reasons, that arms in the way leave no path says less than what a check has found.
-            if violation is None or result.check != MOTION:
-                violation = result
-        return violation
+        plan = self._planner.plan(question, scene, rng)
+        if not isinstance(plan, Plan):
+            return plan
+        plan, checker = self._disturbed(plan, scene), plan.checker
+        self._checker = checker
+        self._rounds.append(
+            {
+                "proposal": json.loads(to_json(plan.proposal)),
+                "check_code": str(checker.code),
+                **checker.certificate(),
+            }
+        )
+        self._observer.planned(plan, checker)
+        return plan
 
-    def _motion(
-        self,
-        proposal: Proposal,
-        checker: RoboChecker,
-        scene: Scene,
-        way: "_Way",
-        rng: np.random.Generator,
-    ) -> Plan | Violation:
-        """Trajectories and a schedule that pass all checks, or the first reason why not."""
-        settings = self._settings
-        assert isinstance(checker.code, CheckCode)
-        obstacles = Obstacles(settings.task, scene, settings.row, proposal)
-        try:
-            trajectories, _ = plan_motion(
-                settings.task,
-                proposal,
-                scene,
-                blocked=obstacles.blocked(avoid_arms=way.avoid_parked),
-                limits=settings.limits,
-                lockstep=checker.lockstep,
-                order=checker.order,
-                make_room=checker.makes_room,
-                back=way.back,
-                idle_too=way.idle_too,
-                rng=rng,
-            )
-        except Unreachable as error:
-            return _refused(MOTION, error.cause, error.agents, scene, str(error))
-        schedule = checker.schedule(trajectories, scene)
-        if isinstance(schedule, Violation):
-            return schedule
-        violations = checker.check(trajectories, schedule, scene)
-        if violations:
-            return violations[0]
-        return Plan(proposal, checker.code, trajectories, schedule, executed=trajectories)
-
-    def _disturbed(self, plan: Plan, checker: RoboChecker, scene: Scene) -> Plan:
+    def _disturbed(self, plan: Plan, scene: Scene) -> Plan:
         """The plan as it will be executed: disturbed, but for where its checks object to that.
 
         The checker then knows the disturbed motion as the plan, and monitors that.
@@ -280,6 +184,7 @@ class EpisodeMaker:
         if not strength_rad:
             return plan
         state, positions = self._bumps.bit_generator.state, plan.schedule.positions
+        checker = plan.checker
         calm: dict[int, set[int]] = {agent: set() for agent in self._settings.task.agents}
         for _ in range(_CALMER):
             self._bumps.bit_generator.state = state  # the same bumps, with fewer of them left
@@ -414,24 +319,6 @@ def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
     return np.concatenate(parts, axis=1).astype(np.float32)
 
 
-class _Way(NamedTuple):
-    """How to plan a proposal."""
-
-    avoid_parked: bool  # whether paths go round arms that stand still
-    back: Posture = "home"  # where an arm draws back to when it is done
-    idle_too: bool = False  # whether arms that have nothing to do go aside first
-
-
-def _ways(row: Row) -> Sequence[_Way]:
-    """The ways to plan, the best first."""
-    if not row.spatial:
-        return [_Way(False)]
-    if not row.temporal:
-        return [_Way(True), _Way(True, idle_too=True)]
-    # Who knows when arms move may pass one before it is in the way, and may send it farther off.
-    return [_Way(False), _Way(True), _Way(False, "aside", idle_too=True)]
-
-
 def _violation_json(violation: Violation) -> dict[str, object]:
     return {
         "check": violation.check,
@@ -442,7 +329,3 @@ def _violation_json(violation: Violation) -> dict[str, object]:
         "bound": violation.bound,
         "reason": violation.reason,
     }
-
-
-def _refused(check: str, cause: Cause, agents: tuple[int, ...], scene: Scene, reason: str) -> Violation:
-    return Violation(check, cause, agents, scene.step * CONTROL_DT_S, 0.0, 0.0, reason)

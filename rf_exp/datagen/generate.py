@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 from functools import partial
 
-from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Outcome
+from rf_exp.datagen.planning import Settings
 from rf_exp.processes import Overdue, in_order
 from rf_exp.sim.pool import simulator
 from rf_exp.sim.simulator import Limited

@@ -12,7 +12,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.artifacts.files import whole
 from rf_exp.command import CONF, explained, guarded
-from rf_exp.datagen.episode import EpisodeMaker, Outcome, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Outcome
+from rf_exp.datagen.planning import Settings
 from rf_exp.demonstration.notes import Notes, Overheard, Together
 from rf_exp.demonstration.page import write_page
 from rf_exp.errors import ArgumentError, StageError

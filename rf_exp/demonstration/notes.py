@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from rf_exp.constraints import CheckCode, RoboChecker
 from rf_exp.constraints.timing import subgoal_runs
 from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
-from rf_exp.datagen.episode import Observer, Plan
+from rf_exp.datagen.episode import Observer
+from rf_exp.datagen.planning import Plan
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Proposal, Row, Scene, Subgoal, Violation

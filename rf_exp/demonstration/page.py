@@ -5,7 +5,8 @@ from pathlib import Path
 
 import cv2
 
-from rf_exp.datagen.episode import Outcome, Settings
+from rf_exp.datagen.episode import Outcome
+from rf_exp.datagen.planning import Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
 from rf_exp.types import CONTROL_DT_S, Violation
 from rf_exp.viz import text

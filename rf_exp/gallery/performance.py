@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen.episode import EpisodeMaker, Plan, Settings
+from rf_exp.datagen.episode import EpisodeMaker
+from rf_exp.datagen.planning import Plan, Settings
 from rf_exp.errors import StageError
 from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.tasks import Judge

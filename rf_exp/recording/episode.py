@@ -11,7 +11,7 @@ from rf_exp.constraints.clearance import Mask
 from rf_exp.constraints.evidence import Check, Evidence
 from rf_exp.constraints.occupancy import centres_m
 from rf_exp.constraints.timing import Demands
-from rf_exp.datagen.episode import Plan
+from rf_exp.datagen.planning import Plan
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task

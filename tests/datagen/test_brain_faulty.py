@@ -7,7 +7,8 @@ import pytest
 
 from rf_exp.constraints.grammar import parse
 from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, applies, from_json
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
 from rf_exp.types import Row, Subgoal, Violation

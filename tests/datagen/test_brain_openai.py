@@ -21,7 +21,8 @@ from rf_exp.datagen.brain import BadAnswer, Question, from_json, read_brain, to_
 from rf_exp.datagen.brain.bodies import LARGEST_BODY
 from rf_exp.datagen.brain.exchanges import read
 from rf_exp.datagen.brain.language import OpenAISpec, ReplaySpec
-from rf_exp.datagen.episode import EpisodeMaker, Settings
+from rf_exp.datagen.episode import EpisodeMaker
+from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
 from rf_exp.types import Proposal, Subgoal, Violation

@@ -7,9 +7,10 @@ import pytest
 
 from rf_exp.constraints.evidence import Plan
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Settings
+from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.knocks import KNOCKED_M, Knocks
 from rf_exp.datagen.motion import disturb
+from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.robots.panda import limits_rad

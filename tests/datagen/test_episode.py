@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Judge

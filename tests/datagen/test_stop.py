@@ -7,8 +7,9 @@ import pytest
 
 from rf_exp.constraints import actions
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.motion import come_to_rest, let_off
+from rf_exp.datagen.planning import Settings
 from rf_exp.sim.simulator import Simulator
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, JointLimits, Row
 from tests.conftest import read_task

@@ -324,8 +324,8 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
 def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
     """Demonstrations, cut into chunks, succeed as before, delayed by a few control steps at most."""
     from rf_exp.datagen.brain import read_brain
-    from rf_exp.datagen.episode import Settings
     from rf_exp.datagen.generate import make_episode
+    from rf_exp.datagen.planning import Settings
     from rf_exp.sim.pool import simulator
 
     task = read_task(name)

@@ -9,7 +9,8 @@ from mani_skill.agents.robots.panda import Panda as StockPanda
 
 from rf_exp.constraints.world import GRIPPER
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Settings
 from rf_exp.gallery.performance import play
 from rf_exp.robots.panda import Panda
 from rf_exp.sim import Limited, Simulator, agent

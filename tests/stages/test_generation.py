@@ -12,7 +12,8 @@ import pytest
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Settings
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.version import generator_version
 from rf_exp.sim.simulator import Simulator
 from rf_exp.stages.generation import generation_row

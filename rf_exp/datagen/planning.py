@@ -1,0 +1,151 @@
+"""A checked plan: RoboBrain proposes, primitives move, RoboChecker schedules and checks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
+from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
+from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import Task
+from rf_exp.types import (
+    CONTROL_DT_S,
+    MOTION,
+    Cause,
+    JointLimits,
+    Occupancy,
+    Proposal,
+    Row,
+    Scene,
+    Schedule,
+    Trajectory,
+    Violation,
+)
+
+LARGEST_DISTURBANCE_RAD = 0.2
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How episodes are made. All of it decides the bytes of the result, together with the seed."""
+
+    task: Task
+    row: Row
+    brain: BrainSpec
+    limits: JointLimits = field(default_factory=JointLimits)
+    attempts: int = 4
+    occupancy: Occupancy = "state"
+    disturbance_rad: float = 0.0  # of executed motion; see motion/disturb.py
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
+            raise ArgumentError(
+                f"disturbance_rad is {self.disturbance_rad}; expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
+            )
+        if self.attempts < 1:
+            raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
+
+    def make_brain(self, seed: int) -> Brain:
+        """The brain for one episode."""
+        return self.brain.make(self.task, self.row, seed)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A proposal that has become motion and has passed its checks."""
+
+    proposal: Proposal
+    checker: RoboChecker  # which has passed it, and monitors it
+    trajectories: tuple[Trajectory, ...]
+    schedule: Schedule
+    executed: tuple[Trajectory, ...]  # what the arms are sent along: the trajectories, or disturbed ones
+
+
+class Planner:
+    """Plans what a brain proposes, under the constraints of a row."""
+
+    def __init__(self, settings: Settings, brain: Brain) -> None:
+        self._settings, self._brain = settings, brain
+
+    def plan(self, question: Question, scene: Scene, rng: np.random.Generator) -> Plan | Violation | None:
+        """A plan from `scene` on, the first reason why there is none, or None: the brain is content."""
+        task, row = self._settings.task, self._settings.row
+        try:
+            proposal = from_json(self._brain.answer(question), task)
+        except BadAnswer as error:
+            return _refused("RoboBrain", "answer", (), scene, str(error))
+        if not proposal.subgoals:
+            return None
+        checker = RoboChecker(task, proposal, row, scene.step * CONTROL_DT_S)
+        if isinstance(checker.code, Violation):
+            return checker.code
+        violation: Violation | None = None
+        for way in _ways(row):
+            result = self._motion(proposal, checker, scene, way, rng)
+            if isinstance(result, Plan):
+                return result
+            # Of two reasons, that arms in the way leave no path says less than what a check has found.
+            if violation is None or result.check != MOTION:
+                violation = result
+        return violation
+
+    def _motion(
+        self,
+        proposal: Proposal,
+        checker: RoboChecker,
+        scene: Scene,
+        way: "_Way",
+        rng: np.random.Generator,
+    ) -> Plan | Violation:
+        """Trajectories and a schedule that pass all checks, or the first reason why not."""
+        settings = self._settings
+        obstacles = Obstacles(settings.task, scene, settings.row, proposal)
+        try:
+            trajectories, _ = plan_motion(
+                settings.task,
+                proposal,
+                scene,
+                blocked=obstacles.blocked(avoid_arms=way.avoid_parked),
+                limits=settings.limits,
+                lockstep=checker.lockstep,
+                order=checker.order,
+                make_room=checker.makes_room,
+                back=way.back,
+                idle_too=way.idle_too,
+                rng=rng,
+            )
+        except Unreachable as error:
+            return _refused(MOTION, error.cause, error.agents, scene, str(error))
+        schedule = checker.schedule(trajectories, scene)
+        if isinstance(schedule, Violation):
+            return schedule
+        violations = checker.check(trajectories, schedule, scene)
+        if violations:
+            return violations[0]
+        return Plan(proposal, checker, trajectories, schedule, executed=trajectories)
+
+
+class _Way(NamedTuple):
+    """How to plan a proposal."""
+
+    avoid_parked: bool  # whether paths go round arms that stand still
+    back: Posture = "home"  # where an arm draws back to when it is done
+    idle_too: bool = False  # whether arms that have nothing to do go aside first
+
+
+def _ways(row: Row) -> Sequence[_Way]:
+    """The ways to plan, the best first."""
+    if not row.spatial:
+        return [_Way(False)]
+    if not row.temporal:
+        return [_Way(True), _Way(True, idle_too=True)]
+    # Who knows when arms move may pass one before it is in the way, and may send it farther off.
+    return [_Way(False), _Way(True), _Way(False, "aside", idle_too=True)]
+
+
+def _refused(check: str, cause: Cause, agents: tuple[int, ...], scene: Scene, reason: str) -> Violation:
+    return Violation(check, cause, agents, scene.step * CONTROL_DT_S, 0.0, 0.0, reason)
