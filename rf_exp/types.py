@@ -42,11 +42,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Arch:
-    """One of the paper's four imitation learning architectures (section 4.2)."""
+    """One of the paper's four imitation learning architectures (section 4.2), or the coordinated one."""
 
     name: str
     shared_policy: bool
     global_view: bool
+    coordinated: bool = False  # told by RoboBrain and RoboChecker who is at which subgoal, and who waits
 
 
 @dataclass(frozen=True)

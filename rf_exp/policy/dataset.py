@@ -18,6 +18,7 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.coordination import STILL_RAD, may_go, told
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.normaliser import Normaliser, largest_change
@@ -45,7 +46,7 @@ def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
 
 
 LOOK_AT = 256  # pictures at a time
-STILL_RAD, STILL_M = 1e-4, 5e-4  # less in a control step is no motion, of a target and of a finger
+STILL_M = 5e-4  # less in a control step is no motion of a finger
 
 
 @dataclass(frozen=True)
@@ -87,16 +88,20 @@ class Windows:
         qpos, action = store.qpos[kept], store.action[kept]
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])
-        told = [action[:, agents] for agents in columns]
+        commands = [action[:, agents] for agents in columns]
         if config.tcp_actions:
-            streams = zip(view.streams, told, strict=True)
+            streams = zip(view.streams, commands, strict=True)
             self.action = self._stack([with_hands(senses, stream, each) for stream, each in streams])
         else:
-            self.action = self._stack([each.reshape(len(action), -1) for each in told])
+            self.action = self._stack([each.reshape(len(action), -1) for each in commands])
         memory = np.zeros((store.steps, store.agents, 0), np.float32)
         if senses.bases:
             grippers = store.by_episode(store.action[..., ARM_JOINTS])
             memory = np.concatenate([remembered(each) for each in grippers])
+        if senses.subgoals:
+            episodes = zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True)
+            free = np.concatenate([may_go(*each) for each in episodes])
+            memory = np.concatenate([memory, told(store.subgoal[:], free, senses.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
             [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.coordination import subgoals_of
 from rf_exp.policy.views import PROPRIO_SIZE, Stream, View
 from rf_exp.robots.panda import tcp_pose
 from rf_exp.transforms import Matrix, inverse, planar
@@ -36,6 +37,7 @@ class Senses:
     bases: tuple[tuple[float, float, float], ...] = ()  # x (m), y (m), yaw (rad) of every arm of the task
     objects: tuple[str, ...] = ()  # whose true poses it is told
     keys: int = 0  # changes of an own gripper that its heat maps look for
+    subgoals: int = 0  # of an own agent, of which it is told
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bases", tuple(tuple(base) for base in self.bases))
@@ -53,7 +55,7 @@ class Senses:
         own = len(view.streams[0].agents)
         told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * POSE
         return (
-            own * (POSE + _MEMORY)
+            own * (POSE + _MEMORY + self.subgoals + (self.subgoals > 0))
             + (told if self.objects else 0)
             + len(view.streams) * (len(view.streams) > 1)
         )
@@ -62,19 +64,23 @@ class Senses:
 def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
     """The senses of a policy that learns a view. Raises ArgumentError where the store lacks them."""
     if not config.context:
+        if view.coordinated:
+            raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
         return Senses()
+    subgoals = subgoals_of(store) if view.coordinated else 0
     try:
         robots = store.identity["scene"]["robots"]
     except KeyError as error:
         raise ArgumentError(f"{store.path} does not say where its arms stand; generate it again") from error
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
     if config.observation != "state":
-        return Senses(bases, keys=_keys(store, view) if config.encoder == "heatmaps" else 0)
+        keys = _keys(store, view) if config.encoder == "heatmaps" else 0
+        return Senses(bases, keys=keys, subgoals=subgoals)
     if not store.objects:
         raise ArgumentError(
             f"observation=state needs the poses of the objects, and {store.path} has none; generate it again"
         )
-    return Senses(bases, store.objects)
+    return Senses(bases, store.objects, subgoals=subgoals)
 
 
 def _keys(store: "Store", view: View) -> int:
@@ -107,7 +113,7 @@ def context(
     """The context (..., C) of stream `row` of a view.
 
     From the measured joints of all agents (..., N, 9), world poses of objects (..., 4, 4) and what all
-    grippers have done (..., N, M), see `Memory`.
+    grippers have done (..., N, M), see `Memory`; behind it what a coordinator says of them, where one does.
     """
     if not senses.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)

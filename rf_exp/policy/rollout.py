@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.coordination import Coordinate, told
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.hands import followed
 from rf_exp.policy.observation import Memory, Senses, context, others, proprioception
@@ -25,7 +26,17 @@ from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets
 from rf_exp.policy.views import ACTION_SIZE, View
-from rf_exp.types import ARM_JOINTS, Rollout, RolloutStep, Scene, Sight, Verdict, Violation, World
+from rf_exp.types import (
+    ARM_JOINTS,
+    GRIPPER_OPEN,
+    Rollout,
+    RolloutStep,
+    Scene,
+    Sight,
+    Verdict,
+    Violation,
+    World,
+)
 
 
 class Performer:
@@ -43,6 +54,8 @@ class Performer:
         # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
         self.predicted: dict[int, NDArray[np.float64]] = {}
         self.seen: tuple[Sight, ...] = ()  # at the last look
+        # What a coordinator says now: the numbers of the subgoals (N,) and who may go on (N,).
+        self.coordinated: tuple[NDArray[np.int64], NDArray[np.bool_]] | None = None
 
     @property
     def looks(self) -> bool:
@@ -141,9 +154,15 @@ class Actor(Performer):
         if not self._observes:
             return
         streams, memory = self.view.streams, self._memory.vector
+        if self._senses.subgoals:
+            if self.coordinated is None:
+                raise StageError(
+                    f"policy {self.view.name!r} has learned with a coordinator; there is none here"
+                )
+            memory = np.concatenate([memory, told(*self.coordinated, self._senses.subgoals)], axis=-1)
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
-        told = np.stack(
+        known = np.stack(
             [
                 context(self._senses, self.view, row, scene.qpos, scene.poses, memory)
                 for row in range(len(streams))
@@ -159,7 +178,7 @@ class Actor(Performer):
         for _ in range(1 if self._features else self._config.observation_steps):
             self._features.append(features)
             self._proprio.append(proprio)
-            self._context.append(torch.from_numpy(told).to(self._device))
+            self._context.append(torch.from_numpy(known).to(self._device))
 
     def _sights(self, places: NDArray[np.float64], changes: NDArray[np.int64]) -> Iterator[Sight]:
         """What heat maps see at (S, M, 2), but for what is past."""
@@ -176,10 +195,10 @@ class Actor(Performer):
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
         """Sampled from what was observed."""
-        features, proprio, told = (
+        features, proprio, known = (
             torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
         )
-        actions = self._policy.act(features, proprio, told, self._generators).cpu().double().numpy()
+        actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
         now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
         chunk = actions[:, now : now + self._config.action_steps]
         if self._config.tcp_actions:
@@ -215,6 +234,7 @@ def rollout(
     on_step: Callable[[RolloutStep], None] | None = None,
     start: Scene | None = None,
     shield: Callable[[Scene, Mapping[int, NDArray[np.float64]]], Decision] | None = None,
+    coordinate: Coordinate | None = None,
 ) -> Rollout:
     """Let the actors act in the scene of `seed` until strict success or for `step_limit` control steps.
 
@@ -222,8 +242,8 @@ def rollout(
     `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
     `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout
     alone, sees before every step the scene and agent -> (T, 8) the commands that the actors are about to
-    give, and decides which are given. Raises ArgumentError unless the actors command each agent exactly
-    once.
+    give, and decides which are given. `coordinate`, of this rollout alone, tells coordinated policies who is
+    at which subgoal and who waits. Raises ArgumentError unless the actors command each agent exactly once.
     """
     if step_limit < 1:
         raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
@@ -236,11 +256,16 @@ def rollout(
         actor.reset(seed)
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
+    action[:, ARM_JOINTS] = GRIPPER_OPEN
     account, success_paper, violations, interventions = Account(), False, 0, 0
     for step in range(1, step_limit + 1):
         wanted = _wanted(world, actors)
         pictures = world.pictures(wanted) if wanted else {}
+        coordinated = (
+            coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
+        )
         for actor in actors:
+            actor.coordinated = coordinated
             actor.think(scene, pictures)
         decision = None
         if shield is not None:

@@ -81,8 +81,8 @@ def train(
     made_of = {
         "learner": LEARNER,
         "policy": asdict(policy_config),
-        "view": asdict(view),
-        "senses": asdict(senses_of(policy_config, store, view)),
+        "view": _without(asdict(view), coordinated=False),
+        "senses": _without(asdict(senses_of(policy_config, store, view)), subgoals=0),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
@@ -107,6 +107,11 @@ def train(
     write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
     (folder / STATE).unlink(missing_ok=True)
     return folder
+
+
+def _without(values: dict[str, Any], **defaults: Any) -> dict[str, Any]:
+    """What policies of the paper's architectures are made of does not name what they lack."""
+    return {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
 
 
 def cost_s(folder: Path) -> float:

@@ -1,4 +1,4 @@
-"""The paper's four architectures (section 4.2) as views of one data set.
+"""The paper's four architectures (section 4.2), and one of ours, as views of one data set.
 
 A stream is what one sample shows and commands: the pictures of one camera and one or more agents. A
 policy learns from all streams of its view together and acts through each of them at rollout.
@@ -9,6 +9,8 @@ policy learns from all streams of its view together and acts through each of the
 | shared_local    | shared         | (agent1, agent 1), ... (agentN, agent N)       |
 | separate_global | agent1 ..      | (global, agent k)                              |
 | separate_local  | agent1 ..      | (agentk, agent k)                              |
+
+`separate_coordinated` is separate_local, told of its subgoals while it acts (`rf_exp.policy.coordination`).
 """
 
 from dataclasses import dataclass
@@ -34,6 +36,7 @@ class View:
 
     name: str
     streams: tuple[Stream, ...]
+    coordinated: bool = False
 
     @property
     def agents(self) -> tuple[int, ...]:
@@ -58,8 +61,10 @@ def views(arch: Arch, agents: int) -> tuple[View, ...]:
         raise ArgumentError(f"agents is {agents}; expected at least 1")
     everyone = tuple(range(1, agents + 1))
     if arch.shared_policy and arch.global_view:
-        return (View("joint", (Stream("global", everyone),)),)
+        return (View("joint", (Stream("global", everyone),), arch.coordinated),)
     streams = tuple(Stream("global" if arch.global_view else f"agent{k}", (k,)) for k in everyone)
     if arch.shared_policy:
-        return (View("shared", streams),)
-    return tuple(View(f"agent{k}", (stream,)) for k, stream in zip(everyone, streams, strict=True))
+        return (View("shared", streams, arch.coordinated),)
+    return tuple(
+        View(f"agent{k}", (stream,), arch.coordinated) for k, stream in zip(everyone, streams, strict=True)
+    )

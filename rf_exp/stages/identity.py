@@ -3,7 +3,7 @@
 Configuration and assets by their content, code by its versions.
 """
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 from rf_exp.artifacts.identity import plain
@@ -11,7 +11,7 @@ from rf_exp.datagen.version import generator_version
 from rf_exp.experiment import Experiment
 from rf_exp.policy.shield import VERSION as SHIELD
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import Arch, Row
 
 
 def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[str, Any]:
@@ -35,12 +35,16 @@ def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[st
     return plain(said)
 
 
-def evaluation_identity(experiment: Experiment, task: Task, step_limit: int) -> dict[str, Any]:
+def evaluation_identity(
+    experiment: Experiment, task: Task, row: Row, arch: Arch, step_limit: int
+) -> dict[str, Any]:
     """Of evaluation, but for the policies, of which each training seed has its own."""
-    shielded = {"shield": SHIELD} if experiment.shield else {}
+    aided: dict[str, Any] = {"shield": SHIELD} if experiment.shield else {}
+    if arch.coordinated:  # by plans that are made as those of generation are
+        aided["plans"] = generation_identity(replace(experiment, disturbance_rad=0.0), task, row)
     return plain(
         {
-            **shielded,
+            **aided,
             "task": task.name,
             "scene": task.identity,
             "demos": experiment.demos,

@@ -19,6 +19,8 @@ from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.artifacts.files import sweep, whole
 from rf_exp.artifacts.provenance import commit
 from rf_exp.constraints import PolicyMonitor
+from rf_exp.datagen.coordinator import Coordinator
+from rf_exp.datagen.planning import Settings
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
@@ -105,7 +107,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
     limit = step_limit(experiment, task, row)
     trained = _trained(experiment, task, arch, folder)
     core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
-    with owned(path, evaluation_identity(experiment, task, limit)):
+    with owned(path, evaluation_identity(experiment, task, row, arch, limit)):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
         of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
         there = any(r.train_seed == experiment.train_seed for r in known)
@@ -123,7 +125,7 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
-            scene = _scene(experiment, task, folder, limit)
+            scene = _scene(experiment, task, row, arch, limit)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
@@ -141,7 +143,7 @@ def _look(
     experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, known: Sequence[EvaluationRow]
 ) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
-    scene = _scene(experiment, task, policy_path(experiment, task, row, arch), limit)
+    scene = _scene(experiment, task, row, arch, limit)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
@@ -199,9 +201,12 @@ def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> di
     return {"data": next(iter(made.values()))["data"], "weights": weights}
 
 
-def _scene(experiment: Experiment, task: Task, folder: Path, limit: int) -> Callable[..., Any]:
+def _scene(experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int) -> Callable[..., Any]:
     """`evaluate_scene` of an experiment, which lacks the seed alone."""
+    folder = policy_path(experiment, task, row, arch)
     kept = {"limit": limit, "shield": experiment.shield}
+    if arch.coordinated:
+        kept["plans"] = replace(experiment.settings(task, row), disturbance_rad=0.0)
     return partial(evaluate_scene, task, experiment.pictures, folder, experiment.policy, **kept)
 
 
@@ -213,12 +218,14 @@ def evaluate_scene(
     seed: int,
     limit: int,
     shield: bool = False,
+    plans: Settings | None = None,
     record: Path | None = None,
     film: Path | None = None,
 ) -> tuple[Rollout, float]:
     """A rollout in this process and the seconds it took; recorded and filmed to the files that are named.
 
-    A film has the picture of its last moment beside it.
+    A film has the picture of its last moment beside it. With `plans` a coordinator tells the policies who is
+    at which subgoal of a plan that is made so.
     """
     began = time.perf_counter()
     threads = torch.get_num_threads()
@@ -242,8 +249,10 @@ def evaluate_scene(
                 observer.rolled(step)
 
         guard = Shield(task) if shield else None
+        coordinator = Coordinator(plans, seed, start) if plans else None
+        actors = _actors(folder, acting)
         result = rollout(
-            world, Judge(task, start), _actors(folder, acting), seed, limit, monitor, look, start, guard
+            world, Judge(task, start), actors, seed, limit, monitor, look, start, guard, coordinator
         )
         for observer in observers:
             observer.ended(result)

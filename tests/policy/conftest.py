@@ -71,7 +71,9 @@ def make_episode(seed: int, agents: int) -> Episode:
     qpos = np.concatenate([path[:-1], fingers], axis=2).astype(np.float32)
     pictures = {camera: np.repeat(frame[None], STEPS, axis=0) for camera, frame in frames.items()}
     poses = {name: np.tile(pose, (STEPS, 1)) for name, pose in block_poses(seed, agents).items()}
-    return Episode("reach", seed, qpos, np.zeros_like(qpos), action.astype(np.float32), pictures, poses=poses)
+    doing = np.repeat((gripper[1:, None] < 0).astype(np.int16), agents, axis=1)
+    moved = qpos, np.zeros_like(qpos), action.astype(np.float32)
+    return Episode("reach", seed, *moved, pictures, poses=poses, subgoal=doing)
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,8 @@
 """Laws of the four architectures, and the configuration files that name them."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
@@ -57,6 +59,13 @@ def test_no_agents_is_an_error() -> None:
 def test_the_configuration_file_says_the_same(arch: Arch) -> None:
     node = OmegaConf.to_container(OmegaConf.load(CONF / "arch" / f"{arch.name}.yaml"))
     assert node == {arch.name: {"shared_policy": arch.shared_policy, "global_view": arch.global_view}}
+
+
+def test_the_coordinated_one_is_separate_local_and_told_more() -> None:
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "arch" / "separate_coordinated.yaml"))
+    coordinated = views(Arch("separate_coordinated", **node["separate_coordinated"]), 3)
+    assert all(view.coordinated for view in coordinated)
+    assert tuple(replace(view, coordinated=False) for view in coordinated) == views(ARCHS[3], 3)
 
 
 def test_all_holds_the_four() -> None:

@@ -30,7 +30,7 @@ def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Of generation and of evaluation."""
     made = experiment(*overrides)
     (task,), (row,) = made.tasks, made.rows
-    return generation_identity(made, task, row), evaluation_identity(made, task, 100)
+    return generation_identity(made, task, row), evaluation_identity(made, task, row, made.archs[0], 100)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,8 @@ def test_what_decides_evaluation_alone() -> None:
         assert old == new
         assert any(line.startswith(f"{key}: found") for line in differing(before, after)), key
     made = experiment()
-    assert evaluation_identity(made, made.tasks[0], 100) != evaluation_identity(made, made.tasks[0], 101)
+    what = made, made.tasks[0], made.rows[0], made.archs[0]
+    assert evaluation_identity(*what, 100) != evaluation_identity(*what, 101)
 
 
 @pytest.mark.parametrize(

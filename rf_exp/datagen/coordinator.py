@@ -1,0 +1,107 @@
+"""RoboBrain and RoboChecker while policies act: who is at which subgoal, and who waits for whom.
+
+The paper's division of labour, carried over to policies: subgoals and their order come from a checked plan,
+motion from what was learned. The plan is made from the true scene at the start, so an architecture that is
+told of it (`separate_coordinated`) knows more than its cameras show.
+
+Each arm is followed along its planned path: it is where the path comes closest to its joints, never behind
+where it was, and only where the path's gripper is as the arm's own was told to be. An arm that stands where
+the plan lets it wait may go on once the others are where the plan has them by then.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.datagen.brain import Question
+from rf_exp.datagen.planning import Plan, Planner, Settings
+from rf_exp.datagen.subgoals import Subgoals
+from rf_exp.types import ARM_JOINTS, Scene, Subgoal
+
+AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
+REACHED_STEPS = 3  # this near to the end of a segment an arm has come to its end
+SLACK_STEPS = 5  # that others may lack of where the plan has them
+AGAIN_STEPS = 20  # until RoboBrain is asked again when it had no plan
+
+
+class Coordinator:
+    """Of one episode, from its first scene on. Asks for the next plan once everybody has come to the end."""
+
+    def __init__(self, settings: Settings, seed: int, scene: Scene) -> None:
+        self._task, self._planner = settings.task, Planner(settings, settings.make_brain(seed))
+        self._rng = np.random.default_rng([seed, 1])  # as generation plans
+        self._subgoals = Subgoals(len(settings.task.agents))
+        self._done: tuple[Subgoal, ...] = ()
+        self._plan: Plan | None = None
+        self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
+        self._next(scene)
+
+    def _next(self, scene: Scene) -> None:
+        """Makes the next plan, from this scene on. Without one everybody stays with what was told last."""
+        self._done += () if self._plan is None else self._plan.proposal.subgoals
+        made = self._planner.plan(Question(self._task, scene, {}, self._done), scene, self._rng)
+        agents = len(self._task.agents)
+        self._asked_at, self._at = scene.step, np.zeros(agents, int)  # path position of each agent
+        if not isinstance(made, Plan):
+            self._plan, self._numbers = None, [numbers[-1:] for numbers in self._numbers]
+            return
+        self._plan, self._positions = made, made.schedule.positions
+        self._paths = [trajectory.path() for trajectory in made.trajectories]
+        self._knots = [np.array(trajectory.knots) for trajectory in made.trajectories]
+        doing = self._subgoals.of_plan(made.trajectories, made.schedule)
+        self._numbers = []  # of each agent, by where it is on its path: what it does next
+        for k, path in enumerate(self._paths):
+            steps = np.searchsorted(self._positions[:, k], range(len(path)))
+            texts = self._subgoals.texts[k]
+            first = np.array([texts.index(text) for text in texts])  # what is told again keeps its number
+            self._numbers.append(first[doing[np.minimum(steps + 1, len(doing) - 1), k]])
+
+    def __call__(
+        self, scene: Scene, grippers: Mapping[int, float]
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """(N,) the number of each agent's subgoal and (N,) whether it may go on, in the scene that is now.
+
+        `grippers` are the last commands of those agents that have been given any.
+        """
+        if self._plan is not None:
+            for k in range(len(self._at)):
+                self._at[k] = self._followed(k, scene.qpos[k, :ARM_JOINTS], grippers.get(k + 1, 1.0))
+        if self._plan is None:
+            over = scene.step - self._asked_at >= AGAIN_STEPS
+        else:
+            over = all(at == knots[-1] for at, knots in zip(self._at, self._knots, strict=True))
+        if over:
+            self._next(scene)
+        numbers = np.array([of[at] for of, at in zip(self._numbers, self._at, strict=True)])
+        free = [self._plan is None or self._free(k) for k in range(len(self._at))]
+        return numbers, np.array(free)
+
+    def _followed(self, k: int, qpos: NDArray[np.float64], gripper: float) -> int:
+        """Where on its path an agent is now."""
+        at, path, knots = int(self._at[k]), self._paths[k], self._knots[k]
+        ahead = path[at : at + AHEAD_STEPS + 1]
+        alike = (ahead[:, ARM_JOINTS] > 0) == (gripper > 0)
+        if not alike[0]:  # told earlier, or later, than the plan has it
+            return at + int(np.argmax(alike))
+        if not alike.all():  # a gripper has to change before its arm gets on with what is behind that
+            ahead = ahead[: int(np.argmin(alike))]
+        off = np.abs(ahead[:, :ARM_JOINTS] - qpos).max(axis=1)
+        near = at + int(np.flatnonzero(off <= off.min() + 1e-3)[-1])
+        end = int(knots[np.searchsorted(knots, near)])
+        return end if end - near <= REACHED_STEPS and end < at + len(ahead) else near
+
+    def _free(self, k: int) -> bool:
+        """Whether an agent that stands between two segments may begin the next."""
+        knots = self._knots[k]
+        at = knots[np.searchsorted(knots, self._at[k], side="right") - 1]
+        if at == knots[-1]:  # until all have come to the end of the plan
+            return False
+        if self._at[k] - at > REACHED_STEPS:  # it is on its way
+            return True
+        leaves = int(np.searchsorted(self._positions[:, k], at, side="right"))  # the step that leads on
+        if leaves < 2 or self._positions[leaves - 2, k] != at:  # the plan has no wait here
+            return True
+        needed = self._positions[leaves - 1] - SLACK_STEPS
+        others = np.arange(len(needed)) != k
+        return bool((self._at >= needed)[others].all())

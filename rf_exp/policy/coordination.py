@@ -1,0 +1,54 @@
+"""What a coordinated policy is told of each own agent: the number of its subgoal, and whether it may go on.
+
+While it acts a coordinator says so (`rf_exp.datagen.coordinator`). In demonstrations the stored subgoals say
+the one, and the commands the other: an arm waits that is sent nowhere for a while, until nobody is any more.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError
+from rf_exp.types import ARM_JOINTS, Scene
+
+if TYPE_CHECKING:
+    from rf_exp.store import Store
+
+STILL_RAD = 1e-4  # less in a control step is no motion of a target
+GRIPPING_STEPS = 10  # after a change of its gripper an arm stands still without waiting for anybody
+SHORTEST_STEPS = 3  # of a wait
+
+# Scene and last gripper commands by agent -> (N,) number of the subgoal and (N,) whether it may go on.
+Coordinate = Callable[[Scene, Mapping[int, float]], tuple[NDArray[np.int64], NDArray[np.bool_]]]
+
+
+def subgoals_of(store: "Store") -> int:
+    """How many subgoals the agents of a store have at most. Raises ArgumentError where it does not say."""
+    subgoal = store.subgoal
+    if (subgoal < 0).any():
+        raise ArgumentError(f"{store.path} does not say who was at which subgoal; generate it again")
+    return int(subgoal.max()) + 1
+
+
+def told(numbers: NDArray[np.integer], may_go: NDArray[np.bool_], subgoals: int) -> NDArray[np.float32]:
+    """(..., N, subgoals + 1) of (..., N) each; numbers beyond those that were learned are the last one."""
+    at = np.eye(subgoals)[np.minimum(numbers, subgoals - 1)]
+    return np.concatenate([at, may_go[..., None]], axis=-1).astype(np.float32)
+
+
+def may_go(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(T, N) of one episode with measured joints (T, N, 9) and intended commands (T, N, 8)."""
+    before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
+    busy = np.abs(action[..., :ARM_JOINTS] - before).max(axis=2) > STILL_RAD
+    changed = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True)
+    for late in range(GRIPPING_STEPS):
+        busy[late:] |= changed[: len(changed) - late]
+    later = np.maximum.accumulate(busy.any(axis=1)[::-1])[::-1]  # somebody moves now or later
+    free = busy | ~later[:, None]
+    for column in free.T:
+        for stretch in np.split(np.arange(len(column)), np.flatnonzero(np.diff(column)) + 1):
+            if not column[stretch[0]] and len(stretch) < SHORTEST_STEPS:
+                column[stretch] = True
+    return free

@@ -1,0 +1,54 @@
+"""Who is told what while policies act: what the demonstrations say of the same moments."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.datagen.coordinator import Coordinator
+from rf_exp.datagen.episode import EpisodeMaker, Nobody
+from rf_exp.datagen.planning import Settings
+from rf_exp.policy.coordination import may_go
+from rf_exp.sim.simulator import Simulator
+from rf_exp.types import ARM_JOINTS, Row, Scene
+from tests.conftest import TASKS, read_task
+
+
+class Scenes(Nobody):
+    """Keeps the scenes before each step."""
+
+    def __init__(self) -> None:
+        self.scenes: list[Scene] = []
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        self.scenes.append(scene)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TASKS)
+def test_it_says_what_demonstrations_say(name: str) -> None:
+    """Of disturbed episodes, at nearly all moments; and nobody is told to wait for ever."""
+    task = read_task(name)
+    settings = Settings(task, Row("full"), ScriptedSpec(), disturbance_rad=0.05)
+    with Simulator(task, render=False) as world:
+        for seed in range(3):
+            watching = Scenes()
+            made = EpisodeMaker(settings, world, settings.make_brain(seed), watching).make(seed).episode
+            if made is not None:
+                break
+    assert made is not None and made.subgoal is not None
+    coordinator = Coordinator(replace(settings, disturbance_rad=0.0), made.seed, watching.scenes[0])
+    numbers, free = [], []
+    commands = np.concatenate([np.ones_like(made.action[:1, :, ARM_JOINTS]), made.action[:-1, :, ARM_JOINTS]])
+    for scene, grippers in zip(watching.scenes, commands, strict=True):
+        at, go = coordinator(scene, dict(enumerate(grippers, start=1)))
+        numbers.append(at)
+        free.append(go)
+    assert np.mean(np.array(numbers) == made.subgoal) > 0.9
+    assert np.mean(np.array(free) == may_go(made.qpos, made.action)) > 0.87
+    assert np.array(free)[-1].any()  # somebody may always go on

@@ -1,0 +1,110 @@
+"""What coordinated policies are told, from demonstrations and while they act."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.coordination import GRIPPING_STEPS, may_go, subgoals_of, told
+from rf_exp.policy.dataset import Windows
+from rf_exp.policy.observation import senses_of
+from rf_exp.policy.rollout import load_actors, rollout
+from rf_exp.policy.train import train
+from rf_exp.policy.views import views
+from rf_exp.store import Store
+from rf_exp.types import Arch, Scene
+from tests.policy.conftest import REST, STEPS
+from tests.policy.test_rollout import Table, judge
+
+COORDINATED = Arch("separate_coordinated", False, False, True)
+
+
+@pytest.fixture
+def knowing(policy_config: PolicyConfig) -> PolicyConfig:
+    return replace(policy_config, context=True)
+
+
+def test_who_waits_is_who_is_sent_somewhere_later() -> None:
+    """Agent 1 moves, grips and is done; agent 2 waits until it may move, and moves to the end."""
+    action = np.tile(np.append(REST, 1.0), (60, 2, 1))
+    action[:20, 0, 0] += np.arange(20) / 10
+    action[20:, 0, 0] = action[19, 0, 0]
+    action[20:, 0, 7] = -1.0
+    action[40:, 1, 0] += np.arange(1, 21) / 10
+    qpos = np.concatenate([action[..., :7], np.zeros((60, 2, 2))], axis=2)
+    free = may_go(qpos, action)
+    assert np.array_equal(np.flatnonzero(~free[:, 0]), np.arange(20 + GRIPPING_STEPS, 60))
+    assert np.array_equal(np.flatnonzero(~free[:, 1]), np.arange(40))
+
+
+def test_nobody_waits_for_nobody() -> None:
+    """Where all hold still until the end, and in a stop too short for a wait."""
+    action = np.tile(np.append(REST, 1.0), (30, 1, 1))
+    action[:10, 0, 0] += np.repeat(np.arange(5), 2) / 10
+    assert may_go(np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action).all()
+
+
+def test_numbers_beyond_those_learned_are_the_last() -> None:
+    found = told(np.array([0, 2, 7]), np.array([True, False, True]), 3)
+    assert found.tolist() == [[1, 0, 0, 1], [0, 0, 1, 0], [0, 0, 1, 1]]
+
+
+def test_a_policy_is_told_of_its_own_agent(make_store, knowing: PolicyConfig) -> None:
+    store: Store = make_store(2, 3)
+    assert subgoals_of(store) == 2
+    for agent, view in enumerate(views(COORDINATED, 2), start=1):
+        windows, senses = Windows(store, view, knowing, torch.device("cpu")), senses_of(knowing, store, view)
+        assert windows.context.shape == (store.steps, senses.size(view))
+        numbers = windows.context[:, -3:-1].argmax(dim=1).numpy()
+        assert np.array_equal(numbers, store.subgoal[:, agent - 1])
+
+
+def test_a_rollout_tells_policies_what_the_coordinator_says(
+    make_store, knowing: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    for view in views(COORDINATED, 2):
+        train(make_store(2, 3), view, knowing, train_config, tmp_path / view.name)
+    grippers: list[dict[int, float]] = []
+
+    def coordinate(_: Scene, last: Mapping[int, float]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        grippers.append({**last})
+        return np.array([number, 0]), np.array([True, True])
+
+    def acted() -> NDArray[np.float64]:
+        world = Table(2)
+        rollout(world, judge, load_actors(tmp_path), 1, 8, coordinate=coordinate)
+        return np.stack(world.actions)
+
+    number = 0
+    first = acted()
+    number = 1
+    second = acted()
+    assert grippers[0] == {1: 1.0, 2: 1.0} and len(grippers) == 16
+    assert [*grippers[1].values()] == first[0, :, 7].tolist()
+    assert np.abs(first[:, 0] - second[:, 0]).max() > 1e-6  # agent 1 was told something else
+    assert np.array_equal(first[0, 1], second[0, 1])  # agent 2 was not
+    with pytest.raises(
+        StageError, match="policy 'agent1' has learned with a coordinator; there is none here"
+    ):
+        rollout(Table(2), judge, load_actors(tmp_path), 1, 8)
+
+
+def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
+    (view, _) = views(COORDINATED, 2)
+    with pytest.raises(ArgumentError, match="a coordinated architecture needs policy"):
+        senses_of(policy_config, make_store(2, 3), view)
+
+
+def test_a_store_that_does_not_say_who_did_what_is_refused(
+    make_store, knowing: PolicyConfig, monkeypatch
+) -> None:
+    store: Store = make_store(2, 3)
+    monkeypatch.setitem(vars(store), "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
+    with pytest.raises(ArgumentError, match="does not say who was at which subgoal; generate it again"):
+        senses_of(knowing, store, views(COORDINATED, 2)[0])
