@@ -20,6 +20,7 @@ from rf_exp.errors import choices
 
 Unit = Literal["rate", "steps", "violations", "text"]
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
+COORDINATED_ARCH = "separate_coordinated"  # ours
 BASELINE_CONSTRAINTS = "full"  # whose demonstrations the paper's policies learn from
 BASELINE_BRAIN = "scripted"
 ROLLOUT_VIOLATIONS = (
@@ -379,7 +380,13 @@ def architectures(results: Results, suite: Suite) -> Table:
         "Architecture",
         columns,
         tuple(lines),
-        (*notes, *_left_out(results), *shielded, *_mixed_versions(lines, by_column=columns)),
+        (
+            *notes,
+            *_coordinated(rows),
+            *_left_out(results),
+            *shielded,
+            *_mixed_versions(lines, by_column=columns),
+        ),
     )
 
 
@@ -430,7 +437,7 @@ def shield(results: Results, suite: Suite) -> Table:
         "Task, architecture",
         columns,
         tuple(lines),
-        (*gaps, *_left_out(results)),
+        (*gaps, *_coordinated(results.evaluation), *_left_out(results)),
     )
 
 
@@ -572,6 +579,15 @@ def _core_minutes(results: Results, task: str, recipe: str) -> str:
         if _is_baseline(row) and (row.task, row.recipe) == (task, recipe) and row.core_s:
             by_demos.setdefault(row.demos, []).append(row)
     return " / ".join(f"{core_minutes(rows):.1f}" for _, rows in sorted(by_demos.items()))
+
+
+def _coordinated(rows: Iterable[EvaluationRow]) -> Iterator[str]:
+    """What has to be said where rollouts were told more than cameras show."""
+    if any(row.arch == COORDINATED_ARCH for row in rows):
+        yield (
+            f"{COORDINATED_ARCH} is separate_local, told by RoboBrain and RoboChecker which subgoal each "
+            "agent is at and when it waits, from a plan made in the true state of the scene."
+        )
 
 
 def _is_baseline(row: EvaluationRow) -> bool:

@@ -168,6 +168,15 @@ def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
     assert "10 rollouts of policies that learnt from `logical` data are not in this table." in table.notes
 
 
+def test_who_was_told_of_the_true_state_is_said() -> None:
+    local, told = (
+        evaluation("take_photo", arch, 150, 9, 1) for arch in ("separate_local", "separate_coordinated")
+    )
+    for rows, said in ((local, 0), (local + told, 1)):
+        notes = made("architectures", evaluated(rows)).notes
+        assert sum("made in the true state of the scene" in note for note in notes) == said
+
+
 def test_training_seeds_are_pooled_and_named() -> None:
     rows = [evaluation("place_food", "separate_local", 150, n, 10 - n, train_seed=n) for n in (2, 4, 6)]
     cell = made("benchmark", evaluated(*rows)).cell("place_food", "demos_150")
