@@ -27,10 +27,18 @@ def main(config: DictConfig) -> None:
 
     given = HydraConfig.get().overrides.task
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
-    from rf_exp.stages import check_folders, evaluate_policies, generate_data, train_policies, write_tables
+    from rf_exp.stages import (
+        check_folders,
+        evaluate_policies,
+        generate_data,
+        say_how_long,
+        train_policies,
+        write_tables,
+    )
 
     stages = set(experiment.stages)
     check_folders(experiment)
+    say_how_long(experiment)
     demonstrations = 0
 
     for task, row in product(experiment.tasks, experiment.rows):

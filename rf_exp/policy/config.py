@@ -16,7 +16,7 @@ OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
 ACTING = ("action_steps", "sampler", "inference_diffusion_steps")  # of a policy; they change no weight
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 4
+LEARNER = 3
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 

@@ -105,7 +105,7 @@ class Eyes(nn.Module):
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
         where = places.unflatten(1, (-1, len(HAND))).flatten(2)
-        features = torch.cat([hands, where, _decided(headings), sure[..., None]], dim=2)
+        features = torch.cat([hands, where, headings, sure[..., None]], dim=2)
         return features.flatten(1), places[:, :: len(HAND)]
 
     def forward(self, pictures: Tensor) -> Tensor:
@@ -135,17 +135,6 @@ def _terms(pixels: Tensor) -> Tensor:
     x, y = (2 * pixels - 1).unbind(dim=-1)
     one = torch.ones_like(x)
     return torch.stack([one, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], dim=-1)
-
-
-def _decided(headings: Tensor) -> Tensor:
-    """Headings (..., HEADING) of a single angle: the finest part says which, the coarsest which of its four.
-
-    A cube can be grasped from two sides. What was guessed between two good headings is a bad one.
-    """
-    coarse, fine = (torch.atan2(headings[..., k + 1], headings[..., k]) for k in (0, 4))
-    quarter = torch.pi / 2
-    angle = fine / 4 + quarter * ((coarse - fine / 4) / quarter).round()
-    return torch.stack([each(k * angle) for k in (1, 2, 4) for each in (torch.cos, torch.sin)], dim=-1)
 
 
 def _peaks(chance: Tensor) -> Tensor:

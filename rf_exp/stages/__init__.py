@@ -4,9 +4,17 @@ An artifact made from another configuration is never reused and never overwritte
 and names what differs. Jobs that want the same artifact at the same time wait for one another.
 """
 
+from rf_exp.stages.costs import say_how_long
 from rf_exp.stages.folders import check_folders
 from rf_exp.stages.generation import generate_data
 from rf_exp.stages.learning import evaluate_policies, train_policies
 from rf_exp.stages.reporting import write_tables
 
-__all__ = ["check_folders", "evaluate_policies", "generate_data", "train_policies", "write_tables"]
+__all__ = [
+    "check_folders",
+    "evaluate_policies",
+    "generate_data",
+    "say_how_long",
+    "train_policies",
+    "write_tables",
+]

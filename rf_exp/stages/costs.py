@@ -12,6 +12,7 @@ from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.experiment import Experiment
 from rf_exp.policy.saved import MODEL
 from rf_exp.policy.views import views
+from rf_exp.progress import console
 from rf_exp.stages.artifacts import evaluation_path, generation_path, policy_path
 from rf_exp.tasks import Task
 from rf_exp.types import Row
@@ -19,14 +20,21 @@ from rf_exp.types import Row
 COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures them
 
 
+def say_how_long(experiment: Experiment) -> None:
+    """Prints what is foretold, if anything is."""
+    if said := foretold(experiment):
+        console.print(said)
+
+
 def foretold(experiment: Experiment) -> str:
     """The hours of each stage in a sentence; empty where nobody has measured, or where little is left."""
     known: dict[str, Any] = yaml.safe_load(COSTS.read_text()).get(experiment.recipe, {})
     if any(task.name not in known.get("tasks", {}) for task in experiment.tasks):
         return ""
-    policy_s = sum(
-        each * (getattr(experiment.training, phase) or 0) for phase, each in known["learning_s"].items()
-    )
+    learning_s: dict[str, float] = known["learning_s"]
+    policy_s = learning_s["once"]
+    for phase in ("eyes_steps", "draft_steps", "steps"):
+        policy_s += learning_s[phase] * (getattr(experiment.training, phase) or 0)
     left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
     for task, row in product(experiment.tasks, experiment.rows):
         cost = known["tasks"][task.name]

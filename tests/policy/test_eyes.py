@@ -1,6 +1,5 @@
 """Heat maps: labels from demonstrations alone, places finer than a cell, and a policy that is led by them."""
 
-import math
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,7 +11,7 @@ import torch
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
-from rf_exp.policy.eyes import CELL, Eyes, _decided
+from rf_exp.policy.eyes import CELL, Eyes
 from rf_exp.policy.hands import followed, with_hands
 from rf_exp.policy.keypoints import HAND, keypoints
 from rf_exp.policy.observation import Senses, senses_of, tcp_poses
@@ -107,15 +106,6 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
     assert (pixels[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
         [x * width, y * height], abs=0.1
     )
-
-
-@pytest.mark.parametrize("angle", [-3.0, -0.8, 0.0, 0.7, 2.4])
-def test_a_heading_is_decided(angle: float) -> None:
-    """Halfway to the next side of a cube, and a little unsure, it is one side or the other."""
-    turns = torch.tensor([each(k * angle) for k in (1, 2, 4) for each in (math.cos, math.sin)])
-    assert torch.allclose(_decided(turns), turns, atol=1e-5)
-    unsure = torch.tensor([math.cos(angle + 0.4), math.sin(angle + 0.4), 0, 0, *turns[4:].tolist()])
-    assert torch.allclose(_decided(unsure), turns, atol=1e-5)
 
 
 def test_eyes_learn_to_find_what_is_shown() -> None:
