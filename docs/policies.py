@@ -49,9 +49,9 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   A second point of the hand, 10 cm across, lies where a tool works: Strike Cube rose from 94 to 100 of 100
   with it, and with pictures that are shifted at random while the heat maps are learned.
   Not all rows are by the same code; each tells its commit. Those of Stack Cube and Lift Barrier are from a
-  trial in which headings were rounded to the side of a cube that they fit best. It was taken back: with it Two
-  Robots Stack Cube fell from 80 to 22 of 100, perhaps because headings jump between looks. Pick Meat and the
-  oracle are older.
+  trial in which headings were rounded to the side of a cube that they fit best. It was taken back: with it
+  Two Robots Stack Cube fell from 80 to 22 of 100, perhaps because headings jump between looks. Pick Meat and
+  the oracle are older.
 - **A draft and its refinement** (`policy.draft`): a perceptron makes a chunk of actions, the diffusion
   U-Net says what to change about it.
 - **Actions as motions of hands** (`policy.tcp_actions`): where the TCP goes is predicted beside the joints,
