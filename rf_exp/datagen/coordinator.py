@@ -1,8 +1,8 @@
 """RoboBrain and RoboChecker while policies act: who is at which subgoal, and who waits for whom.
 
 The paper's division of labour, carried over to policies: subgoals and their order come from a checked plan,
-motion from what was learned. The plan is made from the true scene at the start, so an architecture that is
-told of it (`separate_coordinated`) knows more than its cameras show.
+motion from what was learned. Plans are made from the true scene, at the start and whenever one is carried
+out, so an architecture that is told of them (`separate_coordinated`) knows more than its cameras show.
 
 Each arm is followed along its planned path: it is where the path comes closest to its joints, never behind
 where it was, and only where the path's gripper is as the arm's own was told to be. An arm that stands where
@@ -62,11 +62,11 @@ class Coordinator:
     ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         """(N,) the number of each agent's subgoal and (N,) whether it may go on, in the scene that is now.
 
-        `grippers` are the last commands of those agents that have been given any.
+        `grippers` are the last commands by agent, open before the first.
         """
         if self._plan is not None:
             for k in range(len(self._at)):
-                self._at[k] = self._followed(k, scene.qpos[k, :ARM_JOINTS], grippers.get(k + 1, 1.0))
+                self._at[k] = self._followed(k, scene.qpos[k, :ARM_JOINTS], grippers[k + 1])
         if self._plan is None:
             over = scene.step - self._asked_at >= AGAIN_STEPS
         else:

@@ -38,14 +38,19 @@ def told(numbers: NDArray[np.integer], may_go: NDArray[np.bool_], subgoals: int)
     return np.concatenate([at, may_go[..., None]], axis=-1).astype(np.float32)
 
 
+def sent_on(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(T, N) who is sent on in one episode with measured joints (T, N, 9) and commands (T, N, 8)."""
+    before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
+    return np.abs(action[..., :ARM_JOINTS] - before).max(axis=2) > STILL_RAD
+
+
 def may_go(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray[np.bool_]:
     """(T, N) of one episode with measured joints (T, N, 9) and intended commands (T, N, 8)."""
-    before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
-    busy = np.abs(action[..., :ARM_JOINTS] - before).max(axis=2) > STILL_RAD
+    busy = sent_on(qpos, action)
     changed = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True)
     for late in range(GRIPPING_STEPS):
         busy[late:] |= changed[: len(changed) - late]
-    later = np.maximum.accumulate(busy.any(axis=1)[::-1])[::-1]  # somebody moves now or later
+    later = np.maximum.accumulate(np.any(busy, axis=1)[::-1])[::-1]  # somebody moves now or later
     free = busy | ~later[:, None]
     for column in free.T:
         for stretch in np.split(np.arange(len(column)), np.flatnonzero(np.diff(column)) + 1):

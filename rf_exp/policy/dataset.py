@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import STILL_RAD, may_go, told
+from rf_exp.policy.coordination import may_go, sent_on, told
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.normaliser import Normaliser, largest_change
@@ -228,8 +228,7 @@ def moving(store: "Store") -> NDArray[np.bool_]:
     """(T,) the steps in which somebody moves: an arm is sent on, or fingers open or close."""
     kept = []
     for action, qpos in zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True):
-        before = np.concatenate([qpos[:1, :, :ARM_JOINTS], action[:-1, :, :ARM_JOINTS]])
-        sent = np.abs(action[..., :ARM_JOINTS] - before).max(axis=(1, 2)) > STILL_RAD
+        sent = sent_on(qpos, action).any(axis=1)
         told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
         fingers = np.diff(
             qpos[..., ARM_JOINTS:].sum(axis=-1), axis=0, append=qpos[-1:, :, ARM_JOINTS:].sum(axis=-1)

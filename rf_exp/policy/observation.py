@@ -67,6 +67,8 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
         if view.coordinated:
             raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
         return Senses()
+    if view.coordinated and len(view.streams[0].agents) > 1:
+        raise ArgumentError("a coordinated architecture has policies for one agent at a time, not for all")
     subgoals = subgoals_of(store) if view.coordinated else 0
     try:
         robots = store.identity["scene"]["robots"]

@@ -53,10 +53,10 @@ def foretold(experiment: Experiment) -> str:
 
 def _demonstrations(experiment: Experiment, task: Task, row: Row) -> int:
     """That are not there yet."""
+    tried = _read(generation_path(experiment, task, row), GenerationRow)
     if experiment.episodes is not None:
-        return max(0, experiment.episodes - len(_read(generation_path(experiment, task, row), GenerationRow)))
-    made = sum(each.success for each in _read(generation_path(experiment, task, row), GenerationRow))
-    return max(0, experiment.demos - made)
+        return max(0, experiment.episodes - len(tried))
+    return max(0, experiment.demos - sum(each.success for each in tried))
 
 
 def _of_archs(experiment: Experiment, task: Task, row: Row) -> Iterator[tuple[int, int]]:

@@ -99,6 +99,9 @@ def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
     (view, _) = views(COORDINATED, 2)
     with pytest.raises(ArgumentError, match="a coordinated architecture needs policy"):
         senses_of(policy_config, make_store(2, 3), view)
+    joint = Arch("joint_coordinated", True, True, True)
+    with pytest.raises(ArgumentError, match="has policies for one agent at a time"):
+        senses_of(replace(policy_config, context=True), make_store(2, 3), views(joint, 2)[0])
 
 
 def test_a_store_that_does_not_say_who_did_what_is_refused(
