@@ -45,6 +45,7 @@ class Experiment:
     attempts: int
     limits: JointLimits
     disturbance_rad: float
+    delay_s: float
     recordings: int | tuple[int, ...]
     films: int
     policy: PolicyConfig
@@ -121,9 +122,8 @@ class Experiment:
         """What decides the episodes of a task under a row of constraints."""
         from rf_exp.datagen.episode import Settings  # slow to import; arguments are checked without it
 
-        return Settings(
-            task, row, self.brain, self.limits, self.attempts, self.occupancy, self.disturbance_rad
-        )
+        how = self.limits, self.attempts, self.occupancy, self.disturbance_rad, self.delay_s
+        return Settings(task, row, self.brain, *how)
 
 
 def check_file_name(key: str, value: str) -> None:

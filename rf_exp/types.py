@@ -209,6 +209,8 @@ class Schedule:
 
     positions: NDArray[np.int64]  # (T + 1, N) path position at each control step; row 0 is zeros
     makespan_bound: int  # proven lower bound on T, control steps
+    # (T + 1, N) who stays in the step that leads here though nobody is in its way; None: nobody ever does
+    hesitates: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.positions) - 1

@@ -5,17 +5,19 @@ Geometry and time only: no simulator, no learning. Start at `checker`.
 
 from rf_exp.constraints.checker import CheckCode, Checker, RoboChecker, compile
 from rf_exp.constraints.spatial import PolicyMonitor
-from rf_exp.constraints.timing import actions, schedule, serial
+from rf_exp.constraints.timing import Delays, actions, intended, schedule, serial
 from rf_exp.constraints.world import Bodies
 
 __all__ = [
     "Bodies",
     "CheckCode",
     "Checker",
+    "Delays",
     "PolicyMonitor",
     "RoboChecker",
     "actions",
     "compile",
+    "intended",
     "schedule",
     "serial",
 ]

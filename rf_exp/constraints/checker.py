@@ -15,7 +15,7 @@ from rf_exp.constraints.evidence import Check, Evidence, Plan, agent_name, doing
 from rf_exp.constraints.grammar import parse
 from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
-from rf_exp.constraints.timing import Rule, schedule, serial
+from rf_exp.constraints.timing import Delays, Rule, schedule, serial
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
@@ -110,13 +110,15 @@ class Checker:
         shared = (check.agents for check in self.checks if isinstance(check, ShareSpace))
         return frozenset(agent for agents in shared for agent in agents)
 
-    def schedule(self, trajectories: Sequence[Trajectory], scene: Scene) -> Schedule | Violation:
+    def schedule(
+        self, trajectories: Sequence[Trajectory], scene: Scene, delays: Delays | None = None
+    ) -> Schedule | Violation:
         """When everybody moves: the shortest schedule with a model of time, turns without one."""
         plan = self._prepare(trajectories, scene)
         if not self._row.temporal:
             order = self._proposal or Proposal(tuple(s.subgoal for t in trajectories for s in t.segments), ())
             return serial(trajectories, order)
-        timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, self.rules)
+        timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, self.rules, delays)
         return replace(timed, time_s=plan.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
 
     def check(self, trajectories: Sequence[Trajectory], timed: Schedule, scene: Scene) -> list[Violation]:

@@ -11,7 +11,7 @@ bound algorithm for the job-shop scheduling problem, is the same idea for machin
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -36,6 +36,8 @@ class Problem:
     lengths: tuple[int, ...]  # last position of each agent
     diagrams: Mapping[Pair, Diagram]
     deadlines: tuple[tuple[int, int, int], ...] = ()  # (agent, position, latest step)
+    apart: Mapping[Pair, Diagram] = field(default_factory=dict)  # forbidden, too, and passed `slack` apart
+    slack: int = 0  # steps by which either of two agents may be late without meeting the other in `apart`
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,9 @@ class Impossible:
 def solve(problem: Problem, budget: int = BUDGET) -> Found | Impossible:
     """The shortest schedule, or the best one found within the budget with its proven bound."""
     starts = _Starts(problem)
-    steps, settled = starts.within(sum(problem.lengths), budget)  # in every step somebody has to move
+    # In every step somebody has to move, but for the slack before a segment.
+    longest = sum(problem.lengths) + problem.slack * sum(map(len, problem.knots))
+    steps, settled = starts.within(longest, budget)
     if steps is None:
         for i, j in combinations(range(len(problem.lengths)), 2):
             diagram = problem.diagrams.get((i, j))
@@ -141,6 +145,8 @@ class _Starts:
     def __init__(self, problem: Problem) -> None:
         self._paths = paths = _Paths(problem)
         choices = np.array(list(paths.choices(problem.diagrams)), dtype=np.int64).reshape(-1, 2, 3)
+        apart = np.array(list(paths.choices(problem.apart)), dtype=np.int64).reshape(-1, 2, 3)
+        choices = np.concatenate([choices, apart + np.array([0, 0, problem.slack])])
         self._x, self._y, self._c = choices[..., 0], choices[..., 1], choices[..., 2]  # (K, 2) each
         # (S, S): start of the column less start of the row is at least this
         self._least = np.full((paths.count, paths.count), UNBOUNDED)

@@ -6,6 +6,7 @@ a schedule has the accelerations of its trajectories.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations, groupby
 from typing import Protocol
 
@@ -89,6 +90,14 @@ class Demands:
         self.deadlines.append((agent, position, steps))
 
 
+@dataclass(frozen=True)
+class Delays:
+    """How much a schedule forgives, and how much later than the shortest it is on purpose."""
+
+    slack_steps: int  # by which any one agent may be late without meeting another
+    pauses: Mapping[tuple[int, int], int]  # (agent, knot) -> steps it stays there at least
+
+
 def joint_runs(trajectories: Sequence[Trajectory]) -> list[tuple[str, list[tuple[int, int, int]]]]:
     """Label of joined segments -> (agent, first position, length) of each agent that has it."""
     found: dict[str, list[tuple[int, int, int]]] = {}
@@ -111,10 +120,11 @@ def schedule(
     trajectories: Sequence[Trajectory],
     diagrams: Mapping[tuple[int, int], Mask] | None = None,
     rules: Sequence[Rule] = (),
+    delays: Delays | None = None,
     *,
     budget: int = search.BUDGET,
 ) -> Schedule | Violation:
-    """The shortest schedule of all agents that obeys diagrams, rules and joined segments.
+    """The shortest schedule of all agents that obeys diagrams, rules and joined segments, with `delays`.
 
     `diagrams[i, j]` (i < j, agents from 1) forbids pairs of path positions. Where no schedule exists, a
     Violation says which pair and what to change. Raises ArgumentError for trajectories that are not those
@@ -136,6 +146,8 @@ def schedule(
                 apart_s = abs(length_a - length_b) * CONTROL_DT_S
                 return Violation(CHECK, "time", (a, b), 0.0, apart_s, 0.0, reason)
             demands.lockstep(a, start_a, b, start_b, length_a)
+    if delays is not None:
+        return _delayed(demands, diagrams, delays, budget)
     problem, real = _problem(demands, diagrams)
     answer = search.solve(problem, budget)
     if isinstance(answer, search.Impossible):
@@ -144,8 +156,83 @@ def schedule(
     return Schedule(np.stack(columns, axis=1), answer.bound)
 
 
+def _delayed(
+    demands: Demands, diagrams: Mapping[tuple[int, int], Mask], delays: Delays, budget: int
+) -> Schedule | Violation:
+    """The shortest schedule with delays; where nothing forbids it, a pause is somebody's own."""
+    hard, apart = {}, {}
+    for (i, j), diagram in diagrams.items():
+        joined = np.zeros_like(diagram)  # who carries one thing with another cannot be late alone
+        for _, runs in joint_runs(demands.trajectories):
+            of = {agent: slice(start, start + length + 1) for agent, start, length in runs}
+            if i in of and j in of:
+                joined[of[i], of[j]] = True
+        hard[i, j], apart[i, j] = diagram & joined, diagram & ~joined
+    asked = dict(demands.dwells)
+    for key, steps in delays.pauses.items():
+        demands.dwells[key] = max(steps, demands.dwells.get(key, 0))
+    problem, real = _problem(demands, hard, apart, delays.slack_steps)
+    answer = search.solve(problem, budget)
+    if isinstance(answer, search.Impossible):
+        return _explain(answer, problem, real, demands, diagrams)
+    positions = np.stack([of[answer.positions[:, k]] for k, of in enumerate(real)], axis=1)
+    forbidden = dict(diagrams)
+    for pair, cells in demands.cells.items():
+        forbidden[pair] = forbidden[pair] | cells if pair in forbidden else cells
+    hesitates = np.zeros(positions.shape, dtype=bool)
+    for trajectory in demands.trajectories:
+        k = trajectory.agent - 1
+        for start, end in _stays(positions[:, k], len(trajectory)):
+            if (trajectory.agent, int(positions[start, k])) not in asked:
+                first = _free_from(positions, k, start, end, trajectory.knots, forbidden, delays.slack_steps)
+                hesitates[first + 1 : end + 1, k] = True
+    return Schedule(positions, answer.bound, hesitates)
+
+
+def _stays(positions: NDArray[np.int64], last: int) -> Iterable[tuple[int, int]]:
+    """(first, last step) of each stay of an agent, but for that at the end of its path."""
+    arrived = np.flatnonzero(np.diff(positions, prepend=-1))
+    left = [*(arrived[1:] - 1), len(positions) - 1]
+    for start, end in zip(arrived.tolist(), left, strict=True):
+        if end > start and positions[start] < last:
+            yield start, end
+
+
+def _free_from(
+    positions: NDArray[np.int64],
+    k: int,
+    start: int,
+    end: int,
+    knots: Sequence[int],
+    forbidden: Mapping[tuple[int, int], Mask],
+    slack: int,
+) -> int:
+    """The first step of a stay (start, end) from which on agent k + 1 could have gone on to its next knot.
+
+    As the others are then, and up to `slack` steps earlier or later. It waits at that knot until the schedule
+    has it there.
+    """
+    knot = min(each for each in knots if each > positions[start, k])
+    until = int(np.searchsorted(positions[:, k], knot))  # the step at which the schedule has it there
+    for leaves in range(end - 1, start - 1, -1):
+        steps = np.arange(leaves, until + 1)
+        own = np.minimum(positions[start, k] + steps - leaves, knot)
+        for (i, j), mask in forbidden.items():
+            if k + 1 not in (i, j):
+                continue
+            cells, other = (mask, j) if i == k + 1 else (mask.T, i)
+            for late in range(-slack, slack + 1):
+                there = positions[np.clip(steps + late, 0, len(positions) - 1), other - 1]
+                if cells[own, there].any():
+                    return leaves + 1
+    return start
+
+
 def _problem(
-    demands: Demands, diagrams: Mapping[tuple[int, int], Mask]
+    demands: Demands,
+    diagrams: Mapping[tuple[int, int], Mask],
+    apart: Mapping[tuple[int, int], Mask] | None = None,
+    slack: int = 0,
 ) -> tuple[search.Problem, tuple[NDArray[np.int64], ...]]:
     """The search problem, in which dwells are extra positions, and the real position of each of them."""
     real: list[NDArray[np.int64]] = []
@@ -180,7 +267,8 @@ def _problem(
         for agent, position, steps in demands.deadlines
     )
     lengths = tuple(len(each) - 1 for each in real)
-    return search.Problem(tuple(knots), lengths, forbidden, deadlines), tuple(real)
+    passed = {(i - 1, j - 1): mask[real[i - 1]][:, real[j - 1]] for (i, j), mask in (apart or {}).items()}
+    return search.Problem(tuple(knots), lengths, forbidden, deadlines, passed, slack), tuple(real)
 
 
 def serial(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
@@ -223,6 +311,16 @@ def actions(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.f
     _agents(trajectories)
     paths = [trajectory.path() for trajectory in trajectories]
     return np.stack([path[timed.positions[1:, k]] for k, path in enumerate(paths)], axis=1)
+
+
+def intended(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.float64]:
+    """(T, N, 8) as `actions`, but an agent that hesitates means to go on."""
+    found = actions(trajectories, timed)
+    if timed.hesitates is not None:
+        for k, trajectory in enumerate(trajectories):
+            hesitates = timed.hesitates[1:, k]
+            found[hesitates, k] = trajectory.path()[timed.positions[1:, k][hesitates] + 1]
+    return found
 
 
 def _agents(trajectories: Sequence[Trajectory]) -> None:

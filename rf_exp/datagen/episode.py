@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Bodies, RoboChecker, actions
+from rf_exp.constraints import Bodies, RoboChecker, actions, intended
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
@@ -35,7 +35,6 @@ from rf_exp.types import (
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
-LARGEST_DISTURBANCE_RAD = 0.2
 _CALMER = 8  # times that a plan is disturbed less, where its checks object, before it is not at all
 
 
@@ -160,7 +159,9 @@ class EpisodeMaker:
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Plan | Violation | None:
         scene = self._as_commanded(self._looked_at(question.scene))
-        plan = self._planner.plan(question, scene, rng)
+        plan = self._planner.plan(
+            question, scene, rng, self._bumps if self._settings.disturbance_rad else None
+        )
         if not isinstance(plan, Plan):
             return plan
         plan, checker = self._disturbed(plan, scene), plan.checker
@@ -221,16 +222,16 @@ class EpisodeMaker:
 
     def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
         start = np.stack([trajectory.path()[0] for trajectory in plan.trajectories])
-        intended, commands = (
-            np.concatenate([start[None], actions(each, plan.schedule)])
-            for each in (plan.trajectories, plan.executed)
+        meant, commands = (
+            np.concatenate([start[None], each])
+            for each in (intended(plan.trajectories, plan.schedule), actions(plan.executed, plan.schedule))
         )
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
         checked = self._checker.plan
         watch = Knocks(checked) if checked is not None and self._settings.disturbance_rad else None
         for now in range(1, len(commands)):
             self._doing = doing[now]
-            scene = self._step(scene, intended[now], commands[now])
+            scene = self._step(scene, meant[now], commands[now])
             if watch is not None:
                 self._knocked = watch.knocked(scene)
             if self._verdict.success or self._knocked:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rf_exp.constraints import RoboChecker
+from rf_exp.constraints import Delays, RoboChecker
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
@@ -14,6 +14,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
 from rf_exp.types import (
     CONTROL_DT_S,
+    CONTROL_HZ,
     MOTION,
     Cause,
     JointLimits,
@@ -27,6 +28,8 @@ from rf_exp.types import (
 )
 
 LARGEST_DISTURBANCE_RAD = 0.2
+LONGEST_DELAY_S = 5.0
+PAUSES = 1 / 3  # of the moments at which an arm stands still anyway, are drawn out
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,15 @@ class Settings:
     attempts: int = 4
     occupancy: Occupancy = "state"
     disturbance_rad: float = 0.0  # of executed motion; see motion/disturb.py
+    delay_s: float = 0.0  # how late an arm may be without meeting another; where disturbed, it pauses as long
 
     def __post_init__(self) -> None:
         if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
             raise ArgumentError(
                 f"disturbance_rad is {self.disturbance_rad}; expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
             )
+        if not 0 <= self.delay_s <= LONGEST_DELAY_S:
+            raise ArgumentError(f"delay_s is {self.delay_s}; expected 0 to {LONGEST_DELAY_S} s")
         if self.attempts < 1:
             raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
 
@@ -71,8 +77,17 @@ class Planner:
     def __init__(self, settings: Settings, brain: Brain) -> None:
         self._settings, self._brain = settings, brain
 
-    def plan(self, question: Question, scene: Scene, rng: np.random.Generator) -> Plan | Violation | None:
-        """A plan from `scene` on, the first reason why there is none, or None: the brain is content."""
+    def plan(
+        self,
+        question: Question,
+        scene: Scene,
+        rng: np.random.Generator,
+        pauses: np.random.Generator | None = None,
+    ) -> Plan | Violation | None:
+        """A plan from `scene` on, the first reason why there is none, or None: the brain is content.
+
+        With `pauses` arms pause at random, where the settings have delays.
+        """
         task, row = self._settings.task, self._settings.row
         try:
             proposal = from_json(self._brain.answer(question), task)
@@ -85,7 +100,7 @@ class Planner:
             return checker.code
         violation: Violation | None = None
         for way in _ways(row):
-            result = self._motion(proposal, checker, scene, way, rng)
+            result = self._motion(proposal, checker, scene, way, rng, pauses)
             if isinstance(result, Plan):
                 return result
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
@@ -100,6 +115,7 @@ class Planner:
         scene: Scene,
         way: "_Way",
         rng: np.random.Generator,
+        pauses: np.random.Generator | None,
     ) -> Plan | Violation:
         """Trajectories and a schedule that pass all checks, or the first reason why not."""
         settings = self._settings
@@ -120,13 +136,44 @@ class Planner:
             )
         except Unreachable as error:
             return _refused(MOTION, error.cause, error.agents, scene, str(error))
-        schedule = checker.schedule(trajectories, scene)
+        schedule = self._schedule(checker, trajectories, scene, pauses)
         if isinstance(schedule, Violation):
             return schedule
         violations = checker.check(trajectories, schedule, scene)
         if violations:
             return violations[0]
         return Plan(proposal, checker, trajectories, schedule, executed=trajectories)
+
+    def _schedule(
+        self,
+        checker: RoboChecker,
+        trajectories: Sequence[Trajectory],
+        scene: Scene,
+        pauses: np.random.Generator | None,
+    ) -> Schedule | Violation:
+        """With as much of the delays as can be had."""
+        steps = round(self._settings.delay_s * CONTROL_HZ)
+        several = len(trajectories) > 1  # one arm alone waits for nobody
+        pausing = _pauses(trajectories, steps, pauses) if steps and several and pauses is not None else {}
+        for slack in (steps, steps // 2) if steps else ():
+            timed = checker.schedule(trajectories, scene, Delays(slack, pausing))
+            if isinstance(timed, Schedule):
+                return timed
+        return checker.schedule(trajectories, scene)
+
+
+def _pauses(
+    trajectories: Sequence[Trajectory], longest: int, rng: np.random.Generator
+) -> dict[tuple[int, int], int]:
+    """(agent, knot) -> steps, but for knots amid what several arms carry together."""
+    found = {}
+    for trajectory in trajectories:
+        runs = zip(trajectory.segments, trajectory.segments[1:], trajectory.knots[1:], strict=False)
+        amid = {knot for one, other, knot in runs if one.joined is not None and one.joined == other.joined}
+        for knot in trajectory.knots[:-1]:
+            if rng.random() < PAUSES and knot not in amid:
+                found[trajectory.agent, knot] = int(rng.integers(1, longest + 1))
+    return found
 
 
 class _Way(NamedTuple):

@@ -44,9 +44,28 @@ def sent_on(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray
     return np.abs(action[..., :ARM_JOINTS] - before).max(axis=2) > STILL_RAD
 
 
-def may_go(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """(T, N) of one episode with measured joints (T, N, 9) and intended commands (T, N, 8)."""
-    busy = sent_on(qpos, action)
+def hesitates(action: NDArray[np.floating], executed: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """(T, N) who stays in one episode though it means to go on: intended and executed commands (T, N, 8).
+
+    It is told what it was told before, and means all the time what it does when it goes on at last.
+    """
+    found = np.zeros(action.shape[:2], dtype=bool)
+    moved = (np.diff(executed, axis=0) != 0).any(axis=2)  # (T - 1, N), of steps from 1 on
+    for agent, column in enumerate(moved.T):
+        leaves = np.flatnonzero(column) + 1
+        of = np.searchsorted(leaves, np.arange(len(action)))  # the next departure after each step, or at it
+        there = of < len(leaves)
+        leave = leaves[of[there]]
+        same = (action[there, agent] == action[leave, agent]).all(axis=1)
+        found[there, agent] = same & (leave > np.flatnonzero(there))
+    return found
+
+
+def may_go(
+    qpos: NDArray[np.floating], action: NDArray[np.floating], executed: NDArray[np.floating]
+) -> NDArray[np.bool_]:
+    """(T, N) of one episode with measured joints (T, N, 9) and commands (T, N, 8), intended and executed."""
+    busy = sent_on(qpos, action) | hesitates(action, executed)
     changed = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True)
     for late in range(GRIPPING_STEPS):
         busy[late:] |= changed[: len(changed) - late]

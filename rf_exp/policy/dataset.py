@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import may_go, sent_on, told
+from rf_exp.policy.coordination import hesitates, may_go, sent_on, told
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.normaliser import Normaliser, largest_change
@@ -99,8 +99,7 @@ class Windows:
             grippers = store.by_episode(store.action[..., ARM_JOINTS])
             memory = np.concatenate([remembered(each) for each in grippers])
         if senses.subgoals:
-            episodes = zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True)
-            free = np.concatenate([may_go(*each) for each in episodes])
+            free = np.concatenate([may_go(*each) for each in _episodes(store)])
             memory = np.concatenate([memory, told(store.subgoal[:], free, senses.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
@@ -116,6 +115,11 @@ class Windows:
             self.pixels = self._stack([each.pixels for each in found])
             self.points = self._stack([each.points for each in found])
             self.headings = self._stack([each.headings for each in found])
+        late = np.concatenate([hesitates(*each[1:]) for each in _episodes(store)])[kept]
+        self._going = [  # of each agent of a stream
+            _Going(np.concatenate([late[:, agents[row]] for agents in columns]))
+            for row in range(len(columns[0]))
+        ]
         self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
@@ -139,17 +143,28 @@ class Windows:
         """All actions that a policy may have to predict (K, A)."""
         if not self._config.relative_actions:
             return self.action
-        _, actions = self._rows(np.arange(len(self)))
+        actions = self._actions(np.arange(len(self)))
         context = self.context[:, None] if self._config.tcp_actions else None
         origin = action_origin(self.proprio[:, None], context)
-        return (self.action[self._index(actions)] - origin).flatten(0, 1)
+        return (actions - origin).flatten(0, 1)
 
-    def _rows(self, windows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """The frames (B, O) and the rows of the actions (B, T) of windows (B,)."""
+    def _oldest(self, windows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(B, 1) the oldest frame of windows (B,), which may lie before the first of the episode."""
+        return windows[:, None] - (self._config.observation_steps - 1)
+
+    def _actions(self, windows: NDArray[np.int64]) -> Tensor:
+        """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
         first, last = self._first[windows, None], self._last[windows, None]
-        oldest = windows[:, None] - (self._config.observation_steps - 1)
-        frames = np.maximum(oldest + np.arange(self._config.observation_steps), first)
-        return frames, np.clip(oldest + np.arange(self._config.horizon), first, last)
+        ahead = self._oldest(windows) + np.arange(self._config.horizon)
+        found = [self.action[self._index(each.rows(ahead, first, last))] for each in self._going]
+        if len(found) == 1:
+            return found[0]
+        commands = len(found) * ACTION_SIZE
+        parts = [each.tensor_split([commands], dim=2) for each in found]  # poses of hands behind them
+        joined = []
+        for part in zip(*parts, strict=True):
+            joined += [each.chunk(len(found), dim=2)[row] for row, each in enumerate(part)]
+        return torch.cat(joined, dim=2)
 
     def batches(self, batch_size: int) -> int:
         """Number of batches of an epoch."""
@@ -167,8 +182,9 @@ class Windows:
         Frames of one run share a crop, so that what moves between them has moved in the world.
         """
         config = self._config
-        frames, actions = self._rows(windows)
         first = self._first[windows]
+        ahead = self._oldest(windows) + np.arange(config.observation_steps)
+        frames = np.maximum(ahead, first[:, None])
         breaks = (np.diff(windows, prepend=windows[0]) != 1) | (np.diff(first, prepend=first[0]) != 0)
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
@@ -188,7 +204,7 @@ class Windows:
             self._index(inverse.reshape(frames.shape)),
             self.proprio[self._index(frames)],
             self.context[self._index(frames)],
-            self.action[self._index(actions)],
+            self._actions(windows),
             features,
         )
 
@@ -224,11 +240,33 @@ class Windows:
         return torch.from_numpy(values).to(self._device)
 
 
+class _Going:
+    """The steps of an agent in which it does not hesitate."""
+
+    def __init__(self, hesitates: NDArray[np.bool_]) -> None:
+        self._steps = np.flatnonzero(~hesitates)
+        self._next = np.searchsorted(self._steps, np.arange(len(hesitates)))  # for each step, that or a later
+
+    def rows(
+        self, ahead: NDArray[np.int64], first: NDArray[np.int64], last: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """(B, T) consecutive steps from `ahead[:, 0]` on, in episodes from `first` (B, 1) to `last`."""
+        start = np.clip(ahead[:, :1], first, last)
+        at = self._next[start] + ahead - start
+        return self._steps[np.clip(at, self._next[first], self._next[last])]
+
+
+def _episodes(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+    """Measured joints, intended and executed commands of each episode."""
+    arrays = store.qpos, store.action, store.executed
+    return zip(*(store.by_episode(each) for each in arrays), strict=True)
+
+
 def moving(store: "Store") -> NDArray[np.bool_]:
-    """(T,) the steps in which somebody moves: an arm is sent on, or fingers open or close."""
+    """(T,) the steps in which somebody moves or means to: an arm is sent on, or fingers open or close."""
     kept = []
-    for action, qpos in zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True):
-        sent = sent_on(qpos, action).any(axis=1)
+    for qpos, action, executed in _episodes(store):
+        sent = (sent_on(qpos, action) | hesitates(action, executed)).any(axis=1)
         told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
         fingers = np.diff(
             qpos[..., ARM_JOINTS:].sum(axis=-1), axis=0, append=qpos[-1:, :, ARM_JOINTS:].sum(axis=-1)

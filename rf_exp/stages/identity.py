@@ -18,8 +18,12 @@ def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[st
     """Of the rows of generation. A store adds its first seed and its pictures."""
     settings = experiment.settings(task, row)
     made = asdict(settings)
-    if not settings.disturbance_rad:  # demonstrations from before it could be asked for are the same
-        del made["disturbance_rad"]
+    for name in (
+        "disturbance_rad",
+        "delay_s",
+    ):  # without them demonstrations are as they always were
+        if not made[name]:
+            del made[name]
     said = {
         **made,
         "task": task.name,

@@ -38,7 +38,7 @@ def test_who_waits_is_who_is_sent_somewhere_later() -> None:
     action[20:, 0, 7] = -1.0
     action[40:, 1, 0] += np.arange(1, 21) / 10
     qpos = np.concatenate([action[..., :7], np.zeros((60, 2, 2))], axis=2)
-    free = may_go(qpos, action)
+    free = may_go(qpos, action, action)
     assert np.array_equal(np.flatnonzero(~free[:, 0]), np.arange(20 + GRIPPING_STEPS, 60))
     assert np.array_equal(np.flatnonzero(~free[:, 1]), np.arange(40))
 
@@ -47,7 +47,7 @@ def test_nobody_waits_for_nobody() -> None:
     """Where all hold still until the end, and in a stop too short for a wait."""
     action = np.tile(np.append(REST, 1.0), (30, 1, 1))
     action[:10, 0, 0] += np.repeat(np.arange(5), 2) / 10
-    assert may_go(np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action).all()
+    assert may_go(np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action, action).all()
 
 
 def test_numbers_beyond_those_learned_are_the_last() -> None:
