@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous, Step
-from rf_exp.constraints.timing import Demands, actions, schedule, serial
+from rf_exp.constraints.timing import Delays, Demands, actions, intended, schedule, serial
 from rf_exp.errors import ArgumentError
 from rf_exp.types import Proposal, Schedule, Violation
 from tests.constraints.robots import REST, idle, walk
@@ -66,6 +66,48 @@ def test_one_after_the_other_through_a_shared_middle():
     moves(timed, trajectories)
     assert not diagram[timed.positions[:, 0], timed.positions[:, 1]].any()
     assert len(timed) == timed.makespan_bound == 39  # the second one waits before the middle
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_with_slack_nobody_meets_who_is_late(seed: int):
+    """Wherever one agent is behind its schedule by no more than that, or before it."""
+    rng, slack = np.random.default_rng(seed), 6
+    diagram = np.zeros((31, 31), dtype=bool)
+    for _ in range(2):
+        row, column = rng.integers(2, 22, 2)
+        diagram[row : row + rng.integers(1, 8), column : column + rng.integers(1, 8)] = True
+    tight, timed = (
+        schedule(pair(), {(1, 2): diagram}, delays=delays) for delays in (None, Delays(slack, {}))
+    )
+    assert isinstance(tight, Schedule)
+    if not isinstance(timed, Schedule):
+        return
+    moves(timed, pair())
+    assert len(tight) <= len(timed)
+    first, second = timed.positions.T
+    for late in range(slack + 1):
+        before = np.maximum(np.arange(len(first)) - late, 0)
+        assert not diagram[first[before], second].any() and not diagram[first, second[before]].any()
+
+
+def test_who_pauses_hesitates_unless_another_is_in_the_way():
+    trajectories = pair()
+    timed = schedule(trajectories, delays=Delays(0, {(1, 10): 7}))
+    assert isinstance(timed, Schedule) and timed.hesitates is not None
+    moves(timed, trajectories)
+    assert np.flatnonzero(timed.hesitates[:, 0]).tolist() == list(range(11, 18))
+    assert not timed.hesitates[:, 1].any()
+    done, meant = actions(trajectories, timed), intended(trajectories, timed)
+    np.testing.assert_array_equal(done[10:17, 0], np.tile(trajectories[0].path()[10], (7, 1)))
+    np.testing.assert_array_equal(meant[10:17, 0], np.tile(trajectories[0].path()[11], (7, 1)))
+    rest = ~timed.hesitates[1:]
+    np.testing.assert_array_equal(done[rest], meant[rest])
+
+    diagram = np.zeros((31, 31), dtype=bool)
+    diagram[11:20, :25] = True  # the first one may not go on before the other is at 25
+    waiting = schedule(trajectories, {(1, 2): diagram}, delays=Delays(0, {(1, 10): 20}))
+    assert isinstance(waiting, Schedule) and waiting.hesitates is not None
+    assert np.flatnonzero(waiting.hesitates[:, 0]).tolist() == list(range(25, 31))
 
 
 def test_swapping_the_agents_swaps_the_schedule_length():

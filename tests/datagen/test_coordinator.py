@@ -34,21 +34,22 @@ class Scenes(Nobody):
 def test_it_says_what_demonstrations_say(name: str) -> None:
     """Of disturbed episodes, at nearly all moments; and nobody is told to wait for ever."""
     task = read_task(name)
-    settings = Settings(task, Row("full"), ScriptedSpec(), disturbance_rad=0.05)
+    settings = Settings(task, Row("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=1.0)
     with Simulator(task, render=False) as world:
         for seed in range(3):
             watching = Scenes()
             made = EpisodeMaker(settings, world, settings.make_brain(seed), watching).make(seed).episode
             if made is not None:
                 break
-    assert made is not None and made.subgoal is not None
+    assert made is not None and made.subgoal is not None and made.executed is not None
     coordinator = Coordinator(replace(settings, disturbance_rad=0.0), made.seed, watching.scenes[0])
     numbers, free = [], []
-    commands = np.concatenate([np.ones_like(made.action[:1, :, ARM_JOINTS]), made.action[:-1, :, ARM_JOINTS]])
+    grippers_of = made.executed[..., ARM_JOINTS]
+    commands = np.concatenate([np.ones_like(grippers_of[:1]), grippers_of[:-1]])
     for scene, grippers in zip(watching.scenes, commands, strict=True):
         at, go = coordinator(scene, dict(enumerate(grippers, start=1)))
         numbers.append(at)
         free.append(go)
     assert np.mean(np.array(numbers) == made.subgoal) > 0.9
-    assert np.mean(np.array(free) == may_go(made.qpos, made.action, made.executed)) > 0.87
+    assert np.mean(np.array(free) == may_go(made.qpos, made.action, made.executed)) > 0.85
     assert np.array(free)[-1].any()  # somebody may always go on

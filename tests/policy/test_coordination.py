@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.policy.coordination import GRIPPING_STEPS, may_go, subgoals_of, told
+from rf_exp.policy.coordination import GRIPPING_STEPS, hesitates, may_go, subgoals_of, told
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.observation import senses_of
 from rf_exp.policy.rollout import load_actors, rollout
@@ -48,6 +48,22 @@ def test_nobody_waits_for_nobody() -> None:
     action = np.tile(np.append(REST, 1.0), (30, 1, 1))
     action[:10, 0, 0] += np.repeat(np.arange(5), 2) / 10
     assert may_go(np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action, action).all()
+
+
+def test_who_hesitates_means_to_go_on_and_stays() -> None:
+    """Agent 1 pauses at steps 10 to 14; agent 2 waits there for as long, and means it."""
+    path = np.tile(np.append(REST, 1.0), (40, 1))
+    path[:, 0] += np.arange(40) / 10
+    at = np.concatenate([np.arange(1, 11), np.full(5, 10), np.arange(11, 26)])
+    executed = np.stack([path[at]] * 2, axis=1)
+    action = executed.copy()
+    action[10:15, 0] = path[11]
+    late = hesitates(action, executed)
+    assert np.flatnonzero(late[:, 0]).tolist() == list(range(10, 15)) and not late[:, 1].any()
+    assert not hesitates(executed, executed).any()
+    qpos = np.concatenate([executed[..., :7], np.zeros((30, 2, 2))], axis=2)
+    free = may_go(qpos, action, executed)
+    assert free[:, 0].all() and np.flatnonzero(~free[:, 1]).tolist() == list(range(10, 15))
 
 
 def test_numbers_beyond_those_learned_are_the_last() -> None:

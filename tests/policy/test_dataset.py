@@ -2,17 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Windows, action_origin, crop, proprioception
-from rf_exp.policy.views import Stream, View, views
+from rf_exp.policy.views import ACTION_SIZE, Stream, View, views
 from rf_exp.store import Store
-from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH
+from rf_exp.types import Arch
+from tests.policy.conftest import ARCHS, HEIGHT, STEPS, STILL, WIDTH, make_episode, scene_of
 
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
@@ -45,6 +48,47 @@ def test_the_action_executed_first_is_the_one_of_the_newest_frame(
     windows = Windows(store, LOCAL, policy_config, CPU)
     batch = windows.batch(np.array([10]), None)
     assert np.array_equal(batch.action[0, policy_config.observation_steps - 1], store.action[10, 0])
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, tmp_path: Path) -> None:
+    """Agent 2 pauses for 4 steps at its 9th: what it learns then is what comes after, as if it did not."""
+    made = make_episode(0, 2)
+    assert STILL < 8
+    pauses = np.r_[np.arange(9), np.full(4, 8), np.arange(9, STEPS)]  # the step of the plan it is at
+    extra = np.r_[np.arange(STEPS), np.full(4, STEPS - 1)]  # of agent 1, which is done sooner
+
+    def delayed(values: NDArray) -> NDArray:
+        return np.stack([values[extra, 0], values[pauses, 1]], axis=1)
+
+    assert made.subgoal is not None
+    meant, executed = delayed(made.action), delayed(made.action)
+    meant[9:13, 1] = made.action[9, 1]
+    episode = replace(
+        made,
+        qpos=delayed(made.qpos),
+        qvel=delayed(made.qvel),
+        action=meant,
+        executed=executed,
+        pictures={name: frames[extra] for name, frames in made.pictures.items()},
+        poses={name: values[extra] for name, values in made.poses.items()},
+        subgoal=delayed(made.subgoal[..., None])[..., 0],
+    )
+    identity = {"task": "reach", "scene": scene_of(2)}
+    cameras = tuple(made.pictures)
+    path = tmp_path / "late.zarr"
+    with Store.create(path, identity, 2, cameras, HEIGHT, WIDTH, tuple(made.poses), True) as store:
+        store.append(episode)
+    config = replace(policy_config, context=True, tcp_actions=True, observation_steps=1)
+    for view in views(arch, 2):
+        windows = Windows(Store.open(path), view, config, CPU)
+        for row, stream in enumerate(view.streams):
+            batch = windows.batch(row * (STEPS + 4) + np.array([10, 13]), None).action
+            for column, agent in enumerate(stream.agents):
+                joints = batch[..., column * ACTION_SIZE : (column + 1) * ACTION_SIZE]
+                steps = np.arange(policy_config.horizon)
+                plan = np.stack([13 + steps] * 2 if agent == 2 else [10 + steps, 13 + steps])
+                assert np.array_equal(joints, executed[np.minimum(plan, STEPS + 3), agent - 1])
 
 
 def test_pictures_of_a_batch_are_unique_and_the_right_ones(store: Store, policy_config: PolicyConfig) -> None:
