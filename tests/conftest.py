@@ -8,10 +8,12 @@ from typing import Any
 
 import hypothesis
 import pytest
+from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
-from rf_exp.command import guarded
+from rf_exp.command import guarded, register_all_tasks
+from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
 
@@ -26,6 +28,14 @@ def read_task(name: str) -> Task:
     """The task as its YAML file says, without any experiment around it."""
     node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / f"{name}.yaml"))
     return load_task(name, node[name])
+
+
+def experiment(*overrides: str) -> Experiment:
+    """What a command with these overrides runs; its recipe, which Hydra names, is `test`."""
+    register_all_tasks()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        node: Any = OmegaConf.to_container(compose("config", ["recipe=test", *overrides]), resolve=True)
+    return read_experiment(node)
 
 
 @pytest.fixture(params=TASKS)

@@ -1,28 +1,17 @@
 """Everything in conf/ composes and becomes a valid experiment; `all` means all there is."""
 
 from itertools import product
-from typing import Any
 
 import pytest
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-from rf_exp.command import CONF, register_all_tasks
-from rf_exp.experiment import read_experiment
+from rf_exp.command import CONF
 from rf_exp.tasks.base import Randomisation
+from tests.conftest import experiment
 
 GROUPS = {
     group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
     for group in ("task", "arch", "constraints", "policy", "profile", "experiment", "brain")
 }
-
-
-def experiment(*overrides):
-    register_all_tasks()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        config = compose("config", [*overrides, "recipe=test", "hydra.run.dir=."], return_hydra_config=False)
-        node: Any = OmegaConf.to_container(config, resolve=True)
-        return read_experiment(node)
 
 
 @pytest.mark.parametrize(

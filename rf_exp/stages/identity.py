@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from rf_exp.artifacts.identity import plain
+from rf_exp.datagen.coordinator import VERSION as COORDINATOR
 from rf_exp.datagen.version import generator_version
 from rf_exp.experiment import Experiment
 from rf_exp.policy.shield import VERSION as SHIELD
@@ -45,6 +46,7 @@ def evaluation_identity(
     """Of evaluation, but for the policies, of which each training seed has its own."""
     aided: dict[str, Any] = {"shield": SHIELD} if experiment.shield else {}
     if arch.coordinated:  # by plans that are made as those of generation are
+        aided["coordinator"] = COORDINATOR
         aided["plans"] = generation_identity(replace(experiment, disturbance_rad=0.0), task, row)
     return plain(
         {

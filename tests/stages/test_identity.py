@@ -7,28 +7,24 @@ from typing import Any
 
 import pytest
 import trimesh
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
 from rf_exp.artifacts.identity import differing
-from rf_exp.experiment import Experiment, read_experiment
+from rf_exp.experiment import Experiment
 from rf_exp.stages.identity import evaluation_identity, generation_identity
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
-from tests.conftest import CONF
+from tests.conftest import experiment
 
 CUBE = "mesh: cube.obj\nmass_kg: {mass_kg}\n# {comment}\npoints_of: cube\n"
 
 
-def experiment(*overrides: str) -> Experiment:
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        node: Any = compose("config", ["task=pick_meat", "recipe=fast", *overrides])
-    return read_experiment(OmegaConf.to_container(node, resolve=True))  # pyright: ignore[reportArgumentType]
+def steak(*overrides: str) -> Experiment:
+    return experiment("task=pick_meat", "recipe=fast", *overrides)
 
 
 def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Of generation and of evaluation."""
-    made = experiment(*overrides)
+    made = steak(*overrides)
     (task,), (row,) = made.tasks, made.rows
     return generation_identity(made, task, row), evaluation_identity(made, task, row, made.archs[0], 100)
 
@@ -61,7 +57,7 @@ def test_what_decides_evaluation_alone() -> None:
         (old, before), (new, after) = identities(), identities(override)
         assert old == new
         assert any(line.startswith(f"{key}: found") for line in differing(before, after)), key
-    made = experiment()
+    made = steak()
     what = made, made.tasks[0], made.rows[0], made.archs[0]
     assert evaluation_identity(*what, 100) != evaluation_identity(*what, 101)
 
@@ -109,7 +105,7 @@ def test_the_version_of_the_generator_decides(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_objects_in_another_order_are_drawn_otherwise() -> None:
-    task = experiment("task=place_food").tasks[0]
+    task = steak("task=place_food").tasks[0]
     turned = replace(task, objects=dict(reversed(list(task.objects.items()))))
     assert [line.split(":")[0] for line in differing(task.identity, turned.identity)] == ["order"]
 
@@ -123,7 +119,7 @@ def own(tmp_path: Path) -> Callable[..., str]:
         mesh = trimesh.creation.box((size_m, size_m, size_m), transform((0, 0, size_m / 2)))
         mesh.export(tmp_path / "cube.obj")
         (tmp_path / f"{name}.yaml").write_text(CUBE.format(mass_kg=mass_kg, comment=comment))
-        made = experiment(f"task.pick_meat.objects.steak.asset={tmp_path / name}.yaml")
+        made = steak(f"task.pick_meat.objects.steak.asset={tmp_path / name}.yaml")
         return made.tasks[0].identity["objects"]["steak"]["asset"]
 
     return write
