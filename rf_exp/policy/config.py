@@ -14,9 +14,14 @@ SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
-ACTING = ("action_steps", "sampler", "inference_diffusion_steps")  # of a policy; they change no weight
+ACTING = (
+    "action_steps",
+    "hold_rad",
+    "sampler",
+    "inference_diffusion_steps",
+)  # of a policy; they change no weight
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 3
+LEARNER = 4
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 
@@ -48,6 +53,9 @@ class PolicyConfig:
     horizon: int = 8  # actions predicted, the first at the oldest observation
     observation_steps: int = 3
     action_steps: int = 6  # executed before the next prediction
+    hold_rad: float = (
+        0.0  # a chunk whose joints all stay as near to where they are means to wait: nothing moves
+    )
     train_diffusion_steps: int = 100
     inference_diffusion_steps: int = 100
     sampler: str = "ddpm"  # ddpm | ddim
@@ -59,6 +67,9 @@ class PolicyConfig:
     draft: tuple[int, ...] = ()  # hidden layers of a perceptron whose chunk the U-Net refines; none: no draft
     dropout: float = 0.0  # in the draft
     drop_idle: bool = False  # learn nothing from moments in which nobody moves
+    phases: bool = (
+        False  # predicts its subgoal and whether it may go on, and acts on that: see coordination.py
+    )
     tcp_actions: bool = False  # predicts where the TCP goes too, and joints follow that: see hands.py
     binary_grippers: bool = False  # commands are wholly open or wholly closed
     loss: str = "mse"  # mse | l1
@@ -77,12 +88,15 @@ class PolicyConfig:
         _one_of(self, "loss", LOSSES)
         looks = self.encoder != "heatmaps" or (self.context and self.crop == 1.0)
         _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
+        _require(self.hold_rad >= 0, "hold_rad", self.hold_rad, "0 or above")
         _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
         refines = not self.draft or self.prediction == "sample"
         _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
         _require(0.0 <= self.dropout < 1.0, "dropout", self.dropout, "a number in [0, 1)")
         told = self.context or self.observation != "state"
         _require(told, "context", self.context, "true with observation=state")
+        predicts = not self.phases or (self.context and bool(self.draft))
+        _require(predicts, "phases", self.phases, "false without context and a draft, beside which it learns")
         _require(self.context or not self.tcp_actions, "context", self.context, "true with tcp_actions")
         _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
         _positive(self, "train_diffusion_steps", "inference_diffusion_steps")

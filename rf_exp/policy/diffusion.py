@@ -6,6 +6,7 @@ observation.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import torch
@@ -42,8 +43,12 @@ class DiffusionPolicy(nn.Module):
         context_size: int = 0,
         keypoints: int = 0,
         keys: int = 0,
+        phase: int = 0,
     ) -> None:
-        """Heat maps look for so many `keypoints`: `keys` of each own agent's gripper, its end, the others."""
+        """Heat maps look for so many `keypoints`: `keys` of each own agent's gripper, its end, the others.
+
+        So many last numbers of the context for each own agent are a `phase` that the policy predicts.
+        """
         super().__init__()
         self.config, self._keys, self._agents = config, keys, action_size // ACTION_SIZE
         action_size += self._agents * POSE * config.tcp_actions
@@ -55,6 +60,12 @@ class DiffusionPolicy(nn.Module):
         if isinstance(self.encoder, Eyes):
             seen += self._agents * NEXT
         size = config.observation_steps * (seen + proprio_size + context_size)
+        self._phase = phase
+        self.phase: nn.Module | None = None
+        if phase:
+            self.phase = nn.Sequential(
+                *_hidden([size, 256, 256], config.dropout), nn.Linear(256, self._agents * phase)
+            )
         self.trunk = nn.Sequential(*_hidden([size, *config.trunk]))
         given = action_size if config.draft else 0
         self.unet = ConditionalUNet1D(action_size, [size, *config.trunk][-1], config.unet_channels, given)
@@ -145,10 +156,41 @@ class DiffusionPolicy(nn.Module):
         self.encoder.fit(pixels, points)
 
     def draft_loss(self, batch: Batch, generator: torch.Generator, proprio_noise: float = 0.0) -> Tensor:
-        """Mean absolute error of the draft, which is learned before the U-Net and then stays as it is."""
+        """Mean absolute error of the draft, which is learned before the U-Net and then stays as it is.
+
+        And the cross entropy of the phase, where it is predicted.
+        """
         assert self.draft is not None
         draft = self.draft(self._observed(batch, generator, proprio_noise))
-        return functional.l1_loss(draft.float(), self._clean(batch))
+        loss = functional.l1_loss(draft.float(), self._clean(batch))
+        if self.phase is None:
+            return loss
+        unknown = replace(batch, context=self._without_phase(batch.context))
+        found = self.phase(self._observed(unknown, generator, proprio_noise)).float()
+        found = found.unflatten(1, (self._agents, self._phase)).flatten(0, 1)
+        phase = batch.context[:, -1, -self._agents * self._phase :].reshape(found.shape)
+        subgoal = functional.cross_entropy(found[:, :-1], phase[:, :-1])
+        return loss + subgoal + functional.binary_cross_entropy_with_logits(found[:, -1], phase[:, -1])
+
+    def _without_phase(self, context: Tensor) -> Tensor:
+        known = context.shape[-1] - self._agents * self._phase
+        return functional.pad(context[..., :known], (0, self._agents * self._phase))
+
+    @torch.inference_mode()
+    def in_phase(self, features: Tensor, proprio: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Of raw features (B, O, F), proprioception (B, O, P) and context (B, O, C): with the phase, where it
+        is predicted, the context; and who of the own agents may go on (B, n), all where no phase is known.
+        """
+        size = self._agents * self._phase
+        if self.phase is None:
+            return context, context.new_ones(len(context), self._agents, dtype=torch.bool)
+        context = self._without_phase(context)
+        found = self.phase(self.observation(features, proprio, context)).unflatten(1, (-1, self._phase))
+        subgoal = functional.one_hot(found[..., :-1].argmax(dim=2), self._phase - 1)
+        free = found[..., -1:] > 0
+        phase = torch.cat([subgoal, free], dim=2).flatten(1).to(context.dtype)
+        told = phase[:, None].expand(-1, context.shape[1], -1)
+        return torch.cat([context[..., :-size], told], dim=2), free[..., 0]
 
     def _observed(self, batch: Batch, generator: torch.Generator, proprio_noise: float) -> Tensor:
         features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device

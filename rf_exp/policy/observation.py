@@ -55,10 +55,15 @@ class Senses:
         own = len(view.streams[0].agents)
         told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * POSE
         return (
-            own * (POSE + _MEMORY + self.subgoals + (self.subgoals > 0))
+            own * (POSE + _MEMORY + self.told)
             + (told if self.objects else 0)
             + len(view.streams) * (len(view.streams) > 1)
         )
+
+    @property
+    def told(self) -> int:
+        """Numbers by which it is told of a subgoal of an own agent, and whether that may go on."""
+        return self.subgoals + (self.subgoals > 0)
 
 
 def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
@@ -67,9 +72,7 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
         if view.coordinated:
             raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
         return Senses()
-    if view.coordinated and len(view.streams[0].agents) > 1:
-        raise ArgumentError("a coordinated architecture has policies for one agent at a time, not for all")
-    subgoals = subgoals_of(store) if view.coordinated else 0
+    subgoals = subgoals_of(store) if view.coordinated or config.phases else 0
     try:
         robots = store.identity["scene"]["robots"]
     except KeyError as error:
@@ -115,7 +118,8 @@ def context(
     """The context (..., C) of stream `row` of a view.
 
     From the measured joints of all agents (..., N, 9), world poses of objects (..., 4, 4) and what all
-    grippers have done (..., N, M), see `Memory`; behind it what a coordinator says of them, where one does.
+    grippers have done (..., N, M), see `Memory`; behind that what is told of their subgoals, which comes last
+    in the context.
     """
     if not senses.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
@@ -123,7 +127,10 @@ def context(
     base_from_world = inverse(_base(senses, stream.agents[0]))
     parts: list[NDArray[np.floating]] = []
     for agent in stream.agents:
-        parts += [_flat(base_from_world @ world_from_tcp(senses, agent, qpos)), memory[..., agent - 1, :]]
+        parts += [
+            _flat(base_from_world @ world_from_tcp(senses, agent, qpos)),
+            memory[..., agent - 1, :_MEMORY],
+        ]
     if senses.objects:
         for agent in others(senses, stream):
             parts += [
@@ -133,6 +140,7 @@ def context(
         parts += [_flat(base_from_world @ poses[name]) for name in senses.objects]
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
+    parts += [memory[..., agent - 1, _MEMORY:] for agent in stream.agents]
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
@@ -191,6 +199,11 @@ class Memory:
     def changes(self) -> NDArray[np.int64]:
         """(N,) how often the gripper of each agent has changed."""
         return self._changes
+
+    @property
+    def opened(self) -> NDArray[np.bool_]:
+        """(N,) whether the gripper of each agent was last told to open."""
+        return self._open
 
     @property
     def vector(self) -> NDArray[np.float64]:

@@ -38,6 +38,8 @@ from rf_exp.types import (
     World,
 )
 
+WAIT_STEPS = 4  # after which one who waits looks again
+
 
 class Performer:
     """Some agents that are given their targets in chunks, and what is common to all who predict them."""
@@ -155,11 +157,14 @@ class Actor(Performer):
             return
         streams, memory = self.view.streams, self._memory.vector
         if self._senses.subgoals:
-            if self.coordinated is None:
+            said = self.coordinated
+            if said is None and self.view.coordinated:
                 raise StageError(
                     f"policy {self.view.name!r} has learned with a coordinator; there is none here"
                 )
-            memory = np.concatenate([memory, told(*self.coordinated, self._senses.subgoals)], axis=-1)
+            if said is None or not self.view.coordinated:  # it will say so itself
+                said = np.zeros(len(memory), int), np.ones(len(memory), bool)
+            memory = np.concatenate([memory, told(*said, self._senses.subgoals)], axis=-1)
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
         known = np.stack(
@@ -198,13 +203,39 @@ class Actor(Performer):
         features, proprio, known = (
             torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
         )
+        known, free = self._policy.in_phase(features, proprio, known)
         actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
         now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
         chunk = actions[:, now : now + self._config.action_steps]
         if self._config.tcp_actions:
             streams = zip(self.view.streams, chunk, strict=True)
-            return np.concatenate([followed(self._senses, stream, rows) for stream, rows in streams], axis=1)
-        return chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
+            found = np.concatenate([followed(self._senses, stream, rows) for stream, rows in streams], axis=1)
+        else:
+            found = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
+        if self.view.coordinated and self.coordinated is not None:
+            waits = ~self.coordinated[1][np.array(self.view.agents) - 1]
+        else:
+            waits = ~free.flatten().cpu().numpy()
+        holds = waits | self._holds(actions[:, now:], scene)
+        found[:, holds, :ARM_JOINTS] = self._targets.last[holds]
+        if self._memory is not None:
+            opened = self._memory.opened[np.array(self.view.agents) - 1]
+            found[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
+        return found[:WAIT_STEPS] if waits.any() else found
+
+    def _holds(self, actions: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
+        """(agents of the view,) whose predicted actions (S, T, A) go nowhere.
+
+        A prediction is some millimetres off. From where an arm stands still that would be a slow drift to
+        where no demonstration has been.
+        """
+        assert self._memory is not None
+        commands = actions[..., : self.view.action_size].reshape(*actions.shape[:2], -1, ACTION_SIZE)
+        commands = commands.swapaxes(1, 2).reshape(-1, actions.shape[1], ACTION_SIZE)  # (agents, T, 8)
+        agents = np.array(self.view.agents) - 1
+        off = np.abs(commands[..., :ARM_JOINTS] - scene.qpos[agents, None, :ARM_JOINTS]).max(axis=(1, 2))
+        same = ((commands[..., ARM_JOINTS] > 0) == self._memory.opened[agents, None]).all(axis=1)
+        return (off < self._config.hold_rad) & same
 
     def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
         expected = (self._config.height, self._config.width, 3)

@@ -135,7 +135,7 @@ def made_of(folder: Path) -> dict[str, Any]:
 def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPolicy:
     """A freshly initialised policy of a view."""
     sizes = view.proprio_size, view.action_size, senses.size(view), senses.keypoints(view), senses.keys
-    return DiffusionPolicy(config, *sizes)
+    return DiffusionPolicy(config, *sizes, senses.told if config.phases and not view.coordinated else 0)
 
 
 def load_policy(

@@ -26,6 +26,12 @@ class Targets:
         """The targets left for the agent that has the fewest."""
         return min(map(len, self._queues))
 
+    @property
+    def last(self) -> NDArray[np.float64]:
+        """(agents, 7) the arm targets given last, or where motion begins."""
+        assert self._last is not None
+        return self._last
+
     def start(self, qpos: NDArray[np.float64]) -> None:
         """Measured joints (agents, 9), where motion begins; nothing once it has begun."""
         if self._last is None:
