@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,14 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.coordination import GRIPPING_STEPS, hesitates, may_go, subgoals_of, told
 from rf_exp.policy.dataset import Windows
+from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import senses_of
-from rf_exp.policy.rollout import load_actors, rollout
+from rf_exp.policy.rollout import WAIT_STEPS, Actor, load_actors, rollout
 from rf_exp.policy.train import train
 from rf_exp.policy.views import views
 from rf_exp.store import Store
 from rf_exp.types import Arch, Scene
-from tests.policy.conftest import REST, STEPS
+from tests.policy.conftest import ARCHS, REST, STEPS
 from tests.policy.test_rollout import Table, judge
 
 COORDINATED = Arch("separate_coordinated", False, False, True)
@@ -115,9 +117,63 @@ def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
     (view, _) = views(COORDINATED, 2)
     with pytest.raises(ArgumentError, match="a coordinated architecture needs policy"):
         senses_of(policy_config, make_store(2, 3), view)
-    joint = Arch("joint_coordinated", True, True, True)
-    with pytest.raises(ArgumentError, match="has policies for one agent at a time"):
-        senses_of(replace(policy_config, context=True), make_store(2, 3), views(joint, 2)[0])
+    with pytest.raises(ArgumentError, match="phases is True; expected false without context and a draft"):
+        replace(policy_config, context=True, phases=True)
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
+    arch: Arch, make_store, knowing: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch
+) -> None:
+    """The last numbers of the context, of each own agent. Who may not go on stays, and looks again soon."""
+    store: Store = make_store(2, 3)
+    config = replace(knowing, phases=True, draft=(16,), action_steps=8, horizon=8, observation_steps=1)
+    for view in views(arch, 2):
+        train(store, view, config, replace(train_config, draft_steps=4), tmp_path / view.name)
+        windows = Windows(store, view, config, torch.device("cpu"))
+        for row, stream in enumerate(view.streams):
+            said = windows.context[row * store.steps : (row + 1) * store.steps, -3 * len(stream.agents) :]
+            for column, agent in enumerate(stream.agents):
+                numbers = said[:, 3 * column : 3 * column + 2].argmax(dim=1).numpy()
+                assert np.array_equal(numbers, store.subgoal[:, agent - 1])
+    actors = load_actors(tmp_path)
+    looks: list[bool] = []
+
+    def stay(actor: Actor, features: torch.Tensor, proprio: torch.Tensor, context: torch.Tensor):
+        found, free = DiffusionPolicy.in_phase(actor._policy, features, proprio, context)
+        own = 3 * len(actor.view.streams[0].agents)
+        assert found.shape == context.shape and torch.equal(found[..., :-own], context[..., :-own])
+        phase = found[..., -own:].unflatten(-1, (-1, 3))
+        assert (phase[..., :2].sum(dim=-1) == 1).all() and torch.equal(phase[:, 0, :, 2] > 0, free)
+        looks.append(True)
+        return found, torch.zeros_like(free)
+
+    for actor in actors:
+        monkeypatch.setattr(actor._policy, "in_phase", partial(stay, actor))
+    world = Table(2)
+    start = world.reset(1).qpos[:, :7]
+    rollout(world, judge, actors, 1, 2 * WAIT_STEPS)
+    assert np.array_equal(np.stack(world.actions)[..., :7], np.tile(start, (2 * WAIT_STEPS, 1, 1)))
+    assert (np.stack(world.actions)[..., 7] == 1.0).all()
+    assert len(looks) == 2 * len(actors)
+
+
+def test_a_prediction_that_goes_nowhere_moves_nothing(
+    make_store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch
+) -> None:
+    config = replace(policy_config, context=True, hold_rad=0.03)
+    (view, *_) = views(ARCHS[0], 2)  # one policy for both
+    train(make_store(2, 3), view, config, train_config, tmp_path / view.name)
+    (actor,) = load_actors(tmp_path)
+    world = Table(2)
+    start = world.reset(1)
+    targets = np.tile(np.append(np.zeros(7), 1.0), (1, 8, 2))
+    targets[..., :7] = start.qpos[0, :7] + 0.02  # agent 1 stays within the bound, agent 2 ends outside
+    targets[..., 8:15] = start.qpos[1, :7] + np.linspace(0, 0.04, 8)[:, None]
+    monkeypatch.setattr(actor._policy, "act", lambda *_: torch.from_numpy(targets))
+    rollout(world, judge, [actor], 1, 3)
+    moved = np.abs(np.stack(world.actions)[..., :7] - start.qpos[:, :7]).max(axis=(0, 2))
+    assert moved[0] == 0 and moved[1] > 0
 
 
 def test_a_store_that_does_not_say_who_did_what_is_refused(

@@ -1,0 +1,61 @@
+"""How much of the objects the depth cameras see at the start, and how much of what they see is there.
+
+    python benchmarks/depth.py [--task all] [--seeds 5]
+
+Shares of voxels, a line of JSON a task and one of all: `seen` of those that the objects fill by their poses, and
+`seen_or_below` with what is taken to be filled below the seen; `there` of those that are seen, and `there_below`
+with those below. Needs Vulkan.
+"""
+
+import argparse
+import json
+
+from rf_exp.command import CONF
+from rf_exp.constraints.depth import look
+from rf_exp.constraints.occupancy import shared, voxels
+from rf_exp.constraints.seen import down_to_table
+from rf_exp.constraints.world import Bodies
+from rf_exp.sim import Simulator
+from rf_exp.tasks.configuration import read_task
+
+TASKS = sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all")
+SIZE_PX = {"width_px": 320, "height_px": 240}
+
+
+def counted(name: str, seeds: int) -> dict[str, int]:
+    """Voxels: filled by the poses, seen, seen or below, and of both those that are filled."""
+    found = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
+    with Simulator(read_task(CONF / "task" / f"{name}.yaml"), **SIZE_PX) as world:
+        for seed in range(seeds):
+            bodies = Bodies(world.task, world.reset(seed))
+            filled = voxels(bodies.standing(list(world.task.objects)))
+            seen = look(world.depth(), world.camera_models(), bodies)
+            below = down_to_table(seen)
+            found["filled"] += len(filled)
+            found["seen"] += len(seen)
+            found["below"] += len(below)
+            found["seen_filled"] += len(shared(seen, filled))
+            found["below_filled"] += len(shared(below, filled))
+    return found
+
+
+def shares(found: dict[str, int]) -> dict[str, float]:
+    return {
+        "seen": round(found["seen_filled"] / found["filled"], 3),
+        "seen_or_below": round(found["below_filled"] / found["filled"], 3),
+        "there": round(found["seen_filled"] / found["seen"], 3),
+        "there_below": round(found["below_filled"] / found["below"], 3),
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--task", default="all", choices=["all", *TASKS])
+    parser.add_argument("--seeds", type=int, default=5)
+    arguments = parser.parse_args()
+    total: dict[str, int] = {}
+    for task in TASKS if arguments.task == "all" else [arguments.task]:
+        found = counted(task, arguments.seeds)
+        total = {key: total.get(key, 0) + count for key, count in found.items()}
+        print(json.dumps({"task": task, **shares(found)}), flush=True)
+    print(json.dumps({"task": "all", **shares(total)}))
