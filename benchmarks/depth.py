@@ -2,9 +2,9 @@
 
     python benchmarks/depth.py [--task all] [--seeds 5]
 
-Shares of voxels, a line of JSON a task and one of all: `seen` of those that the objects fill by their poses, and
-`seen_or_below` with what is taken to be filled below the seen; `there` of those that are seen, and `there_below`
-with those below. Needs Vulkan.
+Shares of voxels, a line of JSON a task and one of all: `seen` of those that the objects fill by their poses,
+and `seen_or_below` with what is taken to be filled below the seen; `there` of those that are seen, and
+`there_below` with those below. Needs Vulkan.
 """
 
 import argparse
