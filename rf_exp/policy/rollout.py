@@ -199,43 +199,47 @@ class Actor(Performer):
                     yield Sight(stream.camera, agent, float(x), float(y), bool(goes))
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
-        """Sampled from what was observed."""
+        """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
+        assert self._memory is not None
         features, proprio, known = (
             torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
         )
         known, free = self._policy.in_phase(features, proprio, known)
         actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
-        now = self._config.observation_steps - 1  # the chunk starts at the oldest observation
-        chunk = actions[:, now : now + self._config.action_steps]
-        if self._config.tcp_actions:
-            streams = zip(self.view.streams, chunk, strict=True)
-            found = np.concatenate([followed(self._senses, stream, rows) for stream, rows in streams], axis=1)
-        else:
-            found = chunk.transpose(1, 0, 2).reshape(chunk.shape[1], -1, ACTION_SIZE)
-        if self.view.coordinated and self.coordinated is not None:
-            waits = ~self.coordinated[1][np.array(self.view.agents) - 1]
+        actions = actions[
+            :, self._config.observation_steps - 1 :
+        ]  # the chunk starts at the oldest observation
+        agents = np.array(self.view.agents) - 1
+        opened = self._memory.opened[agents]
+        if self.coordinated is not None and self.view.coordinated:
+            waits = ~self.coordinated[1][agents]
         else:
             waits = ~free.flatten().cpu().numpy()
-        holds = waits | self._holds(actions[:, now:], scene)
-        found[:, holds, :ARM_JOINTS] = self._targets.last[holds]
-        if self._memory is not None:
-            opened = self._memory.opened[np.array(self.view.agents) - 1]
-            found[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
-        return found[:WAIT_STEPS] if waits.any() else found
+        stays = waits | self._goes_nowhere(actions, scene.qpos[agents, :ARM_JOINTS], opened)
+        chunk = self._commands(actions[:, : self._config.action_steps])
+        chunk[:, stays, :ARM_JOINTS] = self._targets.last[stays]
+        chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
+        return chunk[:WAIT_STEPS] if waits.any() else chunk
 
-    def _holds(self, actions: NDArray[np.float64], scene: Scene) -> NDArray[np.bool_]:
-        """(agents of the view,) whose predicted actions (S, T, A) go nowhere.
+    def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
+        if self._config.tcp_actions:
+            streams = zip(self.view.streams, actions, strict=True)
+            return np.concatenate([followed(self._senses, stream, rows) for stream, rows in streams], axis=1)
+        return actions.transpose(1, 0, 2).reshape(actions.shape[1], -1, ACTION_SIZE).copy()
+
+    def _goes_nowhere(
+        self, actions: NDArray[np.float64], joints: NDArray[np.float64], opened: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """(agents of the view,) whose predicted actions (S, T, A) all stay near their joints and gripper.
 
         A prediction is some millimetres off. From where an arm stands still that would be a slow drift to
         where no demonstration has been.
         """
-        assert self._memory is not None
-        commands = actions[..., : self.view.action_size].reshape(*actions.shape[:2], -1, ACTION_SIZE)
-        commands = commands.swapaxes(1, 2).reshape(-1, actions.shape[1], ACTION_SIZE)  # (agents, T, 8)
-        agents = np.array(self.view.agents) - 1
-        off = np.abs(commands[..., :ARM_JOINTS] - scene.qpos[agents, None, :ARM_JOINTS]).max(axis=(1, 2))
-        same = ((commands[..., ARM_JOINTS] > 0) == self._memory.opened[agents, None]).all(axis=1)
-        return (off < self._config.hold_rad) & same
+        told = actions[..., : self.view.action_size].transpose(1, 0, 2)
+        told = told.reshape(len(told), -1, ACTION_SIZE)  # (T, agents, 8)
+        near = np.abs(told[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.hold_rad
+        return near & ((told[..., ARM_JOINTS] > 0) == opened).all(axis=0)
 
     def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
         expected = (self._config.height, self._config.width, 3)
