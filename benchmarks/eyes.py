@@ -64,7 +64,7 @@ def main() -> None:
         policy = training.averaged()
         policy.lift_eyes(windows.pixels, windows.points)
         unseen = np.arange(len(windows), len(everything))
-        pictures, pixels, headings = everything.marked(unseen)
+        pictures, pixels, headings, _ = everything.marked(unseen)
         points = everything.points[torch.from_numpy(unseen)]
         began = time.process_time()
         with torch.inference_mode():

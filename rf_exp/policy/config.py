@@ -21,7 +21,7 @@ ACTING = (
     "inference_diffusion_steps",
 )  # of a policy; they change no weight
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 4
+LEARNER = 5
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 

@@ -22,7 +22,7 @@ from rf_exp.policy.coordination import hesitates, may_go, sent_on, told
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.normaliser import Normaliser, largest_change
-from rf_exp.policy.observation import context, of_agent, proprioception, remembered, senses_of
+from rf_exp.policy.observation import context, of_agent, others, proprioception, remembered, senses_of
 from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
@@ -110,11 +110,15 @@ class Windows:
             pictures = [_pictures(store, stream.camera, config)[kept] for stream in view.streams]
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
         self.pixels = self.points = self.headings = torch.empty(0)  # of keypoints, see `Keypoints`
+        self.doing = torch.empty(0)  # (S * T, N) the subgoals of the other agents
         if config.encoder == "heatmaps" and config.observation == "pictures":
             found = [keypoints(store, stream, senses, kept) for stream in view.streams]
             self.pixels = self._stack([each.pixels for each in found])
             self.points = self._stack([each.points for each in found])
             self.headings = self._stack([each.headings for each in found])
+            doing = store.subgoal[kept].astype(np.int64)
+            watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
+            self.doing = self._stack([doing[:, columns] for columns in watched])
         late = np.concatenate([hesitates(*each[1:]) for each in _episodes(store)])[kept]
         self._going = [  # of each agent of a stream
             _Going(np.concatenate([late[:, agents[row]] for agents in columns]))
@@ -210,9 +214,10 @@ class Windows:
 
     def marked(
         self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None
-    ) -> tuple[Tensor, Tensor, Tensor]:
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """The newest pictures (B, H, W, 3) of windows, and the pixels and headings of their keypoints.
 
+        And the subgoals that the other agents are at then (B, N).
         With `rng` each picture is shifted by up to `shift_px` pixels either way, and its keypoints with it.
         """
         chosen = self._index(windows)
@@ -228,7 +233,7 @@ class Windows:
             pictures = pictures[each, rows[:, :, None], columns[:, None]]
             by = torch.from_numpy((shifts / size)[:, None, ::-1].astype(np.float32))
             pixels = pixels + by.to(self._device)
-        return pictures, pixels, self.headings[chosen]
+        return pictures, pixels, self.headings[chosen], self.doing[chosen]
 
     def look_once(self, encode: Callable[[Tensor], Tensor]) -> Tensor:
         """Encode every picture, from now on for good. Returns the features (S * T, F)."""

@@ -44,10 +44,12 @@ class DiffusionPolicy(nn.Module):
         keypoints: int = 0,
         keys: int = 0,
         phase: int = 0,
+        watched: tuple[int, int] = (0, 0),
     ) -> None:
         """Heat maps look for so many `keypoints`: `keys` of each own agent's gripper, its end, the others.
 
-        So many last numbers of the context for each own agent are a `phase` that the policy predicts.
+        So many last numbers of the context for each own agent are a `phase` that the policy predicts. So many
+        others, each of which has so many subgoals, are `watched`.
         """
         super().__init__()
         self.config, self._keys, self._agents = config, keys, action_size // ACTION_SIZE
@@ -55,7 +57,9 @@ class DiffusionPolicy(nn.Module):
         self.action_size = action_size  # of joints and grippers, and behind them of the poses of TCPs
         self.encoder: ResNet18 | Compact | Eyes | Blind = Blind()
         if config.observation == "pictures":
-            self.encoder = Eyes(keypoints) if config.encoder == "heatmaps" else encoder(config.encoder)
+            self.encoder = (
+                Eyes(keypoints, *watched) if config.encoder == "heatmaps" else encoder(config.encoder)
+            )
         seen = self.encoder.features
         if isinstance(self.encoder, Eyes):
             seen += self._agents * NEXT
@@ -145,10 +149,10 @@ class DiffusionPolicy(nn.Module):
         error = functional.mse_loss if self.config.loss == "mse" else functional.l1_loss
         return error(prediction.float(), self._target(clean, noise, steps))
 
-    def eyes_loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor) -> Tensor:
-        """Of pictures (B, H, W, 3) and the places and headings of their keypoints."""
+    def eyes_loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor, doing: Tensor) -> Tensor:
+        """Of pictures (B, H, W, 3), places and headings of their keypoints, and subgoals of the others."""
         assert isinstance(self.encoder, Eyes)
-        return self.encoder.loss(_scaled(pictures), pixels, headings)
+        return self.encoder.loss(_scaled(pictures), pixels, headings, doing)
 
     def lift_eyes(self, pixels: Tensor, points: Tensor) -> None:
         """Tells heat maps where the points (N, M, 3) are that stand at `pixels` (N, M, 2) of pictures."""
@@ -201,12 +205,13 @@ class DiffusionPolicy(nn.Module):
             shape = len(batch), 1, self.encoder.keypoints, PLACED
             shift = torch.randn(shape, generator=generator, device=device)
             shift = self.config.keypoint_noise * functional.pad(shift, (0, OUT - PLACED)).flatten(2)
-            features = features + shift
+            features = features + functional.pad(shift, (0, features.shape[2] - shift.shape[2]))
         return self.observation(features, proprio, batch.context)
 
     def pointed(self, features: Tensor, context: Tensor) -> Tensor:
         """What the eyes see (B, O, M * OUT), and where each own arm goes next, also as seen from its TCP."""
-        keypoints = features.unflatten(2, (-1, OUT))
+        assert isinstance(self.encoder, Eyes)
+        keypoints = features[..., : self.encoder.keypoints * OUT].unflatten(2, (-1, OUT))
         parts = [features]
         for agent in range(self._agents):
             tcp, changes = of_agent(context, agent)

@@ -20,7 +20,7 @@ PEAK = 5  # cells, side of the square round the largest one whose middle is take
 # What moves through the room, as another arm does, has a place in the picture to half a pixel, but no point.
 PLACED = (3 + 2) * len(HAND)
 OUT = PLACED + HEADING + 1
-PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropy
+PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropies
 TERMS = 10  # of a polynomial of third degree in two variables
 RIDGE = 1e-6
 
@@ -55,13 +55,17 @@ class _Each(nn.Module):
 
 
 class Eyes(nn.Module):
-    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT) of M keypoints, each P = len(HAND) points."""
+    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT + N * S).
+
+    Of M keypoints, each P = len(HAND) points, and of each of N others how likely it is at each of S subgoals.
+    """
 
     lift: Tensor  # (M * P, TERMS, 3) m
 
-    def __init__(self, keypoints: int) -> None:
+    def __init__(self, keypoints: int, others: int = 0, subgoals: int = 0) -> None:
         super().__init__()
-        self.keypoints, self.features = keypoints, keypoints * OUT
+        self.keypoints, self._others = keypoints, others
+        self.features = keypoints * OUT + others * subgoals
         self.trunk = nn.Sequential(
             nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
             nn.GroupNorm(4, CHANNELS),
@@ -72,14 +76,23 @@ class Eyes(nn.Module):
         self.pool = nn.Linear(CHANNELS, POOLED)
         self.register_buffer("lift", torch.zeros(keypoints * len(HAND), TERMS, 3))
         self.turn = _Each(keypoints, POOLED, 32, HEADING)
+        # Who is done looks like who has not begun; what it has left behind does not.
+        self.tell: nn.Module | None = None
+        if others * subgoals:
+            self.tell = nn.Sequential(
+                nn.Linear(keypoints * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, others * subgoals)
+            )
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
-    def read(self, maps: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Places in the picture (B, M * P, 2) from 0 to 1, headings (B, M, HEADING), trust (B, M)."""
+    def read(self, maps: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Places in the picture (B, M * P, 2) from 0 to 1, headings (B, M, HEADING), trust (B, M).
+
+        And of each other agent, as logits, the subgoal that it is at (B, N, S).
+        """
         chance = maps.flatten(2).softmax(dim=2).unflatten(2, maps.shape[2:])
         near = _peaks(chance)
         total = near.sum(dim=(2, 3))
@@ -88,7 +101,11 @@ class Eyes(nn.Module):
         x = (near.sum(dim=2) @ columns) / total / maps.shape[3]
         weights = (near / total[..., None, None]).flatten(2)[:, :: len(HAND)]
         pooled = self.pool(weights @ seen.flatten(2).transpose(1, 2))  # (B, M, POOLED), at the TCPs
-        return torch.stack([x, y], dim=2), self.turn(pooled), total[:, :: len(HAND)]
+        doing = maps.new_zeros(len(maps), 0, 0)
+        if self.tell is not None:
+            told = self.tell(torch.cat([pooled.flatten(1), seen.mean(dim=(2, 3))], dim=1))
+            doing = told.unflatten(1, (self._others, -1))
+        return torch.stack([x, y], dim=2), self.turn(pooled), total[:, :: len(HAND)], doing
 
     def fit(self, pixels: Tensor, points: Tensor) -> None:
         """Lift places (N, M * P, 2) to points (N, M * P, 3) in m, by least squares; NaN is left out."""
@@ -99,22 +116,26 @@ class Eyes(nn.Module):
             self.lift[key] = torch.linalg.solve(normal, terms.T @ targets).float()
 
     def see(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """Features (B, M * OUT), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
-        places, headings, sure = self.read(*self.look(pictures))
+        """Features (B, F), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
+        places, headings, sure, doing = self.read(*self.look(pictures))
         points = torch.einsum("bkt,ktc->bkc", _terms(places), self.lift).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
         where = places.unflatten(1, (-1, len(HAND))).flatten(2)
         features = torch.cat([hands, where, headings, sure[..., None]], dim=2)
-        return features.flatten(1), places[:, :: len(HAND)]
+        features = torch.cat([features.flatten(1), doing.softmax(dim=2).flatten(1)], dim=1)
+        return features, places[:, :: len(HAND)]
 
     def forward(self, pictures: Tensor) -> Tensor:
         return self.see(pictures)[0]
 
-    def loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor) -> Tensor:
-        """Of pictures whose keypoints are at `pixels` (B, M * P, 2) and head so; NaN is not seen."""
+    def loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor, doing: Tensor) -> Tensor:
+        """Of pictures whose keypoints are at `pixels` (B, M * P, 2) and head so; NaN is not seen.
+
+        `doing` (B, N) are the subgoals of the others.
+        """
         maps, seen = self.look(pictures)
-        found, turned, _ = self.read(maps, seen)
+        found, turned, _, told = self.read(maps, seen)
         inside = _inside(pixels)
         if not inside.any():
             return maps.sum() * 0.0
@@ -122,7 +143,8 @@ class Eyes(nn.Module):
         off = (found - pixels)[inside].abs().mean() * maps.shape[3]
         hands = inside[:, :: len(HAND)]
         turn = (turned - headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
-        return cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
+        loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
+        return loss if self.tell is None else loss + functional.cross_entropy(told.mT, doing)
 
 
 def _inside(pixels: Tensor) -> Tensor:

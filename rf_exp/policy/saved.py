@@ -135,7 +135,9 @@ def made_of(folder: Path) -> dict[str, Any]:
 def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPolicy:
     """A freshly initialised policy of a view."""
     sizes = view.proprio_size, view.action_size, senses.size(view), senses.keypoints(view), senses.keys
-    return DiffusionPolicy(config, *sizes, senses.told if config.phases and not view.coordinated else 0)
+    phase = senses.told if config.phases and not view.coordinated else 0
+    others = len(senses.bases) - len(view.streams[0].agents) if config.phases else 0
+    return DiffusionPolicy(config, *sizes, phase, (others, senses.subgoals))
 
 
 def load_policy(

@@ -148,8 +148,8 @@ def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyCon
     """Wherever a keypoint still is in the picture, the same colours are round it as before."""
     windows = Windows(make_store(1, 3), View("agent1", (Stream("agent1", (1,)),)), seeing, CPU)
     chosen, rng = np.arange(0, len(windows), 3), np.random.default_rng(0)
-    pictures, pixels, _ = windows.marked(chosen)
-    shifted, moved, _ = windows.marked(chosen, 8, rng)
+    pictures, pixels, _, _ = windows.marked(chosen)
+    shifted, moved, _, _ = windows.marked(chosen, 8, rng)
     by = ((moved - pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
     assert len(by.unique(dim=0)) > 20 and by.abs().max() == 8
     for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
