@@ -109,35 +109,42 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
 
 
 def test_eyes_learn_to_find_what_is_shown() -> None:
-    """Within a pixel, after a hundred steps, where a cell is four pixels wide."""
+    """Within a pixel, after a hundred steps, where a cell is four pixels wide; and at what another one is."""
     torch.manual_seed(0)
-    eyes, rng = Eyes(1), np.random.default_rng(0)
+    eyes, rng = Eyes(1, 1, 2), np.random.default_rng(0)
     optimiser = torch.optim.AdamW(eyes.parameters(), 4e-3)
 
-    def shown(count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def shown(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         places = rng.uniform(0.15, 0.85, (count, len(HAND), 2))
+        doing = rng.integers(0, 2, (count, 1))
         pictures = np.full((count, 3, 48, 64), -0.2, np.float32)
         rows, columns = np.mgrid[:48, :64] + 0.5
-        for picture, hand in zip(pictures, places, strict=True):
+        for picture, hand, (left_behind,) in zip(pictures, places, doing, strict=True):
             for colour, (x, y) in enumerate(hand):
                 picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
-        return torch.from_numpy(pictures), torch.from_numpy(places.astype(np.float32))
+            picture[2] += left_behind * (picture[0] + 0.2)
+        return (
+            torch.from_numpy(pictures),
+            torch.from_numpy(places.astype(np.float32)),
+            torch.from_numpy(doing),
+        )
 
     for _ in range(100):
-        pictures, pixels = shown(16)
+        pictures, pixels, doing = shown(16)
         pixels[0, 0] = torch.nan  # past
-        loss = eyes.loss(pictures, pixels, torch.zeros(16, 1, 6))
+        loss = eyes.loss(pictures, pixels, torch.zeros(16, 1, 6), doing)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    _, pixels = shown(200)
+    _, pixels, _ = shown(200)
     pixels[:20, 0] = torch.nan
     eyes.fit(pixels, torch.nn.functional.pad(pixels**2, (0, 1)))
-    pictures, pixels = shown(64)
+    pictures, pixels, doing = shown(64)
     features, places = eyes.eval().see(pictures)
     found, *_ = eyes.read(*eyes.look(pictures))
     off = (found - pixels) * torch.tensor([64, 48])
     assert off.norm(dim=2).quantile(0.9) < CELL / 4
+    assert (features[:, -2:].argmax(dim=1, keepdim=True) == doing).float().mean() > 0.9
     assert torch.equal(places, found[:, :1])
     points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), pixels**2
     expected[:, 1:] -= expected[:, :1]
@@ -159,7 +166,7 @@ def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyCon
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
     eyes, nowhere = Eyes(1), torch.full((2, len(HAND), 2), torch.nan)
-    loss = eyes.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 6))
+    loss = eyes.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 6), torch.zeros(2, 0))
     eyes.fit(nowhere, torch.zeros(2, len(HAND), 3))
     assert torch.equal(eyes.lift, torch.zeros(len(HAND), 10, 3))
     loss.backward()
