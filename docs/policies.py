@@ -50,6 +50,8 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   A second point of the hand, 10 cm across, lies where a tool works: Strike Cube rose from 94 to 100 of 100
   with it, and with pictures that are shifted at random while the heat maps are learned.
   Own cameras show what their agent works at, not the whole room: a pixel is 3 to 6 mm.
+  And from the picture as a whole they tell at which subgoal each other agent is: an arm that is done stands
+  where it has begun, but what it has left behind does not.
 - **A draft and its refinement** (`policy.draft`): a perceptron makes a chunk of actions, the diffusion
   U-Net says what to change about it.
 - **Actions as motions of hands** (`policy.tcp_actions`): where the TCP goes is predicted beside the joints,
