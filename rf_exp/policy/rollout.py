@@ -205,16 +205,17 @@ class Actor(Performer):
             torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
         )
         known, free = self._policy.in_phase(features, proprio, known)
-        actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
-        actions = actions[
-            :, self._config.observation_steps - 1 :
-        ]  # the chunk starts at the oldest observation
         agents = np.array(self.view.agents) - 1
         opened = self._memory.opened[agents]
         if self.coordinated is not None and self.view.coordinated:
             waits = ~self.coordinated[1][agents]
         else:
             waits = ~free.flatten().cpu().numpy()
+        if waits.all():
+            stay = np.column_stack([self._targets.last, np.where(opened, 1.0, -1.0)])
+            return np.tile(stay, (WAIT_STEPS, 1, 1))
+        actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
+        actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         stays = waits | self._goes_nowhere(actions, scene.qpos[agents, :ARM_JOINTS], opened)
         chunk = self._commands(actions[:, : self._config.action_steps])
         chunk[:, stays, :ARM_JOINTS] = self._targets.last[stays]
