@@ -19,13 +19,12 @@ from rf_exp.sim import Simulator
 from rf_exp.tasks.configuration import read_task
 
 TASKS = sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all")
-SIZE_PX = {"width_px": 320, "height_px": 240}
 
 
 def counted(name: str, seeds: int) -> dict[str, int]:
     """Voxels: filled by the poses, seen, seen or below, and of both those that are filled."""
-    found = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
-    with Simulator(read_task(CONF / "task" / f"{name}.yaml"), **SIZE_PX) as world:
+    found: dict[str, int] = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
+    with Simulator(read_task(CONF / "task" / f"{name}.yaml"), width_px=320, height_px=240) as world:
         for seed in range(seeds):
             bodies = Bodies(world.task, world.reset(seed))
             filled = voxels(bodies.standing(list(world.task.objects)))

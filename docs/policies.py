@@ -49,7 +49,7 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   (Two Robots Stack Cube: 70 of 100 scenes, 25 with a violation); given the place as well, 80 of 100 and 13.
   A second point of the hand, 10 cm across, lies where a tool works: Strike Cube rose from 94 to 100 of 100
   with it, and with pictures that are shifted at random while the heat maps are learned.
-  Own cameras show what their agent works at, not the whole room: a pixel is 3 to 6 mm.
+  Own cameras show what their agent works at, not the whole room: a pixel is 4 to 10 mm.
   And from the picture as a whole they tell at which subgoal each other agent is: an arm that is done stands
   where it has begun, but what it has left behind does not.
 - **A draft and its refinement** (`policy.draft`): a perceptron makes a chunk of actions, the diffusion
