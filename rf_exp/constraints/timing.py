@@ -5,8 +5,8 @@ serves (`search.solve`). Agents wait only at knots, where they stand still anywa
 a schedule has the accelerations of its trajectories.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations, groupby
 from typing import Protocol
 
@@ -146,47 +146,54 @@ def schedule(
                 apart_s = abs(length_a - length_b) * CONTROL_DT_S
                 return Violation(CHECK, "time", (a, b), 0.0, apart_s, 0.0, reason)
             demands.lockstep(a, start_a, b, start_b, length_a)
+    asked = {*demands.dwells}
+    apart: dict[tuple[int, int], Mask] = {}
     if delays is not None:
-        return _delayed(demands, diagrams, delays, budget)
-    problem, real = _problem(demands, diagrams)
+        apart = {pair: diagram & ~_joined(demands, pair) for pair, diagram in diagrams.items()}
+        for key, steps in delays.pauses.items():
+            demands.dwells[key] = max(steps, demands.dwells.get(key, 0))
+    hard = {pair: diagram & ~apart[pair] if pair in apart else diagram for pair, diagram in diagrams.items()}
+    problem, real = _problem(demands, hard, apart, delays.slack_steps if delays is not None else 0)
     answer = search.solve(problem, budget)
     if isinstance(answer, search.Impossible):
         return _explain(answer, problem, real, demands, diagrams)
     columns = [real[k][answer.positions[:, k]] for k in range(len(trajectories))]
-    return Schedule(np.stack(columns, axis=1), answer.bound)
+    found = Schedule(np.stack(columns, axis=1), answer.bound)
+    if delays is None:
+        return found
+    return replace(found, hesitates=_hesitates(found.positions, demands, diagrams, asked, delays.slack_steps))
 
 
-def _delayed(
-    demands: Demands, diagrams: Mapping[tuple[int, int], Mask], delays: Delays, budget: int
-) -> Schedule | Violation:
-    """The shortest schedule with delays; where nothing forbids it, a pause is somebody's own."""
-    hard, apart = {}, {}
-    for (i, j), diagram in diagrams.items():
-        joined = np.zeros_like(diagram)  # who carries one thing with another cannot be late alone
-        for _, runs in joint_runs(demands.trajectories):
-            of = {agent: slice(start, start + length + 1) for agent, start, length in runs}
-            if i in of and j in of:
-                joined[of[i], of[j]] = True
-        hard[i, j], apart[i, j] = diagram & joined, diagram & ~joined
-    asked = dict(demands.dwells)
-    for key, steps in delays.pauses.items():
-        demands.dwells[key] = max(steps, demands.dwells.get(key, 0))
-    problem, real = _problem(demands, hard, apart, delays.slack_steps)
-    answer = search.solve(problem, budget)
-    if isinstance(answer, search.Impossible):
-        return _explain(answer, problem, real, demands, diagrams)
-    positions = np.stack([of[answer.positions[:, k]] for k, of in enumerate(real)], axis=1)
+def _joined(demands: Demands, pair: tuple[int, int]) -> Mask:
+    """Positions at which two agents carry one thing: neither can be late alone."""
+    i, j = pair
+    found = np.zeros((len(demands.trajectory(i)) + 1, len(demands.trajectory(j)) + 1), dtype=bool)
+    for _, runs in joint_runs(demands.trajectories):
+        of = {agent: slice(start, start + length + 1) for agent, start, length in runs}
+        if i in of and j in of:
+            found[of[i], of[j]] = True
+    return found
+
+
+def _hesitates(
+    positions: NDArray[np.int64],
+    demands: Demands,
+    diagrams: Mapping[tuple[int, int], Mask],
+    asked: Collection[tuple[int, int]],
+    slack: int,
+) -> NDArray[np.bool_]:
+    """(T + 1, N) who stays though it could go on, but for dwells that were asked for."""
     forbidden = dict(diagrams)
     for pair, cells in demands.cells.items():
         forbidden[pair] = forbidden[pair] | cells if pair in forbidden else cells
-    hesitates = np.zeros(positions.shape, dtype=bool)
+    found = np.zeros(positions.shape, dtype=bool)
     for trajectory in demands.trajectories:
         k = trajectory.agent - 1
         for start, end in _stays(positions[:, k], len(trajectory)):
             if (trajectory.agent, int(positions[start, k])) not in asked:
-                first = _free_from(positions, k, start, end, trajectory.knots, forbidden, delays.slack_steps)
-                hesitates[first + 1 : end + 1, k] = True
-    return Schedule(positions, answer.bound, hesitates)
+                first = _free_from(positions, k, start, end, trajectory.knots, forbidden, slack)
+                found[first + 1 : end + 1, k] = True
+    return found
 
 
 def _stays(positions: NDArray[np.int64], last: int) -> Iterable[tuple[int, int]]:
@@ -231,8 +238,8 @@ def _free_from(
 def _problem(
     demands: Demands,
     diagrams: Mapping[tuple[int, int], Mask],
-    apart: Mapping[tuple[int, int], Mask] | None = None,
-    slack: int = 0,
+    apart: Mapping[tuple[int, int], Mask],
+    slack: int,
 ) -> tuple[search.Problem, tuple[NDArray[np.int64], ...]]:
     """The search problem, in which dwells are extra positions, and the real position of each of them."""
     real: list[NDArray[np.int64]] = []
@@ -267,7 +274,7 @@ def _problem(
         for agent, position, steps in demands.deadlines
     )
     lengths = tuple(len(each) - 1 for each in real)
-    passed = {(i - 1, j - 1): mask[real[i - 1]][:, real[j - 1]] for (i, j), mask in (apart or {}).items()}
+    passed = {(i - 1, j - 1): mask[real[i - 1]][:, real[j - 1]] for (i, j), mask in apart.items()}
     return search.Problem(tuple(knots), lengths, forbidden, deadlines, passed, slack), tuple(real)
 
 

@@ -153,12 +153,13 @@ class Planner:
     ) -> Schedule | Violation:
         """With as much of the delays as can be had."""
         steps = round(self._settings.delay_s * CONTROL_HZ)
-        several = len(trajectories) > 1  # one arm alone waits for nobody
-        pausing = _pauses(trajectories, steps, pauses) if steps and several and pauses is not None else {}
-        for slack in (steps, steps // 2) if steps else ():
-            timed = checker.schedule(trajectories, scene, Delays(slack, pausing))
-            if isinstance(timed, Schedule):
-                return timed
+        if steps:
+            several = len(trajectories) > 1  # one arm alone waits for nobody
+            pausing = _pauses(trajectories, steps, pauses) if several and pauses is not None else {}
+            for slack in (steps, steps // 2):
+                timed = checker.schedule(trajectories, scene, Delays(slack, pausing))
+                if isinstance(timed, Schedule):
+                    return timed
         return checker.schedule(trajectories, scene)
 
 

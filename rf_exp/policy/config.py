@@ -14,12 +14,8 @@ SAMPLERS = ("ddpm", "ddim")
 PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
-ACTING = (
-    "action_steps",
-    "hold_rad",
-    "sampler",
-    "inference_diffusion_steps",
-)  # of a policy; they change no weight
+# Of a policy; they change no weight.
+ACTING = ("action_steps", "hold_rad", "sampler", "inference_diffusion_steps")
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 5
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
@@ -53,9 +49,7 @@ class PolicyConfig:
     horizon: int = 8  # actions predicted, the first at the oldest observation
     observation_steps: int = 3
     action_steps: int = 6  # executed before the next prediction
-    hold_rad: float = (
-        0.0  # a chunk whose joints all stay as near to where they are means to wait: nothing moves
-    )
+    hold_rad: float = 0.0  # a chunk whose joints all stay so near to where they are moves nothing
     train_diffusion_steps: int = 100
     inference_diffusion_steps: int = 100
     sampler: str = "ddpm"  # ddpm | ddim
@@ -67,9 +61,7 @@ class PolicyConfig:
     draft: tuple[int, ...] = ()  # hidden layers of a perceptron whose chunk the U-Net refines; none: no draft
     dropout: float = 0.0  # in the draft
     drop_idle: bool = False  # learn nothing from moments in which nobody moves
-    phases: bool = (
-        False  # predicts its subgoal and whether it may go on, and acts on that: see coordination.py
-    )
+    phases: bool = False  # predicts its subgoal and whether it may go on: see coordination.py
     tcp_actions: bool = False  # predicts where the TCP goes too, and joints follow that: see hands.py
     binary_grippers: bool = False  # commands are wholly open or wholly closed
     loss: str = "mse"  # mse | l1

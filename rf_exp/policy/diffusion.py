@@ -64,12 +64,10 @@ class DiffusionPolicy(nn.Module):
         if isinstance(self.encoder, Eyes):
             seen += self._agents * NEXT
         size = config.observation_steps * (seen + proprio_size + context_size)
-        self._phase = phase
+        self._told = self._agents * phase  # the last numbers of a context
         self.phase: nn.Module | None = None
         if phase:
-            self.phase = nn.Sequential(
-                *_hidden([size, 256, 256], config.dropout), nn.Linear(256, self._agents * phase)
-            )
+            self.phase = nn.Sequential(*_hidden([size, 256, 256], config.dropout), nn.Linear(256, self._told))
         self.trunk = nn.Sequential(*_hidden([size, *config.trunk]))
         given = action_size if config.draft else 0
         self.unet = ConditionalUNet1D(action_size, [size, *config.trunk][-1], config.unet_channels, given)
@@ -171,30 +169,28 @@ class DiffusionPolicy(nn.Module):
             return loss
         unknown = replace(batch, context=self._without_phase(batch.context))
         found = self.phase(self._observed(unknown, generator, proprio_noise)).float()
-        found = found.unflatten(1, (self._agents, self._phase)).flatten(0, 1)
-        phase = batch.context[:, -1, -self._agents * self._phase :].reshape(found.shape)
+        found = found.unflatten(1, (self._agents, -1)).flatten(0, 1)
+        phase = batch.context[:, -1, -self._told :].reshape(found.shape)
         subgoal = functional.cross_entropy(found[:, :-1], phase[:, :-1])
         return loss + subgoal + functional.binary_cross_entropy_with_logits(found[:, -1], phase[:, -1])
 
     def _without_phase(self, context: Tensor) -> Tensor:
-        known = context.shape[-1] - self._agents * self._phase
-        return functional.pad(context[..., :known], (0, self._agents * self._phase))
+        return functional.pad(context[..., : -self._told], (0, self._told))
 
     @torch.inference_mode()
     def in_phase(self, features: Tensor, proprio: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
         """Of raw features (B, O, F), proprioception (B, O, P) and context (B, O, C): with the phase, where it
         is predicted, the context; and who of the own agents may go on (B, n), all where no phase is known.
         """
-        size = self._agents * self._phase
         if self.phase is None:
             return context, context.new_ones(len(context), self._agents, dtype=torch.bool)
         context = self._without_phase(context)
-        found = self.phase(self.observation(features, proprio, context)).unflatten(1, (-1, self._phase))
-        subgoal = functional.one_hot(found[..., :-1].argmax(dim=2), self._phase - 1)
+        found = self.phase(self.observation(features, proprio, context)).unflatten(1, (self._agents, -1))
+        subgoal = functional.one_hot(found[..., :-1].argmax(dim=2), found.shape[2] - 1)
         free = found[..., -1:] > 0
         phase = torch.cat([subgoal, free], dim=2).flatten(1).to(context.dtype)
         told = phase[:, None].expand(-1, context.shape[1], -1)
-        return torch.cat([context[..., :-size], told], dim=2), free[..., 0]
+        return torch.cat([context[..., : -self._told], told], dim=2), free[..., 0]
 
     def _observed(self, batch: Batch, generator: torch.Generator, proprio_noise: float) -> Tensor:
         features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device

@@ -157,13 +157,13 @@ class Actor(Performer):
             return
         streams, memory = self.view.streams, self._memory.vector
         if self._senses.subgoals:
-            said = self.coordinated
-            if said is None and self.view.coordinated:
-                raise StageError(
-                    f"policy {self.view.name!r} has learned with a coordinator; there is none here"
-                )
-            if said is None or not self.view.coordinated:  # it will say so itself
-                said = np.zeros(len(memory), int), np.ones(len(memory), bool)
+            said = np.zeros(len(memory), int), np.ones(len(memory), bool)  # until it says so itself
+            if self.view.coordinated:
+                if self.coordinated is None:
+                    raise StageError(
+                        f"policy {self.view.name!r} has learned with a coordinator; there is none here"
+                    )
+                said = self.coordinated
             memory = np.concatenate([memory, told(*said, self._senses.subgoals)], axis=-1)
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
@@ -207,10 +207,9 @@ class Actor(Performer):
         known, free = self._policy.in_phase(features, proprio, known)
         agents = np.array(self.view.agents) - 1
         opened = self._memory.opened[agents]
-        if self.coordinated is not None and self.view.coordinated:
+        waits = ~free.flatten().cpu().numpy()
+        if self.view.coordinated and self.coordinated is not None:
             waits = ~self.coordinated[1][agents]
-        else:
-            waits = ~free.flatten().cpu().numpy()
         if waits.all():
             stay = np.column_stack([self._targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))

@@ -19,10 +19,7 @@ def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[st
     """Of the rows of generation. A store adds its first seed and its pictures."""
     settings = experiment.settings(task, row)
     made = asdict(settings)
-    for name in (
-        "disturbance_rad",
-        "delay_s",
-    ):  # without them demonstrations are as they always were
+    for name in ("disturbance_rad", "delay_s"):  # without, demonstrations are as they always were
         if not made[name]:
             del made[name]
     said = {

@@ -31,10 +31,14 @@ class Scenes(Nobody):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
-def test_it_says_what_demonstrations_say(name: str) -> None:
-    """Of disturbed episodes, at nearly all moments; and nobody is told to wait for ever."""
+@pytest.mark.parametrize(("delay_s", "alike"), [(0.0, 0.87), (1.0, 0.85)])
+def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float) -> None:
+    """Of disturbed episodes, at nearly all moments; and nobody is told to wait for ever.
+
+    Where arms pause, others wait for them at places where the coordinator's plan has no wait.
+    """
     task = read_task(name)
-    settings = Settings(task, Row("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=1.0)
+    settings = Settings(task, Row("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=delay_s)
     with Simulator(task, render=False) as world:
         for seed in range(3):
             watching = Scenes()
@@ -51,5 +55,5 @@ def test_it_says_what_demonstrations_say(name: str) -> None:
         numbers.append(at)
         free.append(go)
     assert np.mean(np.array(numbers) == made.subgoal) > 0.9
-    assert np.mean(np.array(free) == may_go(made.qpos, made.action, made.executed)) > 0.85
+    assert np.mean(np.array(free) == may_go(made.qpos, made.action, made.executed)) > alike
     assert np.array(free)[-1].any()  # somebody may always go on
