@@ -15,7 +15,7 @@ from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_min
 ROOT = Path(__file__).parents[1]
 HEADING = (
     *("task", "arms", "architecture", "recipe", "demos", "strict", "95 % interval", "scenes"),
-    *("paper's criterion", "the paper", "rollouts with a violation", "core-minutes"),
+    *("paper's criterion", "the paper", "rollouts with a violation", "core-minutes", "queries"),
 )
 MOST = 3  # kinds of failures that are told of a policy
 
@@ -26,7 +26,8 @@ Written by `python docs/policies.py` from the rows in `results/evaluate/`; a tes
 seed from 1,000,000 on that generation never saw; all are counted, none is chosen. *Strict* is our
 criterion, *paper's criterion* that of the paper for the same rollouts, *the paper* its figure, a dash where
 it has none. A violation is a control step in which arms touched. Core-minutes are the CPU time of learning,
-of all policies of the architecture together.
+of all policies of the architecture together. Queries are the proposals that the expert was asked for where
+policies had failed (`dagger.rounds`, below); without a number it never was.
 
 ```
 python -m rf_exp.run -m experiment=benchmark          # eleven tasks, 50, 100 and 150 demonstrations
@@ -87,6 +88,12 @@ phases, with cameras farther away.
 each its subgoal and when it has to wait (`rf_exp/datagen/coordinator.py`). It follows the arms along a plan
 that RoboBrain and RoboChecker make in the true state of the scene, which the other architectures do not know.
 
+`fast+dagger1` is `fast` after one round of correction (`dagger.rounds=1`; Ross et al. 2011). The policies act in
+100 scenes of their own, from seed 900,000 on. Of each rollout that they lose, a moment in which somebody moved
+is drawn; RoboBrain, planner and RoboChecker take over there, and carry the episode through. The policies are
+learned anew from the same demonstrations and these, which are more than the number in the table says. What the
+first policies did until then is stored too, but not learned.
+
 `state` is the oracle: `fast` with the true poses of all things in place of pictures, no result beside the
 paper's.
 """
@@ -131,6 +138,7 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
         "-" if figure is None else f"{100 * figure:.0f} %",
         f"{100 * fmean(r.violations > 0 for r in group):.0f} %",
         f"{cost:.1f}" if cost else "",
+        str(row.queries or "-"),
     )
 
 

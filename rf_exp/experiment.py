@@ -21,6 +21,21 @@ if TYPE_CHECKING:
 STAGES = ("generate", "train", "evaluate", "report")
 _FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
+CORRECTION_SEED = 900_000  # first scene seed of the rollouts that the expert corrects
+CORRECTION_SEEDS = 10_000  # for each round of them
+
+
+@dataclass(frozen=True)
+class Dagger:
+    """The expert goes on where policies have failed, and they learn from that too (Ross et al. 2011)."""
+
+    rounds: int = 0
+    rollouts: int = 100  # of the policies of the round before, all of which count
+
+    def __post_init__(self) -> None:
+        for name, low, high in (("rounds", 0, 9), ("rollouts", 1, CORRECTION_SEEDS)):
+            if not low <= (value := getattr(self, name)) <= high:
+                raise ArgumentError(f"dagger.{name} is {value}; expected {low} to {high}")
 
 
 @dataclass(frozen=True)
@@ -51,6 +66,7 @@ class Experiment:
     policy: PolicyConfig
     training: TrainConfig
     train_seed: int
+    dagger: Dagger
     wandb: Literal["online", "offline", "disabled"]
     scenes: int
     shield: bool
@@ -95,6 +111,20 @@ class Experiment:
                 "occupancy=depth looks through the depth cameras, and render=false has none; "
                 "use render=true or occupancy=state"
             )
+
+    @property
+    def method(self) -> str:
+        """How policies are learned, as it stands in names and rows: the recipe, and rounds of correction."""
+        return self.recipe + (f"+dagger{self.dagger.rounds}" if self.dagger.rounds else "")
+
+    @property
+    def corrected(self) -> str:
+        """Behind the title of a stage: how often the expert has corrected the policies."""
+        return f", correction {self.dagger.rounds}" if self.dagger.rounds else ""
+
+    def after(self, rounds: int) -> "Experiment":
+        """The same experiment, of which so many rounds of correction are over."""
+        return replace(self, dagger=replace(self.dagger, rounds=rounds))
 
     def _check_recordings(self) -> None:
         if isinstance(self.recordings, int):

@@ -10,7 +10,7 @@ fit its checksum is told its file and number.
 Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
 known any more, so they are refused by name and have to be made again. Schema 3 put fields behind `schema` for
 what there was none of before (disturbances, policies that see the state, a shield), schema 4 the recipe and
-what learning cost: rows of schema 2 and 3 are read as that.
+what learning cost, schema 5 how often the expert was asked: older rows are read as that.
 """
 
 import fcntl
@@ -30,8 +30,8 @@ from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
 
-SCHEMA = 4
-OLDER = (2, 3)  # schemas that are read as well
+SCHEMA = 5
+OLDER = (2, 3, 4)  # schemas that are read as well
 CHECKSUM = "crc32"  # key of a line, not a field of its row
 
 
@@ -120,6 +120,7 @@ class EvaluationRow(_Row):
     disturbance_rad: float = 0.0  # of the demonstrations it learnt from
     recipe: str = "paper"  # how it learnt, see conf/policy
     core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
+    queries: int = 0  # proposals that the expert was asked for to correct them
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)

@@ -6,7 +6,7 @@ half-way through costs what is left, not what is done.
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -19,7 +19,7 @@ from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.motion import come_to_rest, disturb, let_off
 from rf_exp.datagen.planning import Plan, Planner, Settings
-from rf_exp.datagen.subgoals import Subgoals
+from rf_exp.datagen.subgoals import NOBODYS, Subgoals
 from rf_exp.tasks import Judge
 from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (
@@ -103,17 +103,26 @@ class EpisodeMaker:
         self._rounds: list[dict[str, object]] = []
         self._contacts = 0
 
-    def make(self, seed: int) -> Outcome:
-        """Runs the loop from the scene of `seed` to success or to the end of the budget."""
+    def make(
+        self, seed: int, lead: Iterable[NDArray[np.float64]] = (), known: Sequence[Iterable[str]] = ()
+    ) -> Outcome:
+        """Runs the loop from the scene of `seed` to success or to the end of the budget.
+
+        Before that, commands (N, 8) of somebody else may `lead` to where it begins; their steps are stored as
+        nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
+        """
         began = time.perf_counter()
         settings = self._settings
         scene = self._world.reset(seed)
         self._judge = Judge(settings.task, scene)
         self._verdict = self._judge(scene)
         self._paper = False
-        self._subgoals = Subgoals(len(settings.task.agents))
-        self._doing = np.zeros(len(settings.task.agents), np.int16)
+        self._subgoals = Subgoals(len(settings.task.agents), known)
+        self._doing = np.full(len(settings.task.agents), NOBODYS, np.int16)
         self._knocked = ""
+        for command in lead:
+            scene = self._step(scene, command, command)
+        self._doing = np.maximum(self._doing, 0)
         rng = np.random.default_rng([seed, 1])  # stream 1 of the episode: planning
         self._bumps = np.random.default_rng([seed, 2])  # stream 2: disturbances
         feedback: tuple[Violation, ...] = ()

@@ -31,10 +31,11 @@ def generate(
     """
     jobs = (partial(make_episode, settings, pictures, seed) for seed in seeds)
     for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
-        yield _failed(seed, made) if isinstance(made, Overdue) else made
+        yield failed(seed, made) if isinstance(made, Overdue) else made
 
 
-def _failed(seed: int, overdue: Overdue) -> Outcome:
+def failed(seed: int, overdue: Overdue) -> Outcome:
+    """A seed that took too long."""
     return Outcome(
         seed,
         success=False,

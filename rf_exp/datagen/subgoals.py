@@ -1,6 +1,6 @@
 """What each agent is about at every control step of an episode: its subgoals, numbered as they come."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 from rf_exp.types import Schedule, Trajectory
 
 IDLE = "hold"  # the text of an agent that has not been told anything yet
+NOBODYS = -1  # the number where it is not known what an agent is about
 
 
 class Subgoals:
     """The subgoals of one episode. An agent's own are numbered from 0, over all its plans."""
 
-    def __init__(self, agents: int) -> None:
-        self._texts: list[list[str]] = [[] for _ in range(agents)]
+    def __init__(self, agents: int, known: Sequence[Iterable[str]] = ()) -> None:
+        """What is `known` of each agent, from other episodes of the task, has the number it has there."""
+        self._texts: list[list[str]] = [list(texts) for texts in known] or [[] for _ in range(agents)]
+        self._known = bool(known)
 
     def of_plan(self, trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.int16]:
         """(T + 1, N): row t is what the command of step t of the schedule is for, row 0 what comes first.
@@ -26,10 +29,11 @@ class Subgoals:
             numbers, ends = [], trajectory.knots[1:]
             before = None
             for segment in trajectory.segments:
-                if before is None or segment.subgoal != before:
-                    texts.append(segment.subgoal.text)
+                text = segment.subgoal.text
+                if segment.subgoal != before and not (self._known and text in texts):
+                    texts.append(text)
                 before = segment.subgoal
-                numbers.append(len(texts) - 1)
+                numbers.append(texts.index(text) if self._known else len(texts) - 1)
             if not numbers:
                 columns.append(np.full(len(schedule) + 1, self._latest(texts)))
                 continue

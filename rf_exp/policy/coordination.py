@@ -27,7 +27,7 @@ Coordinate = Callable[[Scene, Mapping[int, float]], tuple[NDArray[np.int64], NDA
 def subgoals_of(store: "Store") -> int:
     """How many subgoals the agents of a store have at most. Raises ArgumentError where it does not say."""
     subgoal = store.subgoal
-    if (subgoal < 0).any():
+    if (subgoal < 0).all():
         raise ArgumentError(f"{store.path} does not say who was at which subgoal; generate it again")
     return int(subgoal.max()) + 1
 

@@ -19,10 +19,11 @@ from torch.nn import functional
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import hesitates, may_go, sent_on, told
+from rf_exp.policy.grippers import remembered
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
 from rf_exp.policy.normaliser import Normaliser, largest_change
-from rf_exp.policy.observation import context, of_agent, others, proprioception, remembered, senses_of
+from rf_exp.policy.observation import context, of_agent, others, proprioception, senses_of, widths
 from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
@@ -73,9 +74,9 @@ class Windows:
         if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
         kept, ends = slice(None), store.episode_ends  # a slice copies no pictures
-        if config.drop_idle:
-            kept = moving(store)
-            ends = np.cumsum(kept)[ends - 1]
+        chosen = shown(store) & (moving(store) if config.drop_idle else True)
+        if not chosen.all():
+            kept, ends = chosen, np.cumsum(chosen)[ends - 1]
         lengths = np.diff(ends, prepend=0)
         starts = ends - lengths
         offsets = np.arange(len(view.streams))[:, None] * ends[-1]
@@ -96,8 +97,9 @@ class Windows:
             self.action = self._stack([each.reshape(len(action), -1) for each in commands])
         memory = np.zeros((store.steps, store.agents, 0), np.float32)
         if senses.bases:
-            grippers = store.by_episode(store.action[..., ARM_JOINTS])
-            memory = np.concatenate([remembered(each) for each in grippers])
+            told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
+            episodes = zip(*map(store.by_episode, told_and_done), strict=True)
+            memory = np.concatenate([remembered(*each) for each in episodes])
         if senses.subgoals:
             free = np.concatenate([may_go(*each) for each in _episodes(store)])
             memory = np.concatenate([memory, told(store.subgoal[:], free, senses.subgoals)], axis=-1)
@@ -265,6 +267,12 @@ def _episodes(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     """Measured joints, intended and executed commands of each episode."""
     arrays = store.qpos, store.action, store.executed
     return zip(*(store.by_episode(each) for each in arrays), strict=True)
+
+
+def shown(store: "Store") -> NDArray[np.bool_]:
+    """(T,) the steps that show what to do: those of the expert, where somebody else led to where it began."""
+    said = np.asarray((store.subgoal >= 0).all(axis=1))
+    return said if said.any() else ~said  # an older store does not say
 
 
 def moving(store: "Store") -> NDArray[np.bool_]:

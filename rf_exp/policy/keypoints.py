@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.observation import Senses, others, world_from_tcp
+from rf_exp.policy.grippers import changes
+from rf_exp.policy.observation import Senses, others, widths, world_from_tcp
 from rf_exp.policy.views import Stream
 from rf_exp.tasks.base import CameraSpec
 from rf_exp.transforms import apply, inverse, planar
@@ -46,7 +47,8 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
         columns = []
         for agent in stream.agents:
             tcp = world_from_tcp(senses, agent, qpos)
-            columns += _own(tcp, action[:, agent - 1, ARM_JOINTS], senses.keys)
+            changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
+            columns += _own(tcp, changed, senses.keys)
         columns += [world_from_tcp(senses, agent, qpos) for agent in others(senses, stream)]
         found.append(np.stack(columns, axis=1))
     hands = np.concatenate(found)[kept]  # (T, M, 4, 4)
@@ -63,15 +65,14 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
     )
 
 
-def _own(tcp: NDArray[np.float64], gripper: NDArray[np.floating], own_keys: int) -> list[NDArray[np.float64]]:
+def _own(tcp: NDArray[np.float64], changed: NDArray[np.int64], own_keys: int) -> list[NDArray[np.float64]]:
     """The keypoints (T, 4, 4) of an agent of one episode: at each change, until then, and at the end."""
     steps = np.arange(len(tcp))
-    changes = np.flatnonzero(np.diff(gripper > 0, prepend=True))
     columns = []
     for key in range(own_keys):
         column = np.full_like(tcp, np.nan)
-        if key < len(changes):
-            column[steps <= changes[key]] = tcp[changes[key]]
+        if key < len(changed):
+            column[steps <= changed[key]] = tcp[changed[key]]
         columns.append(column)
     return [*columns, np.broadcast_to(tcp[-1], tcp.shape)]
 

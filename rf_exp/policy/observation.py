@@ -16,6 +16,7 @@ from torch import Tensor
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import subgoals_of
+from rf_exp.policy.grippers import CHANGES, MEMORY, changes
 from rf_exp.policy.views import PROPRIO_SIZE, Stream, View
 from rf_exp.robots.panda import tcp_pose
 from rf_exp.transforms import Matrix, inverse, planar
@@ -24,10 +25,7 @@ from rf_exp.types import ARM_JOINTS
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
-CHANGES = 6  # of an own gripper that are told apart
-RECENT_STEPS = 20  # since the last of them: what is longer ago is all the same
 POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 2019: no jumps, unlike angles)
-_MEMORY = CHANGES + 2
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Senses:
         own = len(view.streams[0].agents)
         told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * POSE
         return (
-            own * (POSE + _MEMORY + self.told)
+            own * (POSE + MEMORY + self.told)
             + (told if self.objects else 0)
             + len(view.streams) * (len(view.streams) > 1)
         )
@@ -90,11 +88,18 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
 
 def _keys(store: "Store", view: View) -> int:
     """The largest number of changes of the gripper of one of the agents of a view in an episode."""
-    most = 0
-    for action in store.by_episode(store.action):
-        changes = np.diff(action[..., ARM_JOINTS] > 0, axis=0, prepend=True).sum(axis=0)
-        most = max(most, *(int(changes[agent - 1]) for agent in view.agents))
+    episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
+    most = max(
+        len(changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1]))
+        for action, qpos in episodes
+        for agent in view.agents
+    )
     return min(most, CHANGES)
+
+
+def widths(qpos: NDArray[np.floating]) -> NDArray[np.floating]:
+    """How far apart the fingers are, in m: measured joints (..., N, 9) -> (..., N)."""
+    return qpos[..., ARM_JOINTS:].sum(axis=-1)
 
 
 def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -102,8 +107,7 @@ def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
 
     Both fingers of the gripper keep the same width (paper, supplementary), so their sum says it all.
     """
-    opening = qpos[..., ARM_JOINTS:].sum(axis=-1, keepdims=True)
-    joined = np.concatenate([qpos[..., :ARM_JOINTS], opening], axis=-1)
+    joined = np.concatenate([qpos[..., :ARM_JOINTS], widths(qpos)[..., None]], axis=-1)
     return joined.reshape(*qpos.shape[:-2], -1).astype(np.float32)
 
 
@@ -129,7 +133,7 @@ def context(
     for agent in stream.agents:
         parts += [
             _flat(base_from_world @ world_from_tcp(senses, agent, qpos)),
-            memory[..., agent - 1, :_MEMORY],
+            memory[..., agent - 1, :MEMORY],
         ]
     if senses.objects:
         for agent in others(senses, stream):
@@ -140,7 +144,7 @@ def context(
         parts += [_flat(base_from_world @ poses[name]) for name in senses.objects]
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
-    parts += [memory[..., agent - 1, _MEMORY:] for agent in stream.agents]
+    parts += [memory[..., agent - 1, MEMORY:] for agent in stream.agents]
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
@@ -174,54 +178,7 @@ def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:
     return np.concatenate([poses[..., :3, 3], axes], axis=-1)
 
 
-class Memory:
-    """What the grippers have been told so far: how often they changed, as one-hot, and how recently.
-
-    A picture after the fingers closed looks much like the one before, and what comes next is not the same.
-    """
-
-    def __init__(self, agents: int) -> None:
-        self._open = np.ones(agents, dtype=bool)  # as every episode begins
-        self._changes = np.zeros(agents, dtype=int)
-        self._since = np.full(agents, RECENT_STEPS)
-
-    def told(self, grippers: Mapping[int, float]) -> None:
-        """The commands of one control step, of those agents whose commands are known."""
-        opened = self._open.copy()
-        for agent, command in grippers.items():
-            opened[agent - 1] = command > 0
-        changed = opened != self._open
-        self._open = opened
-        self._changes = self._changes + changed
-        self._since = np.where(changed, 0, np.minimum(self._since + 1, RECENT_STEPS))
-
-    @property
-    def changes(self) -> NDArray[np.int64]:
-        """(N,) how often the gripper of each agent has changed."""
-        return self._changes
-
-    @property
-    def opened(self) -> NDArray[np.bool_]:
-        """(N,) whether the gripper of each agent was last told to open."""
-        return self._open
-
-    @property
-    def vector(self) -> NDArray[np.float64]:
-        """(N, M)."""
-        count = np.eye(CHANGES + 1)[np.minimum(self._changes, CHANGES)]
-        return np.column_stack([count, self._since / RECENT_STEPS])
-
-
 def of_agent(context: Tensor, row: int) -> tuple[Tensor, Tensor]:
     """Of a context (..., C): the pose of the TCP of the own agent `row` (..., POSE), its changes, one-hot."""
-    first = row * (POSE + _MEMORY)
+    first = row * (POSE + MEMORY)
     return context[..., first : first + POSE], context[..., first + POSE : first + POSE + CHANGES + 1]
-
-
-def remembered(grippers: NDArray[np.floating]) -> NDArray[np.float32]:
-    """The memory (T, N, M) before each step of an episode with commands (T, N)."""
-    memory, rows = Memory(grippers.shape[1]), []
-    for commands in grippers:
-        rows.append(memory.vector)
-        memory.told(dict(enumerate(commands, start=1)))
-    return np.array(rows, np.float32)

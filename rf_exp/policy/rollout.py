@@ -20,8 +20,9 @@ from rf_exp.policy.account import Account
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import Coordinate, told
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.grippers import Memory
 from rf_exp.policy.hands import followed
-from rf_exp.policy.observation import Memory, Senses, context, others, proprioception
+from rf_exp.policy.observation import Senses, context, others, proprioception, widths
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets
@@ -129,6 +130,7 @@ class Actor(Performer):
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
         self._memory: Memory | None = None  # of the grippers, once it knows how many there are
+        self._widths = np.zeros(0)  # of the grippers of all agents, as measured last
         self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
 
     @property
@@ -145,7 +147,8 @@ class Actor(Performer):
         """Commands (agents of the view, 8), as `Performer` gives them; remembers those of the grippers."""
         commands = super().act(decision)
         if self._memory is not None:
-            self._memory.told(dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True)))
+            told = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
+            self._memory.told(told, self._widths)
         return commands
 
     @torch.inference_mode()
@@ -153,6 +156,7 @@ class Actor(Performer):
         """Keep what belongs to the next prediction."""
         if self._memory is None:
             self._memory = Memory(len(scene.qpos))
+        self._widths = widths(scene.qpos)
         if not self._observes:
             return
         streams, memory = self.view.streams, self._memory.vector

@@ -5,10 +5,11 @@ and names what differs. Jobs that want the same artifact at the same time wait f
 """
 
 from rf_exp.stages.costs import say_how_long
+from rf_exp.stages.evaluation import evaluate_policies
 from rf_exp.stages.folders import check_folders
 from rf_exp.stages.generation import generate_data
-from rf_exp.stages.learning import evaluate_policies, train_policies
 from rf_exp.stages.reporting import write_tables
+from rf_exp.stages.training import train_policies
 
 __all__ = [
     "check_folders",

@@ -26,13 +26,26 @@ def generation_path(experiment: Experiment, task: Task, row: Row) -> Path:
     return experiment.out / "results" / "generate" / task.name / name
 
 
+def corrected_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
+    """The demonstrations, and those that correct what the policies of the round before have done."""
+    return data_path(experiment, task, row).with_name(f"corrected-{arch.name}-{_run(experiment)}.zarr")
+
+
+def correction_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
+    name = f"{row.name}-{_run(experiment)}.jsonl"
+    return experiment.out / "results" / "correct" / task.name / arch.name / name
+
+
 def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    run = f"{experiment.recipe}-{experiment.demos}-{experiment.train_seed}"
-    return experiment.out / "policies" / task.name / row.name / arch.name / run
+    return experiment.out / "policies" / task.name / row.name / arch.name / _run(experiment)
+
+
+def _run(experiment: Experiment) -> str:
+    return f"{experiment.method}-{experiment.demos}-{experiment.train_seed}"
 
 
 def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    name = f"{row.name}-{experiment.recipe}-{experiment.demos}{'-shield' * experiment.shield}.jsonl"
+    name = f"{row.name}-{experiment.method}-{experiment.demos}{'-shield' * experiment.shield}.jsonl"
     return experiment.out / "results" / "evaluate" / task.name / arch.name / name
 
 

@@ -1,6 +1,5 @@
 """How long what is still missing will take, told before it begins: from measured costs of each part."""
 
-from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,9 @@ from rf_exp.experiment import Experiment
 from rf_exp.policy.saved import MODEL
 from rf_exp.policy.views import views
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import evaluation_path, generation_path, policy_path
+from rf_exp.stages.artifacts import correction_path, evaluation_path, generation_path, policy_path
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import Arch, Row
 
 COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures them
 
@@ -39,9 +38,14 @@ def foretold(experiment: Experiment) -> str:
     for task, row in product(experiment.tasks, experiment.rows):
         cost = known["tasks"][task.name]
         left_s["generate"] += cost["demonstration_s"] * _demonstrations(experiment, task, row)
-        for policies, scenes in _of_archs(experiment, task, row):
-            left_s["train"] += policy_s * policies
-            left_s["evaluate"] += cost["scene_s"] * scenes
+        for arch in experiment.archs:
+            rounds = [experiment.after(k) for k in range(experiment.dagger.rounds + 1)]
+            policies, rollouts = (
+                sum(missing(each, task, row, arch) for each in some)
+                for missing, some in ((_policies, rounds), (_rollouts, rounds[1:]))
+            )
+            left_s["train"] += policy_s * policies + cost["scene_s"] * rollouts
+            left_s["evaluate"] += cost["scene_s"] * _scenes(experiment, task, row, arch)
     left_s = {stage: each for stage, each in left_s.items() if each and stage in experiment.stages}
     total_s = sum(left_s.values())
     if total_s < 120:
@@ -59,14 +63,19 @@ def _demonstrations(experiment: Experiment, task: Task, row: Row) -> int:
     return max(0, experiment.demos - sum(each.success for each in tried))
 
 
-def _of_archs(experiment: Experiment, task: Task, row: Row) -> Iterator[tuple[int, int]]:
-    """Of each architecture the policies and the scenes that are not there yet."""
-    for arch in experiment.archs:
-        folder = policy_path(experiment, task, row, arch)
-        names = [view.name for view in views(arch, len(task.agents))]
-        seen = _read(evaluation_path(experiment, task, row, arch), EvaluationRow)
-        done = sum(each.train_seed == experiment.train_seed for each in seen)
-        yield sum(not (folder / name / MODEL).exists() for name in names), max(0, experiment.scenes - done)
+def _policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
+    folder = policy_path(experiment, task, row, arch)
+    return sum(not (folder / view.name / MODEL).exists() for view in views(arch, len(task.agents)))
+
+
+def _rollouts(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
+    tried = _read(correction_path(experiment, task, row, arch), GenerationRow)
+    return max(0, experiment.dagger.rollouts - len(tried))
+
+
+def _scenes(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
+    seen = _read(evaluation_path(experiment, task, row, arch), EvaluationRow)
+    return max(0, experiment.scenes - sum(each.train_seed == experiment.train_seed for each in seen))
 
 
 def _read(path: Path, kind: Any) -> tuple[Any, ...]:

@@ -1,7 +1,9 @@
 """Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 from rf_exp.ablation import rows
@@ -37,51 +39,71 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
     settings = experiment.settings(task, row)
     made_of = generation_identity(experiment, task, row)
     path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
+    goal = experiment.episodes or HOPELESS * experiment.demos
+    span = range(experiment.seed, min(experiment.seed + goal, EVALUATION_SEED))
     with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, row, made_of) as store:
         pictures = _pictures(experiment, store.cameras, len(task.agents))
-        known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
-        for lost in _lost(store, known, rows_path):
-            rows.append(rows_path, lost)
-            known[lost.seed] = lost
-        failed = {seed for seed, r in known.items() if not r.success}
-        stored = set(store.seeds.tolist())
-        goal = experiment.episodes or HOPELESS * experiment.demos
-        span = range(experiment.seed, min(experiment.seed + goal, EVALUATION_SEED))
-        enough = len(span) if experiment.episodes else experiment.demos
-        tried = {seed for seed in span if seed in stored or seed in failed}
-        made = len(stored)
 
-        if made >= enough or len(tried) == len(span):
-            console.print(f"{title}: {made} demonstrations are there, nothing to do")
-        else:
-            by_seed = experiment.episodes is not None
-            unit, total = ("seeds", len(span)) if by_seed else ("demonstrations", enough)
-            missing, limit_s = [seed for seed in span if seed not in tried], experiment.seed_limit_s
-            with (
-                Progress(title, total, unit, len(tried) if by_seed else made) as progress,
-                rate_log(experiment, "generate", task, row, known=known.values()) as log,
-            ):
-                for outcome in generate(settings, pictures, missing, experiment.workers, limit_s):
-                    tells = generation_row(task, row, settings.brain.name, outcome, settings.disturbance_rad)
-                    if outcome.episode is not None:
-                        store.append(_with_row(outcome.episode, tells))
-                    if outcome.seed not in known:  # a kill before this: the episode has its row
-                        rows.append(rows_path, tells)
-                        log(tells)
-                    tried.add(outcome.seed)
-                    made += outcome.success
-                    progress.advance(
-                        int(by_seed or outcome.success), f"{made} of {len(tried)} seeds succeeded"
-                    )
-                    if made >= enough:
-                        break
+        def make(seeds: Sequence[int]) -> Iterator[Outcome]:
+            return generate(settings, pictures, seeds, experiment.workers, experiment.seed_limit_s)
+
+        def tell(outcome: Outcome) -> GenerationRow:
+            return generation_row(task, row, settings.brain.name, outcome, settings.disturbance_rad)
+
+        enough = None if experiment.episodes else experiment.demos
+        logged = partial(rate_log, experiment, "generate", task, row, None)
+        made = collect(title, store, rows_path, span, enough, make, tell, logged)
         _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
-        if made < enough and experiment.episodes is None:
+        if enough is not None and made < enough:
             raise StageError(
-                f"{title}: only {made} of {len(tried)} seeds succeeded, {experiment.demos} demonstrations "
+                f"{title}: only {made} of {len(span)} seeds succeeded, {enough} demonstrations "
                 f"were wanted; the reasons are in {rows_path}"
             )
         return made
+
+
+def collect(
+    title: str,
+    store: Store,
+    rows_path: Path,
+    span: Sequence[int],
+    enough: int | None,
+    make: Callable[[Sequence[int]], Iterator[Outcome]],
+    tell: Callable[[Outcome], GenerationRow],
+    logged: Callable[[Iterable[GenerationRow]], AbstractContextManager[Callable[[GenerationRow], None]]],
+) -> int:
+    """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
+
+    `make` gives the outcomes of the seeds that are still missing, in their order; `logged`, from the rows
+    that are known, who is told of the new ones. Returns how many of `span` are stored.
+    """
+    known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
+    for lost in _lost(store, span, known, rows_path):
+        rows.append(rows_path, lost)
+        known[lost.seed] = lost
+    stored = {*store.seeds.tolist()} & {*span}
+    tried = stored | {seed for seed, r in known.items() if seed in span and not r.success}
+    made = len(stored)
+    if (enough is not None and made >= enough) or len(tried) == len(span):
+        console.print(f"{title}: {made} demonstrations are there, nothing to do")
+        return made
+    unit, total, there = ("demonstrations", enough, made) if enough else ("seeds", len(span), len(tried))
+    with Progress(title, total, unit, there) as progress, logged(known.values()) as log:
+        for outcome in make([seed for seed in span if seed not in tried]):
+            tells = tell(outcome)
+            if outcome.episode is not None:
+                store.append(_with_row(outcome.episode, tells))
+            if outcome.seed not in known:  # a kill before this: the episode has its row
+                rows.append(rows_path, tells)
+                log(tells)
+            tried.add(outcome.seed)
+            made += outcome.success
+            progress.advance(
+                int(enough is None or outcome.success), f"{made} of {len(tried)} seeds succeeded"
+            )
+            if made == enough:
+                break
+    return made
 
 
 def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
@@ -110,10 +132,12 @@ def _with_row(episode: Episode, row: GenerationRow) -> Episode:
     return replace(episode, certificate={**episode.certificate, "row": kept})
 
 
-def _lost(store: Store, known: Container[int], rows_path: Path) -> Iterator[GenerationRow]:
+def _lost(
+    store: Store, span: Container[int], known: Container[int], rows_path: Path
+) -> Iterator[GenerationRow]:
     """The rows of stored episodes that are not among the rows: a kill, or a line that was removed."""
     for index, seed in enumerate(store.seeds.tolist()):
-        if seed in known:
+        if seed in known or seed not in span:
             continue
         try:
             yield GenerationRow(**store.certificates[index]["row"], wall_s=0.0)

@@ -137,7 +137,7 @@ def identity(
     counted = f"{experiment.demos} demos"
     if stage == "generate" and experiment.episodes is not None:
         counted = f"{experiment.episodes} episodes"
-    learned = [experiment.recipe] if arch else []
+    learned = [experiment.method] if arch else []
     seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
     about = [task.name, row.name, *([arch.name] if arch else [])]
     shielded = ["shield"] if stage == "evaluate" and experiment.shield else []

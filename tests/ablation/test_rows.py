@@ -63,11 +63,11 @@ def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
         "step_limit violations wall_s version contacts reason commit schema shield interventions "
-        "observation disturbance_rad recipe core_s"
+        "observation disturbance_rad recipe core_s queries"
     )
 
 
-@pytest.mark.parametrize(("schema", "last"), [(2, "schema"), (3, "disturbance_rad")])
+@pytest.mark.parametrize(("schema", "last"), [(2, "schema"), (3, "disturbance_rad"), (4, "core_s")])
 def test_older_rows_are_read_as_rollouts_without_what_came_later(
     tmp_path: Path, schema: int, last: str
 ) -> None:
@@ -79,7 +79,7 @@ def test_older_rows_are_read_as_rollouts_without_what_came_later(
     path.write_text(json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"}) + "\n")
     append(path, replace(EVALUATION, shield=True, interventions=3))
     old, new = read(path, EvaluationRow)
-    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 4)
+    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 5)
     assert (new.shield, new.interventions) == (True, 3)
     assert old.identity != new.identity
 
@@ -119,9 +119,9 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
         ("[]", "found list, expected an object"),
         (sealed(steps="80"), r"steps of a GenerationRow is '80' \(str\)"),
         (sealed(color=1), "unknown fields: color; available: attempts, brain"),
-        (sealed(schema=5), "a row of schema 5; this version reads schema 4"),
+        (sealed(schema=6), "a row of schema 6; this version reads schema 5"),
         (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, commit, constraints"),
-        (OLD, "a row of schema 1; this version reads schema 4"),
+        (OLD, "a row of schema 1; this version reads schema 5"),
         (json.dumps({**asdict(GENERATION), "crc32": "00000000"}), "damaged or edited: its checksum is"),
     ],
 )

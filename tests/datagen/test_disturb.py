@@ -145,6 +145,18 @@ def test_who_waits_is_about_what_comes_next() -> None:
     assert again[0, 0] == 2 and again[-1, 0] == 3 and not again[:, 1].any()
 
 
+def test_known_subgoals_keep_their_numbers() -> None:
+    """From wherever a plan begins, and however often it tells one."""
+    schedule = Schedule(np.stack([np.arange(69), np.zeros(69, int)], axis=1), 0)
+    known = ["home", LIFT.text], [IDLE, "press"]
+    subgoals = Subgoals(2, known)
+    for _ in range(2):
+        doing = subgoals.of_plan((TWO_GOALS, RESTING), schedule)
+        assert doing[0, 0] == 2 and doing[-1, 0] == 1
+        assert (doing[:, 1] == 1).all()  # who is told nothing more has done all
+    assert subgoals.texts == [["home", LIFT.text, GRASP.text], [IDLE, "press"]]
+
+
 def test_only_what_nobody_handles_can_be_knocked() -> None:
     world = simulator(read_task("stack_cube"), Pictures(render=False))
     start = world.reset(0)

@@ -194,6 +194,22 @@ def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     assert not turns.success and "Agent" in turns.reason
 
 
+def test_the_expert_goes_on_from_where_others_have_led(lift_world):
+    """Their steps are stored as they were done, and as nobody's subgoal."""
+    setting = settings(read_task("lift_barrier"))
+    whole = EpisodeMaker(setting, lift_world, ScriptedBrain()).make(5).episode
+    lead = np.tile(whole.action[:40].astype(float), (1, 1, 1))
+    lead[20:, :, 0] += 0.1 * np.linspace(0, 1, 20)[:, None]  # and astray
+    known = whole.certificate["subgoals"]
+    made = EpisodeMaker(setting, lift_world, ScriptedBrain()).make(5, lead, known)
+    assert made.success and made.attempts == 1
+    np.testing.assert_array_equal(made.episode.action[:40], lead.astype(np.float32))
+    assert (made.episode.subgoal[:40] == -1).all() and (made.episode.subgoal[40:] >= 0).all()
+    assert made.episode.certificate["subgoals"] == known
+    moved = np.abs(np.diff(made.episode.action[39:, :, :7], axis=0)).max(axis=(1, 2))
+    assert moved.max() < 1.1 * setting.limits.velocity_rad_s / CONTROL_HZ  # no jump where it takes over
+
+
 def test_attempts_must_be_positive(lift_barrier):
     with pytest.raises(ArgumentError, match="attempts is 0; at least 1"):
         settings(lift_barrier, attempts=0)

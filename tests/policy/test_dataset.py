@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Windows, action_origin, crop, proprioception
+from rf_exp.policy.grippers import CHANGES
+from rf_exp.policy.observation import POSE
 from rf_exp.policy.views import ACTION_SIZE, Stream, View, views
 from rf_exp.store import Store
 from rf_exp.types import Arch
@@ -89,6 +91,24 @@ def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, 
                 steps = np.arange(policy_config.horizon)
                 plan = np.stack([13 + steps] * 2 if agent == 2 else [10 + steps, 13 + steps])
                 assert np.array_equal(joints, executed[np.minimum(plan, STEPS + 3), agent - 1])
+
+
+def test_what_somebody_else_has_done_is_not_learned(policy_config: PolicyConfig, tmp_path: Path) -> None:
+    """Where others led to where the expert began: no window, no keypoint; its memory counts all the same."""
+    lead, made = 8, make_episode(0, 1)
+    assert made.subgoal is not None
+    led = replace(made, seed=1, subgoal=np.where(np.arange(STEPS)[:, None] < lead, -1, made.subgoal))
+    led.action[:lead, 0, 7] = np.where(np.arange(lead) < 4, -1, 1)  # the fingers held something and let go
+    identity = {"task": "reach", "scene": scene_of(1)}
+    path = tmp_path / "led.zarr"
+    with Store.create(path, identity, 1, tuple(made.pictures), HEIGHT, WIDTH, tuple(made.poses)) as store:
+        for episode in (make_episode(0, 1), led):
+            store.append(episode)
+    windows = Windows(Store.open(path), LOCAL, replace(policy_config, context=True), CPU)
+    assert len(windows) == 2 * STEPS - lead
+    assert np.array_equal(windows.action[STEPS:, :8], led.action[lead:, 0])
+    counted = windows.context[:, POSE : POSE + CHANGES + 1].argmax(dim=1)
+    assert counted[0] == 0 and counted[STEPS] == 2
 
 
 def test_pictures_of_a_batch_are_unique_and_the_right_ones(store: Store, policy_config: PolicyConfig) -> None:

@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows, moving
 from rf_exp.policy.diffusion import DiffusionPolicy
-from rf_exp.policy.observation import RECENT_STEPS, Memory, Senses, context, remembered, senses_of
+from rf_exp.policy.grippers import Memory
+from rf_exp.policy.observation import Senses, context, senses_of
 from rf_exp.policy.rollout import Actor
 from rf_exp.policy.saved import load_policy
 from rf_exp.policy.train import train
@@ -24,6 +23,7 @@ from rf_exp.types import Episode, Scene
 from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode
 
 CPU = torch.device("cpu")
+OPEN_M = 0.08
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
 
@@ -31,24 +31,6 @@ LOCAL = View("agent1", (Stream("agent1", (1,)),))
 def told(policy_config: PolicyConfig) -> PolicyConfig:
     """A policy of the laboratory."""
     return replace(policy_config, observation="state", context=True, observation_steps=1)
-
-
-@given(
-    commands=st.lists(st.lists(st.sampled_from([1.0, -1.0, 0.3, -0.2]), min_size=2, max_size=2), min_size=1)
-)
-def test_memory_counts_changes_and_steps(commands: list[list[float]]) -> None:
-    found = remembered(np.array(commands))
-    for agent in range(2):
-        opened, changes, since = True, 0, RECENT_STEPS
-        for row, command in zip(found, commands, strict=True):
-            assert row[agent, :-1].argmax() == min(changes, 6) and row[agent, :-1].sum() == 1
-            assert row[agent, -1] == pytest.approx(since / RECENT_STEPS)
-            changed = (command[agent] > 0) != opened
-            opened, changes, since = (
-                command[agent] > 0,
-                changes + changed,
-                0 if changed else min(since + 1, RECENT_STEPS),
-            )
 
 
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
@@ -66,7 +48,7 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
         }
         memory = Memory(agents)
         for command in store.action[STEPS:frame, :, 7]:
-            memory.told(dict(enumerate(command, start=1)))
+            memory.told(dict(enumerate(command, start=1)), np.full(agents, OPEN_M))
         for row in range(len(view.streams)):
             now = context(senses, view, row, store.qpos[frame].astype(float), poses, memory.vector)
             learned = windows.context[row * store.steps + frame].numpy()

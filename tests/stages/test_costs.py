@@ -41,6 +41,12 @@ def test_what_is_there_is_not_foretold(tmp_path: Path) -> None:
     assert after == pytest.approx(0.9 * before, abs=1.1)
 
 
+def test_rounds_of_correction_are_foretold(tmp_path: Path) -> None:
+    asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1", "stages=[train]"
+    one, three = (minutes(foretold(fast(tmp_path, *asked, f"dagger.rounds={n}"))) for n in (0, 2))
+    assert three > 3 * one
+
+
 @pytest.mark.parametrize("overrides", [("profile=paper", "recipe=paper"), ("stages=[report]",)])
 def test_nothing_is_said_where_nobody_has_measured_or_nothing_is_left(
     tmp_path: Path, overrides: tuple[str, ...]

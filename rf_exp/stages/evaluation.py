@@ -1,6 +1,5 @@
-"""Training and evaluation: a policy for each view of an architecture, then consecutive scenes."""
+"""Evaluation: the policies of an architecture act in consecutive scenes, each a row."""
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -23,18 +22,18 @@ from rf_exp.datagen.coordinator import Coordinator
 from rf_exp.datagen.planning import Settings
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
-from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
+from rf_exp.policy.config import LEARNER, PolicyConfig
 from rf_exp.policy.rollout import Actor, load_actors, rollout
-from rf_exp.policy.saved import CURVES, MODEL, device_of, expect, made_of
+from rf_exp.policy.saved import expect, made_of
 from rf_exp.policy.shield import Shield
-from rf_exp.policy.train import cost_s, train
-from rf_exp.policy.views import View, views
+from rf_exp.policy.train import cost_s
+from rf_exp.policy.views import views
 from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim.pool import simulator
 from rf_exp.stages.artifacts import (
-    data_path,
+    correction_path,
     evaluation_path,
     generation_path,
     owned,
@@ -43,8 +42,7 @@ from rf_exp.stages.artifacts import (
     same_configuration,
 )
 from rf_exp.stages.identity import evaluation_identity
-from rf_exp.stages.logs import Follower, curve_log, rate_log
-from rf_exp.store import Store
+from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import Arch, Pictures, Rollout, RolloutStep, Row
 
@@ -52,72 +50,25 @@ SAVING_S = 20.0  # a training that is told to end may take so long for its last 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
 
-def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
-    """One diffusion policy for each view of the architecture, from the first `demos` episodes.
-
-    Each is trained in a process of its own; on a CPU side by side, since a small network gains little
-    from a second core.
-    """
-    folder = policy_path(experiment, task, row, arch)
-    config = replace(experiment.training, seed=experiment.train_seed)
-    title = f"train {task.name}/{row.name}/{arch.name}"
-    with owned(folder), ExitStack() as stack:
-        data = _demonstrations(experiment, task, row)
-        all_views = views(arch, len(task.agents))
-        there = all((folder / view.name / MODEL).exists() for view in all_views)
-        processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
-        # Our small networks are too small for threads: they would spend their time waiting for each other.
-        small = experiment.policy.encoder != "resnet18"
-        threads = 1 if small else max(1, (os.cpu_count() or 1) // processes)
-        made_with = experiment.demos, experiment.policy, config, threads
-        followers = [
-            Follower(
-                folder / view.name / CURVES,
-                stack.enter_context(curve_log(experiment, task, row, arch, view.name)),
-            )
-            for view in all_views
-        ]
-        jobs = [partial(_train, data, view, folder / view.name, *made_with) for view in all_views]
-        with Progress(title, 1, "steps") as progress:
-
-            def follow() -> None:
-                for follower in followers:
-                    for curve, steps in follower.new():
-                        progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(followers))
-
-            for _ in in_order(jobs, processes, grace_s=SAVING_S, meanwhile=follow):
-                pass
-            follow()
-        if there:
-            console.print(f"{title}: {len(all_views)} policies are there, nothing to do")
-
-
-def _train(
-    data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
-) -> None:
-    """One policy, in the process it is called in, which holds the right to make it itself."""
-    torch.set_num_threads(threads)
-    with owned(folder):
-        train(Store.open(data).first(demos), view, policy, config, folder)
-
-
 def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
     folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
     limit = step_limit(experiment, task, row)
-    trained = _trained(experiment, task, arch, folder)
+    weights = trained(experiment, task, arch, folder)
     core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
+    asked = _queries(experiment, task, row, arch)
     with owned(path, evaluation_identity(experiment, task, row, arch, limit)):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
         of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
         there = any(r.train_seed == experiment.train_seed for r in known)
-        same_configuration(of_seed, trained, there, [path])
+        same_configuration(of_seed, weights, there, [path])
         sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
-        title = f"evaluate {task.name}/{row.name}/{arch.name}{', shielded' * experiment.shield}"
+        title = f"evaluate {task.name}/{row.name}/{arch.name}{experiment.corrected}"
+        title += ", shielded" * experiment.shield
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
         successes = sum(r.success for r in ours)
@@ -125,12 +76,12 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
-            scene = _scene(experiment, task, row, arch, limit)
+            scene = scene_of(experiment, task, row, arch, limit)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
-                tells = _row(experiment, task, row, arch, limit, core_s, result, wall_s)
+                tells = _row(experiment, task, row, arch, limit, core_s, asked, result, wall_s)
                 rows.append(path, tells)
                 ours.append(tells)
                 log(tells)
@@ -143,12 +94,12 @@ def _look(
     experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, known: Sequence[EvaluationRow]
 ) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
-    scene = _scene(experiment, task, row, arch, limit)
+    scene = scene_of(experiment, task, row, arch, limit)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
     stage = rollout_name(
-        arch.name, experiment.recipe, experiment.demos, experiment.train_seed, experiment.shield
+        arch.name, experiment.method, experiment.demos, experiment.train_seed, experiment.shield
     )
     before = {r.scene_seed: r for r in known}
     looks: list[tuple[int, list[Path]]] = []
@@ -186,7 +137,7 @@ def _look(
             )
 
 
-def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
+def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
     """What the policies were made of: as this experiment says, from which data, with which weights.
 
     Raises StageError for policies that were made otherwise.
@@ -201,7 +152,9 @@ def _trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> di
     return {"data": next(iter(made.values()))["data"], "weights": weights}
 
 
-def _scene(experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int) -> Callable[..., Any]:
+def scene_of(
+    experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int
+) -> Callable[..., tuple[Rollout, float]]:
     """`evaluate_scene` of an experiment, which lacks the seed alone."""
     folder = policy_path(experiment, task, row, arch)
     kept = {"limit": limit, "shield": experiment.shield}
@@ -221,11 +174,12 @@ def evaluate_scene(
     plans: Settings | None = None,
     record: Path | None = None,
     film: Path | None = None,
+    watch: Callable[[RolloutStep], None] | None = None,
 ) -> tuple[Rollout, float]:
     """A rollout in this process and the seconds it took; recorded and filmed to the files that are named.
 
-    A film has the picture of its last moment beside it. With `plans` a coordinator tells the policies who is
-    at which subgoal of a plan that is made so.
+    A film has the picture of its last moment beside it. `watch` is told of every step. With `plans` a
+    coordinator tells the policies who is at which subgoal of a plan that is made so.
     """
     began = time.perf_counter()
     threads = torch.get_num_threads()
@@ -247,6 +201,8 @@ def evaluate_scene(
         def look(step: RolloutStep) -> None:
             for observer in observers:
                 observer.rolled(step)
+            if watch is not None:
+                watch(step)
 
         guard = Shield(task) if shield else None
         coordinator = Coordinator(plans, seed, start) if plans else None
@@ -284,18 +240,13 @@ def step_limit(experiment: Experiment, task: Task, row: Row) -> int:
     return round(2 * mean(steps))
 
 
-def _demonstrations(experiment: Experiment, task: Task, row: Row) -> Path:
-    """The data set, once it is known to hold enough."""
-    path = data_path(experiment, task, row)
-    if not path.exists():
-        raise StageError(f"no data at {path}; run stages=[generate] first")
-    found = len(Store.open(path))
-    if found < experiment.demos:
-        raise StageError(
-            f"{path} has {found} demonstrations, demos={experiment.demos} were asked for; "
-            "run stages=[generate] with that number first"
-        )
-    return path
+def _queries(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
+    """How many proposals the expert was asked for to correct the policies, in all rounds."""
+    count = 0
+    for rounds in range(1, experiment.dagger.rounds + 1):
+        path = correction_path(experiment.after(rounds), task, row, arch)
+        count += sum(made.attempts for made in rows.read(path, GenerationRow))
+    return count
 
 
 def _row(
@@ -305,6 +256,7 @@ def _row(
     arch: Arch,
     limit: int,
     core_s: float,
+    queries: int,
     result: Rollout,
     wall_s: float,
 ) -> EvaluationRow:
@@ -329,6 +281,7 @@ def _row(
         disturbance_rad=experiment.disturbance_rad,
         shield=experiment.shield,
         interventions=result.interventions,
-        recipe=experiment.recipe,
+        recipe=experiment.method,
         core_s=round(core_s, 1),
+        queries=queries,
     )

@@ -1,0 +1,84 @@
+"""Training: a policy for each view of an architecture, in as many rounds as the expert corrects them."""
+
+import os
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import torch
+
+from rf_exp.experiment import Experiment
+from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.saved import CURVES, MODEL, device_of
+from rf_exp.policy.train import train
+from rf_exp.policy.views import View, views
+from rf_exp.processes import in_order
+from rf_exp.progress import Progress, console
+from rf_exp.stages.artifacts import owned, policy_path
+from rf_exp.stages.correction import correct, demonstrations
+from rf_exp.stages.logs import Follower, curve_log
+from rf_exp.store import Store
+from rf_exp.tasks import Task
+from rf_exp.types import Arch, Row
+
+SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
+
+
+def train_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
+    """One diffusion policy for each view of the architecture, from the first `demos` episodes.
+
+    Then anew for each round in which the expert corrects them, from its corrections as well.
+    """
+    _train_all(experiment.after(0), task, row, arch)
+    for rounds in range(1, experiment.dagger.rounds + 1):
+        correct(experiment.after(rounds), task, row, arch)
+        _train_all(experiment.after(rounds), task, row, arch)
+
+
+def _train_all(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
+    """Each policy in a process of its own.
+
+    On a CPU they are trained side by side, since a small network gains little from a second core.
+    """
+    folder = policy_path(experiment, task, row, arch)
+    config = replace(experiment.training, seed=experiment.train_seed)
+    title = f"train {task.name}/{row.name}/{arch.name}{experiment.corrected}"
+    with owned(folder), ExitStack() as stack:
+        data, demos = demonstrations(experiment, task, row, arch)
+        all_views = views(arch, len(task.agents))
+        there = all((folder / view.name / MODEL).exists() for view in all_views)
+        processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
+        # Our small networks are too small for threads: they would spend their time waiting for each other.
+        small = experiment.policy.encoder != "resnet18"
+        threads = 1 if small else max(1, (os.cpu_count() or 1) // processes)
+        made_with = demos, experiment.policy, config, threads
+        followers = [
+            Follower(
+                folder / view.name / CURVES,
+                stack.enter_context(curve_log(experiment, task, row, arch, view.name)),
+            )
+            for view in all_views
+        ]
+        jobs = [partial(_train, data, view, folder / view.name, *made_with) for view in all_views]
+        with Progress(title, 1, "steps") as progress:
+
+            def follow() -> None:
+                for follower in followers:
+                    for curve, steps in follower.new():
+                        progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(followers))
+
+            for _ in in_order(jobs, processes, grace_s=SAVING_S, meanwhile=follow):
+                pass
+            follow()
+        if there:
+            console.print(f"{title}: {len(all_views)} policies are there, nothing to do")
+
+
+def _train(
+    data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
+) -> None:
+    """One policy, in the process it is called in, which holds the right to make it itself."""
+    torch.set_num_threads(threads)
+    with owned(folder):
+        train(Store.open(data).first(demos), view, policy, config, folder)
