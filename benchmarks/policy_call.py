@@ -1,9 +1,11 @@
 """What a call of the policy costs: sampler, ring buffer and FiLM table, in one run.
 
     python benchmarks/policy_call.py [--size compact|paper] [--calls 3]
+    python benchmarks/policy_call.py --policy outputs/policies/TASK/full/separate_local/fast-50-0/agent1
 
 DDPM with 100 steps and DDIM with 10, each as the rollout does it; then DDIM with all three frames
 encoded again, and with the FiLM vector computed in every step. The variants take turns on one thread.
+Of a trained policy instead: looking, who may go on and which subgoal, the chunk of actions; and all of it.
 The last line is JSON: medians in ms, and the ratios.
 """
 
@@ -12,12 +14,14 @@ import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from statistics import median
 
 import torch
 
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.saved import load_policy
 
 PROPRIO = ACTION = 8
 
@@ -49,12 +53,40 @@ def call_without_table(policy: DiffusionPolicy, pictures: torch.Tensor, known: t
         sample = policy.scheduler.step(prediction, step, sample).prev_sample  # pyright: ignore
 
 
+def trained(folder: Path, calls: int) -> dict[str, object]:
+    """What a trained policy takes for one chunk, as a rollout asks for it."""
+    policy, _, _ = load_policy(folder, "cpu")
+    config, normaliser = policy.config, policy.normaliser
+    steps, generator = config.observation_steps, torch.Generator().manual_seed(0)
+    picture = torch.randint(256, (1, config.height, config.width, 3), dtype=torch.uint8)
+    proprio, context = (
+        known.centre.expand(1, steps, -1) for known in (normaliser.proprio, normaliser.context)
+    )
+    times: dict[str, list[float]] = {}
+    for _ in range(calls + 1):
+        with torch.inference_mode():
+            began = [time.perf_counter()]
+            features = policy.look(picture)[0][:, None].expand(-1, steps, -1)
+            began.append(time.perf_counter())
+            known, _ = policy.in_phase(features, proprio, context)
+            began.append(time.perf_counter())
+            policy.act(features, proprio, known, [generator])
+            began.append(time.perf_counter())
+        for name, first, last in (("look", 0, 1), ("phase", 1, 2), ("act", 2, 3), ("all", 0, 3)):
+            times.setdefault(f"{name}_ms", []).append((began[last] - began[first]) * 1e3)
+    return {name: round(median(values[1:]), 2) for name, values in times.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
     parser.add_argument("--size", choices=("compact", "paper"), default="compact")
     parser.add_argument("--calls", type=int, default=3)
+    parser.add_argument("--policy", type=Path, help="folder of a trained one")
     arguments = parser.parse_args()
     torch.set_num_threads(1)  # as the rollout runs
+    if arguments.policy:
+        print(json.dumps(trained(arguments.policy, arguments.calls)))
+        return
     config = PolicyConfig() if arguments.size == "paper" else PolicyConfig.compact()
     ddpm, ddim = make(config, "ddpm", 100), make(config, "ddim", 10)
     seen = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)

@@ -15,7 +15,7 @@ PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
 # Of a policy; they change no weight.
-ACTING = ("action_steps", "hold_rad", "sampler", "inference_diffusion_steps")
+ACTING = ("action_steps", "ensemble", "hold_rad", "sampler", "inference_diffusion_steps")
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 5
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
@@ -42,16 +42,17 @@ class PolicyConfig:
     """The networks and the diffusion process. Pictures must come in `height` x `width` pixels."""
 
     encoder: str = "resnet18"  # resnet18 | compact | heatmaps: see eyes.py
-    keypoint_noise: float = (
-        0.0  # on what heat maps see (m, and parts of a picture), while the rest learns from it
-    )
+    # On what heat maps see (m, and parts of a picture), while the rest learns from it.
+    keypoint_noise: float = 0.0
     unet_channels: tuple[int, ...] = (256, 512, 1024)
     horizon: int = 8  # actions predicted, the first at the oldest observation
     observation_steps: int = 3
     action_steps: int = 6  # executed before the next prediction
+    # Of all predictions of a control step the k-th oldest weighs exp(-ensemble k); None: the newest alone.
+    ensemble: float | None = None
     hold_rad: float = 0.0  # a chunk whose joints all stay so near to where they are moves nothing
     train_diffusion_steps: int = 100
-    inference_diffusion_steps: int = 100
+    inference_diffusion_steps: int = 100  # 0: the draft alone
     sampler: str = "ddpm"  # ddpm | ddim
     prediction: str = "epsilon"  # epsilon | sample | v_prediction
     relative_actions: bool = False  # joint targets as differences from the newest measured positions
@@ -91,7 +92,7 @@ class PolicyConfig:
         _require(predicts, "phases", self.phases, "false without context and a draft, beside which it learns")
         _require(self.context or not self.tcp_actions, "context", self.context, "true with tcp_actions")
         _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
-        _positive(self, "train_diffusion_steps", "inference_diffusion_steps")
+        _positive(self, "train_diffusion_steps")
         _require(0.0 < self.crop <= 1.0, "crop", self.crop, "a number above 0, at most 1")
         halvings = 2 ** (len(self.unet_channels) - 1)
         _require(self.horizon % halvings == 0, "horizon", self.horizon, f"a multiple of {halvings}")
@@ -99,9 +100,19 @@ class PolicyConfig:
         _require(self.action_steps <= longest, "action_steps", self.action_steps, f"at most {longest}")
         most = self.train_diffusion_steps
         steps = self.inference_diffusion_steps
-        _require(steps <= most, "inference_diffusion_steps", steps, f"at most {most}")
+        least = 0 if self.draft else 1
+        _require(least <= steps <= most, "inference_diffusion_steps", steps, f"{least} to {most}")
+        _require(
+            self.ensemble is None or self.ensemble >= 0, "ensemble", self.ensemble, "0 or above, or null"
+        )
         if self.sampler == "ddpm":
             _require(steps == most, "inference_diffusion_steps", steps, f"{most} with sampler ddpm")
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """All fields, but for those that came later, where they change nothing."""
+        later = {"ensemble": None}
+        return {k: v for k, v in asdict(self).items() if k not in later or v != later[k]}
 
     @classmethod
     def compact(cls, **changes: Any) -> "PolicyConfig":

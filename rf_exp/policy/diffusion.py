@@ -90,7 +90,8 @@ class DiffusionPolicy(nn.Module):
             prediction_type=config.prediction,
             timestep_spacing="trailing",
         )
-        self.scheduler.set_timesteps(config.inference_diffusion_steps)
+        if config.inference_diffusion_steps:
+            self.scheduler.set_timesteps(config.inference_diffusion_steps)
         self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
 
     def train(self, mode: bool = True) -> "DiffusionPolicy":
@@ -265,6 +266,8 @@ class DiffusionPolicy(nn.Module):
         film, draft = self.unet.film_of_observations(self.trunk(observation)), self._draft(observation)
         sample = randn_tensor(shape, generator=generators, device=features.device, dtype=features.dtype)
         steps = self.scheduler.timesteps
+        if draft is not None and not self.config.inference_diffusion_steps:
+            sample, steps = draft, steps[:0]
         if self._film_table is None:
             self._film_table = self.unet.film_of_steps(steps.to(features.device))
         for step, film_of_step in zip(steps, self._film_table, strict=True):

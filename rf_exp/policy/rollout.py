@@ -130,6 +130,7 @@ class Actor(Performer):
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
         self._memory: Memory | None = None  # of the grippers, once it knows how many there are
+        self._predicted: list[tuple[int, NDArray[np.float64]]] = []  # control step, commands (T, agents, 8)
         self._widths = np.zeros(0)  # of the grippers of all agents, as measured last
         self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
 
@@ -220,10 +221,27 @@ class Actor(Performer):
         actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
         actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         stays = waits | self._goes_nowhere(actions, scene.qpos[agents, :ARM_JOINTS], opened)
-        chunk = self._commands(actions[:, : self._config.action_steps])
+        chunk = self._chunk(actions, scene.step, waits)
         chunk[:, stays, :ARM_JOINTS] = self._targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
         return chunk[:WAIT_STEPS] if waits.any() else chunk
+
+    def _chunk(self, actions: NDArray[np.float64], now: int, waits: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Predicted actions (S, T, A) -> the commands (K, agents of the view, 8) to execute next.
+
+        In an ensemble (Zhao et al. 2023, temporal ensembling) those predicted earlier for the same control
+        steps count too. What was predicted before somebody had to wait is about other steps.
+        """
+        steps, decay = self._config.action_steps, self._config.ensemble
+        if decay is None:
+            return self._commands(actions[:, :steps])
+        known = [] if waits.any() else [(at, of) for at, of in self._predicted if at + len(of) > now]
+        self._predicted = [*known, (now, self._commands(actions))]
+        rows = []
+        for step in range(now, now + steps):
+            same = np.stack([of[step - at] for at, of in self._predicted if step - at < len(of)])
+            rows.append(np.average(same, axis=0, weights=np.exp(-decay * np.arange(len(same)))))
+        return np.stack(rows)
 
     def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""

@@ -80,7 +80,7 @@ def train(
     """
     made_of = {
         "learner": LEARNER,
-        "policy": asdict(policy_config),
+        "policy": policy_config.identity,
         "view": _without(asdict(view), coordinated=False),
         "senses": _without(asdict(senses_of(policy_config, store, view)), subgoals=0),
         "train": train_config.identity,

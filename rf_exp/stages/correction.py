@@ -10,7 +10,7 @@ in the rows.
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,7 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
         "rollouts": experiment.dagger.rollouts,
         "step_limit": limit,
         "policies": plain(trained(before, task, arch, policy_path(before, task, row, arch))),
-        "acting": plain(asdict(experiment.policy)),
+        "acting": plain(experiment.policy.identity),
     }
     data, demos = demonstrations(before, task, row, arch)
     source = Store.open(data).first(demos)

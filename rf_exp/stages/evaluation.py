@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
@@ -146,7 +146,7 @@ def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dic
     for view in views(arch, len(task.agents)):
         made[view.name] = made_of(folder / view.name)
         config = replace(experiment.training, seed=experiment.train_seed)
-        wanted = {"learner": LEARNER, "policy": asdict(experiment.policy), "train": config.identity}
+        wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
         expect(folder / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}

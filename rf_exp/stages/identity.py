@@ -53,7 +53,7 @@ def evaluation_identity(
             "demos": experiment.demos,
             "pictures": [experiment.pictures.width, experiment.pictures.height],
             "step_limit": step_limit,
-            "policy": asdict(experiment.policy),
+            "policy": experiment.policy.identity,
             "training": experiment.training.identity,
         }
     )

@@ -31,7 +31,7 @@ def test_lists_become_tuples() -> None:
         ({"horizon": 0}, "horizon is 0; expected a number above 0"),
         ({"action_steps": 7}, "action_steps is 7; expected at most 6"),
         ({"crop": 0.0}, "crop is 0.0; expected a number above 0, at most 1"),
-        ({"inference_diffusion_steps": 101}, "inference_diffusion_steps is 101; expected at most 100"),
+        ({"inference_diffusion_steps": 101}, "inference_diffusion_steps is 101; expected 1 to 100"),
         (
             {"inference_diffusion_steps": 10},
             "inference_diffusion_steps is 10; expected 100 with sampler ddpm",

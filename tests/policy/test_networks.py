@@ -125,6 +125,18 @@ def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: s
     assert not torch.allclose(actions[0], actions[1])  # rows have noise of their own
 
 
+def test_without_steps_of_diffusion_the_draft_acts() -> None:
+    torch.manual_seed(0)
+    config = PolicyConfig.compact(unet_channels=(16, 32), draft=(32,), inference_diffusion_steps=0)
+    policy = DiffusionPolicy(config, 8, 8).eval()
+    features = torch.randn(2, 3, policy.encoder.features)
+    proprio, context = torch.zeros(2, 3, 8), torch.zeros(2, 3, 0)
+    assert policy.draft is not None
+    drafted = policy.draft(policy.observation(features, proprio, context))
+    found = policy.act(features, proprio, context, [torch.Generator().manual_seed(k) for k in range(2)])
+    torch.testing.assert_close(found, policy.normaliser.action.restore(drafted))
+
+
 def test_the_film_table_does_not_outlive_its_weights() -> None:
     torch.manual_seed(0)
     policy = DiffusionPolicy(PolicyConfig.compact(unet_channels=(16, 32)), 8, 8).eval()

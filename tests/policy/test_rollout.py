@@ -122,6 +122,35 @@ def test_targets_within_reach_are_commanded_exactly(make_actor) -> None:
     assert np.allclose(actor(scene, {})[0], target)
 
 
+def test_in_an_ensemble_earlier_predictions_count(make_actor) -> None:
+    """Older ones more, as in ACT; and one alone is what it is without an ensemble."""
+    decay, world = 0.5, Table(2)
+    view = views(ARCHS[0], 2)[0]
+    alone, actor = (
+        make_actor(view, observation_steps=1, action_steps=3, **how) for how in ({}, {"ensemble": decay})
+    )
+    first = alone(world.reset(0), world.pictures())
+    np.testing.assert_allclose(actor(world.reset(0), world.pictures()), first)
+    chunks: list[NDArray[np.float64]] = []
+    whole = actor._commands
+    actor._commands = lambda actions: chunks.append(whole(actions)) or chunks[-1]
+    actor.reset(0)
+    scene, expected = world.reset(0), []
+    for step in range(9):
+        actor.think(scene, world.pictures())
+        if step % 3 == 0:
+            same = [chunk[step - 3 * k :][:3] for k, chunk in enumerate(chunks) if step - 3 * k < len(chunk)]
+            weights = np.exp(-decay * np.arange(len(same)))
+            lengths = min(map(len, same))
+            expected = np.average([each[:lengths] for each in same], axis=0, weights=weights)
+            np.testing.assert_allclose(
+                np.stack([actor.predicted[agent] for agent in view.agents], axis=1)[:lengths], expected
+            )
+        actor.act()
+        scene = replace(scene, step=step + 1)
+    assert len(chunks) == 3 and len(chunks[0]) > 6
+
+
 def test_pictures_are_taken_only_for_observations(make_actor) -> None:
     world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
     rollout(world, judge, actors, 0, 14)
