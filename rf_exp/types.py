@@ -307,6 +307,8 @@ class RolloutStep:
     violation: Violation | None  # seen by the monitor
     withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one
     seen: tuple[Sight, ...] = ()  # what heat maps saw when a policy looked for the last time
+    # agent -> the number of its subgoal and whether it may go on, as its policy said at its last prediction
+    phases: Mapping[int, tuple[int, bool]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

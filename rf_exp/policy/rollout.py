@@ -57,6 +57,8 @@ class Performer:
         # agent -> (T, 8) targets predicted in the last call, from its step on; empty if it predicted nothing
         self.predicted: dict[int, NDArray[np.float64]] = {}
         self.seen: tuple[Sight, ...] = ()  # at the last look
+        # agent -> number of its subgoal and whether it may go on, as it said in the last prediction
+        self.phases: dict[int, tuple[int, bool]] = {}
         # What a coordinator says now: the numbers of the subgoals (N,) and who may go on (N,).
         self.coordinated: tuple[NDArray[np.int64], NDArray[np.bool_]] | None = None
 
@@ -215,6 +217,13 @@ class Actor(Performer):
         waits = ~free.flatten().cpu().numpy()
         if self.view.coordinated and self.coordinated is not None:
             waits = ~self.coordinated[1][agents]
+        if told := self._senses.told:
+            numbers = known[:, -1, -told * len(self.view.streams[0].agents) :].reshape(len(agents), told)
+            doing = numbers[:, :-1].argmax(dim=1).tolist()
+            self.phases = {
+                agent: (number, not waiting)
+                for agent, number, waiting in zip(self.view.agents, doing, waits.tolist(), strict=True)
+            }
         if waits.all():
             stay = np.column_stack([self._targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
@@ -340,7 +349,8 @@ def rollout(
             predicted = {agent: chunk for actor in actors for agent, chunk in actor.predicted.items()}
             withheld = None if decision is None else decision.withheld
             seen = tuple(sight for actor in actors for sight in actor.seen)
-            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, seen))
+            phases = {agent: said for actor in actors for agent, said in actor.phases.items()}
+            on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, seen, phases))
         if verdict.success:
             return Rollout(seed, True, success_paper, step, violations, account.contacts, "", interventions)
     lost = violations, account.contacts, account.reason(), interventions

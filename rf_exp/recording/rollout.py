@@ -31,6 +31,7 @@ class RolloutRecorder(SceneRecorder):
         self._violated = False
         self._table = ""
         self._withheld = ""  # what the shield did last
+        self._doing: dict[int, int] = {}  # agent -> number of its subgoal
         self._seen: tuple[Sight, ...] = ()
 
     def begun(self, scene: Scene) -> None:
@@ -56,6 +57,11 @@ class RolloutRecorder(SceneRecorder):
         self._contacts(step.scene)
         self._judged(step.scene, step.verdict)
         self._shielded(step)
+        for agent, (number, goes_on) in step.phases.items():
+            self._state(f"agent {agent}", goes_on, step.scene.step, ("goes on", "waits"))
+            if self._doing.get(agent) != number:
+                self._doing[agent] = number
+                self._recorder.note(f"agent {agent} takes itself to be at its subgoal {number + 1}")
         if step.violation is not None and not self._violated:
             self._recorder.violation(step.violation, self._hands_m(step.violation.agents))
         self._violated = step.violation is not None

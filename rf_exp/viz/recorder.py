@@ -71,6 +71,7 @@ NOW: Rgb = (255, 255, 255)
 NOW_POINTS = 4.0  # radius on the screen, however far the picture is zoomed
 FAINT = 110  # alpha of commanded curves, next to measured ones
 GOES_PX, SEEN_PX = 5.0, 2.0  # radii of the points that heat maps see, where an agent goes next and others
+NO_FAULT = ("not yet", "waits")  # states of a lane
 PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
 
 
@@ -361,7 +362,7 @@ class Recorder:
         lane = f"{CONDITIONS}/{_lane(name)}"
         if lane not in self._styled:
             self._styled.add(lane)
-            colours = [HOLDS, NOT_YET if states[1] == "not yet" else VIOLATED]
+            colours = [HOLDS, NOT_YET if states[1] in NO_FAULT else VIOLATED]
             self._log(lane, rr.StateConfiguration(values=list(states), colors=colours), static=True)
         self._log(
             lane, rr.TextLog(line, level="INFO"), rr.StateChange(state=states[0] if holds else states[1])

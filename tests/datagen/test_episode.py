@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -198,15 +199,17 @@ def test_the_expert_goes_on_from_where_others_have_led(lift_world):
     """Their steps are stored as they were done, and as nobody's subgoal."""
     setting = settings(read_task("lift_barrier"))
     whole = EpisodeMaker(setting, lift_world, ScriptedBrain()).make(5).episode
-    lead = np.tile(whole.action[:40].astype(float), (1, 1, 1))
+    assert whole is not None
+    lead = whole.action[:40].astype(float)
     lead[20:, :, 0] += 0.1 * np.linspace(0, 1, 20)[:, None]  # and astray
-    known = whole.certificate["subgoals"]
+    known: Any = whole.certificate["subgoals"]
     made = EpisodeMaker(setting, lift_world, ScriptedBrain()).make(5, lead, known)
-    assert made.success and made.attempts == 1
-    np.testing.assert_array_equal(made.episode.action[:40], lead.astype(np.float32))
-    assert (made.episode.subgoal[:40] == -1).all() and (made.episode.subgoal[40:] >= 0).all()
-    assert made.episode.certificate["subgoals"] == known
-    moved = np.abs(np.diff(made.episode.action[39:, :, :7], axis=0)).max(axis=(1, 2))
+    episode = made.episode
+    assert made.attempts == 1 and episode is not None and episode.subgoal is not None
+    np.testing.assert_array_equal(episode.action[:40], lead.astype(np.float32))
+    assert (episode.subgoal[:40] == -1).all() and (episode.subgoal[40:] >= 0).all()
+    assert episode.certificate["subgoals"] == known
+    moved = np.abs(np.diff(episode.action[39:, :, :7], axis=0)).max(axis=(1, 2))
     assert moved.max() < 1.1 * setting.limits.velocity_rad_s / CONTROL_HZ  # no jump where it takes over
 
 

@@ -97,7 +97,7 @@ def test_a_policy_that_acts_otherwise_has_rows_of_its_own(evaluate) -> None:
     """It is the same policy, but its rollouts are others."""
     result = evaluate("policy.inference_diffusion_steps=3")
     assert result.returncode == 1 and "was made with another configuration" in result.stderr
-    assert "policy.inference_diffusion_steps: found 10, wanted 3" in result.stderr
+    assert "policy.inference_diffusion_steps: found 4, wanted 3" in result.stderr
 
 
 def test_other_weights_are_refused(evaluate, out: Path) -> None:
