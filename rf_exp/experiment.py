@@ -49,6 +49,7 @@ class Experiment:
     stages: tuple[str, ...]
     out: Path
     recipe: str
+    learned_as: str
     name: str
     seed: int
     episodes: int | None
@@ -74,6 +75,7 @@ class Experiment:
     def __post_init__(self) -> None:
         check_file_name("name", self.name)
         check_file_name("recipe", self.recipe)
+        check_file_name("learned_as", self.learned_as)
         for kind, chosen in (("task", self.tasks), ("constraints", self.rows), ("arch", self.archs)):
             for each in chosen:
                 check_file_name(kind, each.name)
@@ -115,7 +117,16 @@ class Experiment:
     @property
     def method(self) -> str:
         """How policies are learned, as it stands in names and rows: the recipe, and rounds of correction."""
-        return self.recipe + (f"+dagger{self.dagger.rounds}" if self.dagger.rounds else "")
+        return self.recipe + self._rounds
+
+    @property
+    def policies(self) -> str:
+        """How the policies are called: by what they were learned with, from how much, by which seed."""
+        return f"{self.learned_as}{self._rounds}-{self.demos}-{self.train_seed}"
+
+    @property
+    def _rounds(self) -> str:
+        return f"+dagger{self.dagger.rounds}" if self.dagger.rounds else ""
 
     @property
     def corrected(self) -> str:

@@ -28,20 +28,16 @@ def generation_path(experiment: Experiment, task: Task, row: Row) -> Path:
 
 def corrected_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
     """The demonstrations, and those that correct what the policies of the round before have done."""
-    return data_path(experiment, task, row).with_name(f"corrected-{arch.name}-{_run(experiment)}.zarr")
+    return data_path(experiment, task, row).with_name(f"corrected-{arch.name}-{experiment.policies}.zarr")
 
 
 def correction_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    name = f"{row.name}-{_run(experiment)}.jsonl"
+    name = f"{row.name}-{experiment.policies}.jsonl"
     return experiment.out / "results" / "correct" / task.name / arch.name / name
 
 
 def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    return experiment.out / "policies" / task.name / row.name / arch.name / _run(experiment)
-
-
-def _run(experiment: Experiment) -> str:
-    return f"{experiment.method}-{experiment.demos}-{experiment.train_seed}"
+    return experiment.out / "policies" / task.name / row.name / arch.name / experiment.policies
 
 
 def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:

@@ -1,5 +1,6 @@
 """conf/experiment: every file composes, selects what its table needs, and yields to the command line."""
 
+from dataclasses import asdict
 from typing import Any
 
 import pytest
@@ -8,6 +9,8 @@ from omegaconf import OmegaConf
 
 from rf_exp.ablation.paper import paper
 from rf_exp.command import CONF, register_all_tasks
+from rf_exp.policy.config import ACTING
+from tests.conftest import experiment
 
 EXPERIMENTS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 ROWS = set(paper().ablation_success)
@@ -46,6 +49,17 @@ def test_ablation_draws_nothing_and_counts_seeds() -> None:
     assert values["episodes"] >= 100
     assert values["out"] != composed()["out"]  # scenes with heavy things never mix with the usual ones
     assert values["randomisation"]["heavy"] > 0
+
+
+def test_every_rung_of_the_ladder_differs_from_fast_and_says_so() -> None:
+    """In what is learned, and then not in name alone; or in how the same policies act."""
+    swept = composed("experiment=ladder")["hydra"]["sweeper"]["params"]["policy"].split(",")
+    fast, *rungs = (experiment(f"recipe={name}", f"policy={name}") for name in map(str.strip, swept))
+    for rung in rungs:
+        differs = {key for key, value in asdict(rung.policy).items() if value != getattr(fast.policy, key)}
+        learned = bool(differs - {*ACTING}) or rung.training != fast.training or rung.name != "fast"
+        assert differs or learned
+        assert rung.learned_as == (rung.recipe if learned else "fast")
 
 
 def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:
