@@ -51,12 +51,17 @@ def guarded(job: Callable[[], None]) -> int:
         with _told():
             refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
             job()
+            sys.stdout.flush()
     except _Told as told:
         print(f"ended by {told.number.name}; the same command goes on from here", file=sys.stderr)
         return SHELL_SIGNAL + told.number
     except KeyboardInterrupt:
         print("interrupted; the same command goes on from here", file=sys.stderr)
         return SHELL_SIGNAL + signal.SIGINT
+    except BrokenPipeError:  # as in `rf-exp --help | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # where Python will flush the rest to
+        print("ended: nobody reads the output; the same command goes on from here", file=sys.stderr)
+        return SHELL_SIGNAL + signal.SIGPIPE
     except Exception as error:
         if full == "1":
             traceback.print_exception(error)
@@ -81,7 +86,7 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
         end_with_parent()
         try:
             main(config)
-        except (*WRONG, RfError):
+        except (*WRONG, RfError, BrokenPipeError):
             raise
         except Exception as error:
             raise _unexpected(error, Path(HydraConfig.get().runtime.output_dir)) from error

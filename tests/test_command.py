@@ -13,6 +13,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
 from rf_exp.command import explained, guarded
+from rf_exp.processes import SHELL_SIGNAL
 
 ROOT = Path(__file__).parents[1]
 CONF = ROOT / "conf"
@@ -40,6 +41,17 @@ def test_a_signal_to_end_is_a_line_and_the_usual_exit_code(number: signal.Signal
     assert guarded(lambda: os.kill(os.getpid(), number)) == 128 + number
     assert capsys.readouterr().err == f"ended by {number.name}; the same command goes on from here\n"
     assert signal.getsignal(number) is signal.SIG_DFL
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--cfg", "job"]])
+def test_who_stops_reading_ends_the_command_quietly(arguments: list[str]) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "rf_exp.run", *arguments]
+    result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, cwd=ROOT, text=True, timeout=300)
+    os.close(write)
+    assert result.returncode == SHELL_SIGNAL + signal.SIGPIPE
+    assert result.stderr == "ended: nobody reads the output; the same command goes on from here\n"
 
 
 def test_memory_that_runs_out_is_a_line(capsys) -> None:
