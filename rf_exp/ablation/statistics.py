@@ -8,9 +8,9 @@ ends: R. G. Newcombe, Statistics in Medicine 17 (1998), pp. 857-872 and 873-890.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
-from statistics import NormalDist, fmean, stdev
+from statistics import fmean, stdev
 
-from scipy.special import stdtrit
+from scipy.stats import binomtest, t
 
 from rf_exp.errors import ArgumentError
 
@@ -40,14 +40,11 @@ def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> Estimate:
         raise ArgumentError(
             f"rate of {successes} successes in {n} trials; expected 0 <= successes <= n and n > 0"
         )
-    z = _z(confidence)
-    rate = successes / n
-    centre = (rate + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * sqrt(rate * (1 - rate) / n + z * z / (4 * n * n))
+    found = binomtest(successes, n).proportion_ci(_checked(confidence), method="wilson")
     # Exact at the ends, where rounding could leave 1e-17.
-    low = 0.0 if successes == 0 else centre - half
-    high = 1.0 if successes == n else centre + half
-    return Estimate(rate, low, high, n)
+    low = 0.0 if successes == 0 else float(found.low)
+    high = 1.0 if successes == n else float(found.high)
+    return Estimate(successes / n, low, high, n)
 
 
 def difference(a: Estimate, b: Estimate) -> Estimate:
@@ -71,11 +68,11 @@ def mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
     centre, n = fmean(values), len(values)
     if n == 1:
         return Estimate(centre, float("-inf"), float("inf"), 1)
-    half = float(stdtrit(n - 1, 0.5 + confidence / 2)) * stdev(values) / sqrt(n)
-    return Estimate(centre, centre - half, centre + half, n)
+    low, high = t.interval(_checked(confidence), n - 1, loc=centre, scale=stdev(values) / sqrt(n))
+    return Estimate(centre, float(low), float(high), n)
 
 
-def _z(confidence: float) -> float:
+def _checked(confidence: float) -> float:
     if not 0 < confidence < 1:
         raise ArgumentError(f"confidence {confidence}; expected a number between 0 and 1, e.g. 0.95")
-    return NormalDist().inv_cdf(0.5 + confidence / 2)
+    return confidence
