@@ -48,6 +48,7 @@ class Arch:
     shared_policy: bool
     global_view: bool
     coordinated: bool = False  # told by RoboBrain and RoboChecker who is at which subgoal, and who waits
+    both_views: bool = False  # the other view as well: a separate policy with the own and the global camera
 
 
 @dataclass(frozen=True)

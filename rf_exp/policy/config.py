@@ -129,10 +129,9 @@ class PolicyConfig:
         }
         return cls(**(values | changes))
 
-    @property
-    def crop_size(self) -> tuple[int, int]:
-        """Height and width of the crop the encoder sees, pixels."""
-        return round(self.crop * self.height), round(self.crop * self.width)
+    def cropped(self, height: int, width: int) -> tuple[int, int]:
+        """Height and width of what the encoder sees of such a picture, pixels."""
+        return round(self.crop * height), round(self.crop * width)
 
 
 @dataclass(frozen=True)

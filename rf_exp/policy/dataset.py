@@ -6,7 +6,7 @@ either end repeat the nearest. Batches are made of runs of consecutive windows, 
 batch serve several windows; each window comes exactly once in an epoch all the same.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -109,7 +109,10 @@ class Windows:
         )
         self._pictures = torch.empty((0, 0, 0, 3), dtype=torch.uint8)
         if config.observation == "pictures":
-            pictures = [_pictures(store, stream.camera, config)[kept] for stream in view.streams]
+            pictures = [
+                side_by_side([_pictures(store, camera, config)[kept] for camera in stream.cameras])
+                for stream in view.streams
+            ]
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
         self.pixels = self.points = self.headings = torch.empty(0)  # of keypoints, see `Keypoints`
         self.doing = torch.empty(0)  # (S * T, N) the subgoals of the other agents
@@ -195,8 +198,9 @@ class Windows:
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
         run_of_frame, unique = np.divmod(keys, len(self))
-        height, width = config.crop_size
-        slack = np.array([config.height - height, config.width - width])
+        whole = self._pictures.shape[1:3]
+        height, width = config.cropped(*whole)
+        slack = np.array([whole[0] - height, whole[1] - width])
         corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
         if rng is not None:
             corners = rng.integers(0, slack + 1, size=corners.shape)
@@ -275,6 +279,11 @@ def shown(store: "Store") -> NDArray[np.bool_]:
     return said if said.any() else ~said  # an older store does not say
 
 
+def side_by_side(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Pictures (..., H, W, 3) of several cameras as one (..., H, sum of W, 3); of one, that itself."""
+    return pictures[0] if len(pictures) == 1 else np.concatenate(pictures, axis=-2)
+
+
 def moving(store: "Store") -> NDArray[np.bool_]:
     """(T,) the steps in which somebody moves or means to: an arm is sent on, or fingers open or close."""
     kept = []
@@ -315,7 +324,7 @@ def _pictures(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np.u
     if camera not in store.cameras:
         raise ArgumentError(
             f"the view needs camera {camera!r}, but the store has {', '.join(store.cameras) or 'none'}; "
-            "generate with render=true"
+            "generate with render=true and cameras=all"
         )
     pictures = np.asarray(store.pictures[camera][:])
     if pictures.shape[1:3] != (config.height, config.width):

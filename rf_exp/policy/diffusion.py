@@ -104,8 +104,8 @@ class DiffusionPolicy(nn.Module):
 
     def encode_whole(self, pictures: Tensor) -> Tensor:
         """Uncropped uint8 pictures (U, H, W, 3) -> features (U, F) of their centres."""
-        height, width = self.config.crop_size
-        top, left = (self.config.height - height) // 2, (self.config.width - width) // 2
+        height, width = self.config.cropped(*pictures.shape[1:3])
+        top, left = (pictures.shape[1] - height) // 2, (pictures.shape[2] - width) // 2
         return self.encode(pictures[:, top : top + height, left : left + width])
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:

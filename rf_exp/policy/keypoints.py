@@ -29,7 +29,10 @@ HEADING = 6  # cosine and sine of one, two and four times the heading of the fin
 
 @dataclass(frozen=True)
 class Keypoints:
-    """M keypoints in each of T frames of a stream, each as P points of HAND. NaN where one is past."""
+    """M keypoints in each of T frames of a stream, each as P points of HAND. NaN where one is past.
+
+    Of several cameras, side by side, all keypoints in the first, then in the second, ...
+    """
 
     pixels: NDArray[np.float32]  # (T, M * P, 2) x to the right and y down, from 0 to 1 over the picture
     points: NDArray[np.float32]  # (T, M * P, 3) m, in the base frame of the stream's first agent
@@ -41,7 +44,7 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
 
     Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
     """
-    camera = _camera(store, stream.camera)
+    cameras = [_camera(store, name) for name in stream.cameras]
     found = []
     for qpos, action in zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True):
         columns = []
@@ -58,11 +61,20 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
     fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
     heading = np.arctan2(fingers[..., 1], fingers[..., 0])
     turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
+    count = len(cameras)
     return Keypoints(
-        _project(world, camera).astype(np.float32),
-        apply(to_base, world).astype(np.float32),
-        np.moveaxis(turns, 0, -1).astype(np.float32),
+        np.concatenate([_placed(_project(world, c), k, count) for k, c in enumerate(cameras)], axis=1),
+        np.tile(apply(to_base, world).astype(np.float32), (1, count, 1)),
+        np.tile(np.moveaxis(turns, 0, -1).astype(np.float32), (1, count, 1)),
     )
+
+
+def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.float32]:
+    """Places in one of several pictures of the same size (..., 2) -> in all of them, side by side."""
+    if count > 1:
+        within = ((pixels >= 0) & (pixels <= 1)).all(axis=-1, keepdims=True)
+        pixels = np.where(within, (pixels + np.array([row, 0])) / np.array([count, 1]), np.nan)
+    return pixels.astype(np.float32)
 
 
 def _own(tcp: NDArray[np.float64], changed: NDArray[np.int64], own_keys: int) -> list[NDArray[np.float64]]:

@@ -42,9 +42,9 @@ class Senses:
         object.__setattr__(self, "objects", tuple(self.objects))
 
     def keypoints(self, view: View) -> int:
-        """That the heat maps of a stream look for: of each own agent, and all the others."""
+        """That heat maps look for, in the picture of each camera: of each own agent, and all the others."""
         own = len(view.streams[0].agents)
-        return own * (self.keys + 1) + len(self.bases) - own
+        return len(view.streams[0].cameras) * (own * (self.keys + 1) + len(self.bases) - own)
 
     def size(self, view: View) -> int:
         """Of the context of a stream of a view."""

@@ -19,6 +19,7 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import Coordinate, told
+from rf_exp.policy.dataset import side_by_side
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.grippers import Memory
 from rf_exp.policy.hands import followed
@@ -182,7 +183,11 @@ class Actor(Performer):
         )
         features = proprio.new_zeros(len(streams), 0)
         if self.looks:
-            seen = torch.from_numpy(np.stack([self._picture(pictures, stream.camera) for stream in streams]))
+            seen = torch.from_numpy(
+                np.stack(
+                    [side_by_side([self._picture(pictures, c) for c in stream.cameras]) for stream in streams]
+                )
+            )
             features, places = self._policy.look(seen.to(self._device))
             if places is not None:
                 self.seen = tuple(self._sights(places.cpu().double().numpy(), self._memory.changes))
@@ -201,9 +206,11 @@ class Actor(Performer):
                 for key in range(self._senses.keys + 1)
             ]
             meant += [(agent, self._senses.keys, False) for agent in others(self._senses, stream)]
-            for (agent, key, goes), (x, y) in zip(meant, of_stream, strict=True):
-                if key >= min(changes[agent - 1], self._senses.keys):
-                    yield Sight(stream.camera, agent, float(x), float(y), bool(goes))
+            count = len(stream.cameras)
+            for row, camera in enumerate(stream.cameras):
+                for (agent, key, goes), (x, y) in zip(meant, np.split(of_stream, count)[row], strict=True):
+                    if key >= min(changes[agent - 1], self._senses.keys):
+                        yield Sight(camera, agent, float(count * x - row), float(y), bool(goes))
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
         """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
@@ -359,7 +366,8 @@ def rollout(
 
 def _wanted(world: World, actors: Sequence[Performer]) -> list[str]:
     """The cameras that somebody looks through now. Raises StageError for one that the world does not have."""
-    wanted = {stream.camera: actor for actor in actors if actor.looks for stream in actor.view.streams}
+    streams = ((actor, stream) for actor in actors if actor.looks for stream in actor.view.streams)
+    wanted = {camera: actor for actor, stream in streams for camera in stream.cameras}
     for camera, actor in wanted.items():
         if camera not in world.cameras:
             known = ", ".join(sorted(world.cameras)) or "none"

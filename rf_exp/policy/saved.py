@@ -152,7 +152,10 @@ def load_policy(
     said = read_json(folder / CONFIG, ANEW)
     if metadata.get("config") != digest(said):
         raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
-    streams = (Stream(stream["camera"], tuple(stream["agents"])) for stream in said["view"]["streams"])
+    streams = (
+        Stream(each["camera"], tuple(each["agents"]), tuple(each.get("more", ())))
+        for each in said["view"]["streams"]
+    )
     view = View(said["view"]["name"], tuple(streams), said["view"].get("coordinated", False))
     senses = Senses(**said["senses"])
     how = {} if acting is None else {name: getattr(acting, name) for name in ACTING}

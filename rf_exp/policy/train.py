@@ -81,7 +81,7 @@ def train(
     made_of = {
         "learner": LEARNER,
         "policy": policy_config.identity,
-        "view": _without(asdict(view), coordinated=False),
+        "view": view.identity,
         "senses": _without(asdict(senses_of(policy_config, store, view)), subgoals=0),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},

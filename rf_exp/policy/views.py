@@ -10,10 +10,12 @@ policy learns from all streams of its view together and acts through each of the
 | separate_global | agent1 ..      | (global, agent k)                              |
 | separate_local  | agent1 ..      | (agentk, agent k)                              |
 
+`separate_both` is separate_local with the pictures of the global camera beside those of the own one.
 `separate_coordinated` is separate_local, told of its subgoals while it acts (`rf_exp.policy.coordination`).
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from rf_exp.errors import ArgumentError
 from rf_exp.types import ARM_JOINTS, Arch
@@ -24,10 +26,16 @@ PROPRIO_SIZE = ARM_JOINTS + 1  # measured joint positions (rad) and gripper open
 
 @dataclass(frozen=True)
 class Stream:
-    """The pictures of one camera with the joints of some agents (numbered from 1)."""
+    """The pictures of a camera, or of several side by side, with the joints of some agents (from 1 on)."""
 
     camera: str
     agents: tuple[int, ...]
+    more: tuple[str, ...] = ()  # cameras beside the first
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """From left to right."""
+        return (self.camera, *self.more)
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,13 @@ class View:
     name: str
     streams: tuple[Stream, ...]
     coordinated: bool = False
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its fields, but for those that say nothing."""
+        streams = [{k: v for k, v in asdict(stream).items() if v != ()} for stream in self.streams]
+        said = {"name": self.name, "streams": streams}
+        return {**said, "coordinated": True} if self.coordinated else said
 
     @property
     def agents(self) -> tuple[int, ...]:
@@ -61,10 +76,17 @@ def views(arch: Arch, agents: int) -> tuple[View, ...]:
         raise ArgumentError(f"agents is {agents}; expected at least 1")
     everyone = tuple(range(1, agents + 1))
     if arch.shared_policy and arch.global_view:
-        return (View("joint", (Stream("global", everyone),), arch.coordinated),)
-    streams = tuple(Stream("global" if arch.global_view else f"agent{k}", (k,)) for k in everyone)
+        own = tuple(f"agent{k}" for k in everyone)
+        return (View("joint", (Stream("global", everyone, own * arch.both_views),), arch.coordinated),)
+    streams = tuple(Stream(*_cameras(arch, k)) for k in everyone)
     if arch.shared_policy:
         return (View("shared", streams, arch.coordinated),)
     return tuple(
         View(f"agent{k}", (stream,), arch.coordinated) for k, stream in zip(everyone, streams, strict=True)
     )
+
+
+def _cameras(arch: Arch, agent: int) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
+    """The first camera of the stream of an agent, the agent, and the others."""
+    first, other = ("global", f"agent{agent}") if arch.global_view else (f"agent{agent}", "global")
+    return first, (agent,), (other,) if arch.both_views else ()

@@ -116,7 +116,7 @@ def test_pictures_of_a_batch_are_unique_and_the_right_ones(store: Store, policy_
     chosen = np.array([5, 6, 7, 8, STEPS, STEPS + 1])
     batch = windows.batch(chosen, None)
     assert len(batch.pictures) == 6 + 2  # frames 3..8 and the second episode's 0, 1
-    height, width = policy_config.crop_size
+    height, width = policy_config.cropped(HEIGHT, WIDTH)
     top, left = (HEIGHT - height) // 2, (WIDTH - width) // 2
     stored = np.asarray(store.pictures["agent1"][:])[:, top : top + height, left : left + width]
     frames = [[3, 4, 5], [4, 5, 6], [5, 6, 7], [6, 7, 8], [STEPS] * 3, [STEPS, STEPS, STEPS + 1]]

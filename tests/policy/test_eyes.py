@@ -84,6 +84,48 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
                     np.testing.assert_allclose(found.pixels[frame, mine], pixel, atol=1e-4)
 
 
+def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: PolicyConfig) -> None:
+    """Each camera's in its part of the picture, or nowhere; and a keypoint is the same in all of them."""
+    store: Store = make_store(2, 3)
+    stream = Stream("agent1", (1,), ("global", "agent2"))
+    senses = senses_of(seeing, store, View("agent1", (stream,)))
+    wide = keypoints(store, stream, senses, slice(None))
+    parts = [keypoints(store, Stream(name, (1,)), senses, slice(None)) for name in stream.cameras]
+    assert senses.keypoints(View("agent1", (stream,))) == 3 * senses.keypoints(
+        View("agent1", (Stream("agent1", (1,)),))
+    )
+    for row, part in enumerate(parts):
+        mine = np.split(wide.pixels, 3, axis=1)[row]
+        inside = ((part.pixels >= 0) & (part.pixels <= 1)).all(axis=-1)
+        assert inside.any() and np.isnan(mine[~inside]).all()
+        np.testing.assert_allclose(mine[inside][:, 0], (part.pixels[inside][:, 0] + row) / 3, atol=1e-6)
+        np.testing.assert_allclose(mine[inside][:, 1], part.pixels[inside][:, 1], atol=1e-6)
+        np.testing.assert_array_equal(np.split(wide.points, 3, axis=1)[row], part.points)
+        np.testing.assert_array_equal(np.split(wide.headings, 3, axis=1)[row], part.headings)
+
+
+@pytest.mark.parametrize("encoder", ["heatmaps", "compact"])
+@pytest.mark.parametrize(
+    "both", [Arch("both", False, False, both_views=True), Arch("all", True, True, both_views=True)]
+)
+def test_who_looks_through_several_cameras_learns_and_acts(
+    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path, both: Arch, encoder: str
+) -> None:
+    config = replace(seeing, encoder=encoder, crop=1.0 if encoder == "heatmaps" else 0.9)
+    budget = phases if encoder == "heatmaps" else replace(phases, eyes_steps=0)
+    store: Store = make_store(2, 3)
+    for view in views(both, 2):
+        train(store, view, config, budget, tmp_path / view.name)
+        windows = Windows(store, view, config, CPU)
+        assert windows.batch(np.array([3]), None).pictures.shape[1:3] == config.cropped(
+            HEIGHT, WIDTH * len(view.streams[0].cameras)
+        )
+    told: list[RolloutStep] = []
+    rollout(Table(2), judge, load_actors(tmp_path), 1, 2, on_step=told.append)
+    cameras = {camera for view in views(both, 2) for camera in view.streams[0].cameras}
+    assert {sight.camera for sight in told[0].seen} == (cameras if encoder == "heatmaps" else set())
+
+
 def test_a_camera_on_a_hand_is_refused(make_store) -> None:
     store: Store = make_store(1, 3)
     store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"

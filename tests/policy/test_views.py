@@ -68,6 +68,28 @@ def test_the_coordinated_one_is_separate_local_and_told_more() -> None:
     assert tuple(replace(view, coordinated=False) for view in coordinated) == views(ARCHS[3], 3)
 
 
+def test_both_views_stand_side_by_side() -> None:
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "arch" / "separate_both.yaml"))
+    both = Arch("separate_both", **node["separate_both"])
+    assert views(both, 2) == (
+        View("agent1", (Stream("agent1", (1,), ("global",)),)),
+        View("agent2", (Stream("agent2", (2,), ("global",)),)),
+    )
+    assert views(both, 2)[0].identity["streams"] == [
+        {"camera": "agent1", "agents": (1,), "more": ("global",)}
+    ]
+    (joint,) = views(replace(both, shared_policy=True, global_view=True), 3)
+    assert joint.streams == (Stream("global", (1, 2, 3), ("agent1", "agent2", "agent3")),)
+
+
+@pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
+def test_an_architecture_of_the_paper_names_nothing_that_it_lacks(arch: Arch) -> None:
+    """What policies are made of stays what it was when there was nothing else."""
+    for view in views(arch, 2):
+        streams = [{"camera": stream.camera, "agents": stream.agents} for stream in view.streams]
+        assert view.identity == {"name": view.name, "streams": streams}
+
+
 def test_all_holds_the_four() -> None:
     with initialize_config_dir(str(CONF / "arch"), version_base=None):
         found = OmegaConf.to_container(compose("all"))
