@@ -52,8 +52,8 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   with it, and with pictures that are shifted at random while the heat maps are learned.
   Own cameras show what their agent works at, not the whole room: a pixel is 4 to 10 mm. They have to show
   whom it works with as well: with cameras of Camera Alignment in which each of the two that lift together saw
-  the own hand alone, and the third not where the lens points, the same recipe reached 52 of 100, and with those
-  of now 87.
+  the own hand alone, and the third not where the lens points, the same recipe reached 52 of 100, and with
+  those of now 87.
   And from the picture as a whole they tell at which subgoal each other agent is: an arm that is done stands
   where it has begun, but what it has left behind does not.
 - **A draft and its refinement** (`policy.draft`): a perceptron makes a chunk of actions, the diffusion
@@ -91,8 +91,8 @@ each its subgoal and when it has to wait (`rf_exp/datagen/coordinator.py`). It f
 that RoboBrain and RoboChecker make in the true state of the scene, which the other architectures do not know.
 
 `separate_both` is one too: beside the picture of its own camera each policy sees that of the global one. With
-`task.NAME.cameras.agent1.mount=wrist` the own camera rides on the hand; heat maps need one that stands still, the
-other encoders do not.
+`task.NAME.cameras.agent1.mount=wrist` the own camera rides on the hand; heat maps need one that stands still,
+the other encoders do not.
 
 `fast+dagger1` is `fast` after one round of correction (`dagger.rounds=1`; Ross et al. 2011). The policies act
 in 100 scenes of their own, from seed 900,000 on. Of each rollout that they lose, a moment in which somebody
