@@ -121,6 +121,7 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
             make,
             tell,
             partial(rate_log, experiment, "correct", task, row, arch),
+            became="corrected",
         )
 
 

@@ -71,6 +71,7 @@ def collect(
     make: Callable[[Sequence[int]], Iterator[Outcome]],
     tell: Callable[[Outcome], GenerationRow],
     logged: Callable[[Iterable[GenerationRow]], AbstractContextManager[Callable[[GenerationRow], None]]],
+    became: str = "succeeded",
 ) -> int:
     """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
 
@@ -98,9 +99,7 @@ def collect(
                 log(tells)
             tried.add(outcome.seed)
             made += outcome.success
-            progress.advance(
-                int(enough is None or outcome.success), f"{made} of {len(tried)} seeds succeeded"
-            )
+            progress.advance(int(enough is None or outcome.success), f"{made} of {len(tried)} seeds {became}")
             if made == enough:
                 break
     return made
