@@ -19,7 +19,7 @@ from rf_exp.datagen.planning import Plan, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.types import ARM_JOINTS, Scene, Subgoal
 
-VERSION = 2  # of what it decides
+VERSION = 3  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
 REACHED_STEPS = 3  # this near to the end of a segment an arm has come to its end
 SLACK_STEPS = 5  # that others may lack of where the plan has them
@@ -100,9 +100,8 @@ class Coordinator:
             return False
         if self._at[k] - at > REACHED_STEPS:  # it is on its way
             return True
+        # Also where the plan has no wait: the others may be later than it has them.
         leaves = int(np.searchsorted(self._positions[:, k], at, side="right"))  # the step that leads on
-        if leaves < 2 or self._positions[leaves - 2, k] != at:  # the plan has no wait here
-            return True
         needed = self._positions[leaves - 1] - SLACK_STEPS
         others = np.arange(len(needed)) != k
         return bool((self._at >= needed)[others].all())
