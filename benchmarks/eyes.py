@@ -42,12 +42,14 @@ def main() -> None:
     torch.set_num_threads(1)
     store = Store.open(given.store)
     size = {"height": store.attrs["height"], "width": store.attrs["width"]}
-    config = PolicyConfig.compact(
+    config = PolicyConfig(
         encoder="heatmaps", context=True, observation_steps=1, crop=1.0, drop_idle=True, **size
     )
-    recipe = TrainConfig.compact(
+    recipe = TrainConfig(
+        epochs=None,
         eyes_steps=given.steps,
         steps=1,
+        warmup_steps=50,
         batch_size=given.batch,
         learning_rate=given.rate,
         noise_draws=1,

@@ -26,6 +26,17 @@ from rf_exp.policy.views import Stream, View
 EPISODES, STEPS, BATCH, RUN = 4, 60, 128, 8
 VIEW = View("agent1", (Stream("agent1", (1,)),))
 
+COMPACT = PolicyConfig(
+    encoder="compact",
+    unet_channels=(32, 64),
+    sampler="ddim",
+    inference_diffusion_steps=10,
+    prediction="sample",
+    relative_actions=True,
+    height=96,
+    width=128,
+)
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -37,9 +48,21 @@ class Noise:
     episode_ends: NDArray[np.int64]
     cameras: tuple[str, ...] = ("agent1",)
     objects: tuple[str, ...] = ()
+    agents: int = 1
 
     def __len__(self) -> int:
         return len(self.episode_ends)
+
+    def by_episode(self, values: NDArray) -> list[NDArray]:
+        return np.split(values, self.episode_ends[:-1])
+
+    @property
+    def executed(self) -> NDArray[np.float32]:
+        return self.action
+
+    @property
+    def subgoal(self) -> NDArray[np.int16]:
+        return np.zeros((self.steps, self.agents), np.int16)
 
     @property
     def steps(self) -> int:
@@ -83,7 +106,7 @@ def main() -> None:
     parser.add_argument("--size", choices=("paper", "compact"), default="paper")
     parser.add_argument("--batches", type=int, default=5)
     arguments = parser.parse_args()
-    config = PolicyConfig() if arguments.size == "paper" else PolicyConfig.compact()
+    config = PolicyConfig() if arguments.size == "paper" else COMPACT
     store = noise(config)
     windows = Windows(store, VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
     rng = np.random.default_rng(0)

@@ -18,6 +18,7 @@ from pathlib import Path
 from statistics import median
 
 import torch
+from loader import COMPACT
 
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
@@ -87,7 +88,7 @@ def main() -> None:
     if arguments.policy:
         print(json.dumps(trained(arguments.policy, arguments.calls)))
         return
-    config = PolicyConfig() if arguments.size == "paper" else PolicyConfig.compact()
+    config = PolicyConfig() if arguments.size == "paper" else COMPACT
     ddpm, ddim = make(config, "ddpm", 100), make(config, "ddim", 10)
     seen = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)
     with torch.inference_mode():

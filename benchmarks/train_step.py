@@ -14,7 +14,7 @@ from statistics import median
 
 import numpy as np
 import torch
-from loader import VIEW, noise
+from loader import COMPACT, VIEW, noise
 
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Batch, Windows
@@ -46,7 +46,9 @@ def main() -> None:
     torch.set_num_threads(arguments.threads)
     paper = arguments.size == "paper"
     config, train = (
-        (PolicyConfig(), TrainConfig()) if paper else (PolicyConfig.compact(), TrainConfig.compact())
+        (PolicyConfig(), TrainConfig())
+        if paper
+        else (COMPACT, TrainConfig(epochs=None, steps=1, run_length=4, noise_draws=4))
     )
     count = arguments.batch or (8 if paper else 32)
 

@@ -1,7 +1,7 @@
 """What a policy is and how it is trained, as frozen values that check themselves.
 
 Defaults are the paper's (section 4, supplementary "Implementation details") where it states them and
-the authors' release where it does not. `compact()` of both makes the small ones for two CPU cores.
+the authors' release where it does not. `conf/policy/` holds the recipes.
 """
 
 from dataclasses import asdict, dataclass
@@ -114,21 +114,6 @@ class PolicyConfig:
         later = {"ensemble": None}
         return {k: v for k, v in asdict(self).items() if k not in later or v != later[k]}
 
-    @classmethod
-    def compact(cls, **changes: Any) -> "PolicyConfig":
-        """Small networks for the quick profile: the paper's windows, trained in minutes on a CPU."""
-        values = {
-            "encoder": "compact",
-            "unet_channels": (32, 64),
-            "sampler": "ddim",
-            "inference_diffusion_steps": 10,
-            "prediction": "sample",
-            "relative_actions": True,
-            "height": 96,
-            "width": 128,
-        }
-        return cls(**(values | changes))
-
     def cropped(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of what the encoder sees of such a picture, pixels."""
         return round(self.crop * height), round(self.crop * width)
@@ -180,17 +165,3 @@ class TrainConfig:
     def identity(self) -> dict[str, Any]:
         """The fields that decide what comes out; the others say how it is done."""
         return {name: value for name, value in asdict(self).items() if name not in HOW}
-
-    @classmethod
-    def compact(cls, **changes: Any) -> "TrainConfig":
-        """Two minutes on two CPU cores: smaller batches, many noise draws, a larger learning rate."""
-        values = {
-            "epochs": None,
-            "steps": 1500,
-            "batch_size": 32,
-            "run_length": 4,
-            "noise_draws": 4,
-            "learning_rate": 1e-3,
-            "warmup_steps": 50,
-        }
-        return cls(**(values | changes))

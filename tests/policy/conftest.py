@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,14 +97,33 @@ def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int],
     return make
 
 
+def small_policy(**changes: Any) -> PolicyConfig:
+    """The paper's windows, and networks that learn in seconds."""
+    values = {
+        "encoder": "compact",
+        "unet_channels": (16, 32),
+        "sampler": "ddim",
+        "inference_diffusion_steps": 10,
+        "prediction": "sample",
+        "relative_actions": True,
+        "height": 96,
+        "width": 128,
+    }
+    return PolicyConfig(**(values | changes))
+
+
+def small_training(steps: int, **changes: Any) -> TrainConfig:
+    """Small batches, many draws of noise, a larger learning rate than the paper's."""
+    values = {"batch_size": 32, "run_length": 4, "noise_draws": 4, "learning_rate": 1e-3, "warmup_steps": 50}
+    return TrainConfig(**({"epochs": None, "steps": steps} | values | changes))
+
+
 @pytest.fixture
 def policy_config() -> PolicyConfig:
-    return PolicyConfig.compact(height=HEIGHT, width=WIDTH, unet_channels=(16, 32))
+    return small_policy(height=HEIGHT, width=WIDTH)
 
 
 @pytest.fixture
 def train_config() -> TrainConfig:
     """A few steps only; `checkpoint_every` beyond the end, so that only Ctrl-C writes a state."""
-    return TrainConfig.compact(
-        steps=6, batch_size=16, noise_draws=2, warmup_steps=2, log_every=4, device="cpu"
-    )
+    return small_training(6, batch_size=16, noise_draws=2, warmup_steps=2, log_every=4, device="cpu")

@@ -9,6 +9,7 @@ from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.encoder import SpatialSoftmax, encoder
 from rf_exp.policy.normaliser import LEAST_RANGE, Range, largest_change
 from rf_exp.policy.unet import ConditionalUNet1D
+from tests.policy.conftest import small_policy
 
 
 def count(module: torch.nn.Module) -> int:
@@ -109,7 +110,7 @@ def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
 def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: str) -> None:
     torch.manual_seed(0)
     steps = {"ddpm": 20, "ddim": 5}[sampler]
-    config = PolicyConfig.compact(
+    config = small_policy(
         sampler=sampler,
         train_diffusion_steps=20,
         inference_diffusion_steps=steps,
@@ -127,7 +128,7 @@ def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: s
 
 def test_without_steps_of_diffusion_the_draft_acts() -> None:
     torch.manual_seed(0)
-    config = PolicyConfig.compact(unet_channels=(16, 32), draft=(32,), inference_diffusion_steps=0)
+    config = small_policy(unet_channels=(16, 32), draft=(32,), inference_diffusion_steps=0)
     policy = DiffusionPolicy(config, 8, 8).eval()
     features = torch.randn(2, 3, policy.encoder.features)
     proprio, context = torch.zeros(2, 3, 8), torch.zeros(2, 3, 0)
@@ -139,7 +140,7 @@ def test_without_steps_of_diffusion_the_draft_acts() -> None:
 
 def test_the_film_table_does_not_outlive_its_weights() -> None:
     torch.manual_seed(0)
-    policy = DiffusionPolicy(PolicyConfig.compact(unet_channels=(16, 32)), 8, 8).eval()
+    policy = DiffusionPolicy(small_policy(unet_channels=(16, 32)), 8, 8).eval()
     before = sampled(policy, 1)
     policy.train()
     with torch.no_grad():
@@ -150,7 +151,7 @@ def test_the_film_table_does_not_outlive_its_weights() -> None:
 
 def test_relative_actions_are_added_to_the_measured_joints() -> None:
     torch.manual_seed(0)
-    config = PolicyConfig.compact(unet_channels=(16, 32), relative_actions=True)
+    config = small_policy(unet_channels=(16, 32), relative_actions=True)
     policy = DiffusionPolicy(config, 8, 8).eval()
     moved = torch.zeros(1, 3, 8)
     moved[:, -1] = 0.5

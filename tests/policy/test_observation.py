@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Windows, moving
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.grippers import Memory
@@ -20,7 +20,7 @@ from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from rf_exp.types import Episode, Scene
-from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode
+from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, small_training
 
 CPU = torch.device("cpu")
 OPEN_M = 0.08
@@ -100,7 +100,7 @@ def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
 def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     """Without one picture, with a draft learned first; saved and loaded, it goes where the block says."""
     config = replace(told, draft=(64,), dropout=0.1, loss="l1", relative_actions=True, binary_grippers=True)
-    recipe = TrainConfig.compact(steps=60, draft_steps=500, batch_size=32, noise_draws=1, device="cpu")
+    recipe = small_training(steps=60, draft_steps=500, batch_size=32, noise_draws=1, device="cpu")
     train(make_store(1, 40), LOCAL, config, recipe, tmp_path / "agent1")
     policy, view, senses = load_policy(tmp_path / "agent1", "cpu")
     actor = Actor(policy, view, senses)

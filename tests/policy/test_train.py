@@ -26,7 +26,7 @@ from rf_exp.policy.saved import CONFIG, CURVES, MODEL, STATE, device_of, load_po
 from rf_exp.policy.train import Curve, Training, learning_rate, train
 from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
-from tests.policy.conftest import ARCHS, STEPS, STILL
+from tests.policy.conftest import ARCHS, STEPS, STILL, small_training
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
@@ -317,7 +317,7 @@ def test_it_learns_to_go_where_the_block_lies(
     curves: list[Curve] = []
     # Nothing in these pictures tells where a crop was cut from, so they are seen whole.
     config = replace(policy_config, crop=1.0)
-    budget = TrainConfig.compact(steps=900, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
+    budget = small_training(steps=900, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
     train(make_store(1, 40), LOCAL, config, budget, tmp_path, curves.append)
     assert curves[-1].loss < 0.3 * curves[0].loss
 
