@@ -1,4 +1,4 @@
-"""Benchmarks that need nothing but the package run, and their last line is JSON. What they measure is theirs."""
+"""Benchmarks that need nothing but the package run, and end with JSON. What they measure is theirs."""
 
 import json
 import subprocess
