@@ -1,4 +1,4 @@
-"""Writes docs/policies.md from the rows in results/evaluate: python docs/policies.py"""
+"""Writes docs/policies.md, and a table of the README, from results/evaluate: python docs/policies.py"""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -17,6 +17,7 @@ HEADING = (
     *("task", "arms", "architecture", "recipe", "demos", "strict", "95 % interval", "scenes"),
     *("paper's criterion", "the paper", "rollouts with a violation", "core-minutes", "queries"),
 )
+README, BEGIN, END = ROOT / "README.md", "<!-- written by docs/policies.py -->", "<!-- end -->"
 MOST = 3  # kinds of failures that are told of a policy
 
 INTRODUCTION = """\
@@ -185,5 +186,26 @@ def document() -> str:
     return "\n".join(parts).rstrip() + "\n"
 
 
+def readme() -> str:
+    """The README with the rates of our recipe at the largest number of demonstrations beside the paper's."""
+    most = paper().demos[-1]
+    found = {
+        row.task: (row, group)
+        for row, group in cells(load(ROOT).evaluation)
+        if (row.arch, row.recipe, row.demos, row.shield) == (BASELINE_ARCH, "fast", most, False)
+    }
+    lines = [("task", "arms", "rf_exp", "paper"), ("---",) * 4]
+    for task, agents in paper().levels.items():
+        if task in found:
+            row, group = found[task]
+            rate, figure = fmean(r.success for r in group), of_paper(row)
+            ours, theirs = f"**{100 * rate:.0f} %**", f"{100 * figure:.0f} %" if figure is not None else "-"
+            lines.append((title_of(task, configured()), str(agents), ours, theirs))
+    table = "\n".join("| " + " | ".join(each) + " |" for each in lines)
+    before, _, rest = README.read_text("utf-8").partition(BEGIN)
+    return f"{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}"
+
+
 if __name__ == "__main__":
     (Path(__file__).parent / "policies.md").write_text(document(), "utf-8")
+    README.write_text(readme(), "utf-8")
