@@ -9,12 +9,13 @@ before the clock runs. The last line is JSON: successful episodes an hour, and t
 import argparse
 import json
 import time
+from functools import partial
 from pathlib import Path
 
 from omegaconf import OmegaConf
 
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.generate import generate
+from rf_exp.datagen.generate import generate, make_episode
 from rf_exp.datagen.planning import Settings
 from rf_exp.tasks.configuration import load_task
 from rf_exp.types import Pictures, Row
@@ -24,7 +25,8 @@ CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 
 def per_hour(settings: Settings, pictures: Pictures, episodes: int, workers: int) -> float:
     """Successful episodes an hour of wall time."""
-    outcomes = generate(settings, pictures, [*range(workers), *range(episodes)], workers)
+    make = partial(make_episode, settings, pictures)
+    outcomes = generate(make, [*range(workers), *range(episodes)], workers)
     for _ in range(workers):
         next(outcomes)  # starts processes and renderers
     began = time.perf_counter()

@@ -34,6 +34,14 @@ def plain(value: object) -> Any:
         raise ArgumentError(f"an artifact is described by plain JSON values; found {error}") from error
 
 
+def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
+    """The values but for those that say nothing: an artifact does not name what it lacks.
+
+    So what came later, and is not used, changes no identity.
+    """
+    return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
+
+
 def differing(found: object, wanted: object) -> tuple[str, ...]:
     """`key: found x, wanted y` for every leaf of two nested mappings that differs, by dotted key."""
     old, new = _leaves(plain(found)), _leaves(plain(wanted))

@@ -122,7 +122,7 @@ class EpisodeMaker:
         self._knocked = ""
         for command in lead:
             scene = self._step(scene, command, command)
-        self._doing = np.maximum(self._doing, 0)
+        self._doing = np.zeros_like(self._doing)
         rng = np.random.default_rng([seed, 1])  # stream 1 of the episode: planning
         self._bumps = np.random.default_rng([seed, 2])  # stream 2: disturbances
         feedback: tuple[Violation, ...] = ()

@@ -1,7 +1,10 @@
 """Many episodes: consecutive seeds spread over processes, results in the order of the seeds."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Settings
@@ -11,31 +14,37 @@ from rf_exp.sim.simulator import Limited
 from rf_exp.types import Pictures
 
 
-def make_episode(settings: Settings, pictures: Pictures, seed: int) -> Outcome:
-    """One episode in this process. The same arguments give the same bytes, whatever ran before."""
-    world = Limited(simulator(settings.task, pictures), pictures.of(len(settings.task.agents)))
-    return EpisodeMaker(settings, world, settings.make_brain(seed)).make(seed)
+def make_episode(
+    settings: Settings,
+    pictures: Pictures,
+    seed: int,
+    cameras: Sequence[str] | None = None,
+    lead: Iterable[NDArray[np.float64]] = (),
+    known: Sequence[Iterable[str]] = (),
+) -> Outcome:
+    """One episode in this process, seen by these cameras, or those that `pictures` says.
+
+    `lead` and `known` as in `EpisodeMaker.make`. The same arguments give the same bytes, whatever ran before.
+    """
+    cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
+    world = Limited(simulator(settings.task, pictures), cameras)
+    return EpisodeMaker(settings, world, settings.make_brain(seed)).make(seed, lead, known)
 
 
 def generate(
-    settings: Settings,
-    pictures: Pictures,
-    seeds: Sequence[int],
-    workers: int,
-    limit_s: float | None = None,
+    make: Callable[[int], Outcome], seeds: Sequence[int], workers: int, limit_s: float | None = None
 ) -> Iterator[Outcome]:
-    """Outcomes of `seeds` in their order, made by `workers` processes.
+    """Outcomes of `seeds` in their order, each made by `make`, in `workers` processes.
 
     A seed that takes longer than `limit_s` has failed, and the others go on. The caller may stop
     early; seeds then under way are thrown away. Bytes do not depend on `workers`.
     """
-    jobs = (partial(make_episode, settings, pictures, seed) for seed in seeds)
+    jobs = (partial(make, seed) for seed in seeds)
     for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
-        yield failed(seed, made) if isinstance(made, Overdue) else made
+        yield _failed(seed, made) if isinstance(made, Overdue) else made
 
 
-def failed(seed: int, overdue: Overdue) -> Outcome:
-    """A seed that took too long."""
+def _failed(seed: int, overdue: Overdue) -> Outcome:
     return Outcome(
         seed,
         success=False,

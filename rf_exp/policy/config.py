@@ -7,6 +7,7 @@ the authors' release where it does not. `conf/policy/` holds the recipes.
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from rf_exp.artifacts.identity import without
 from rf_exp.errors import ArgumentError, choices
 
 ENCODERS = ("resnet18", "compact", "heatmaps")
@@ -111,8 +112,7 @@ class PolicyConfig:
     @property
     def identity(self) -> dict[str, Any]:
         """All fields, but for those that came later, where they change nothing."""
-        later = {"ensemble": None}
-        return {k: v for k, v in asdict(self).items() if k not in later or v != later[k]}
+        return without(asdict(self), ensemble=None)
 
     def cropped(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of what the encoder sees of such a picture, pixels."""

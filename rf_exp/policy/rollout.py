@@ -27,7 +27,7 @@ from rf_exp.policy.observation import Senses, context, others, proprioception, w
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets
-from rf_exp.policy.views import ACTION_SIZE, View
+from rf_exp.policy.views import ACTION_SIZE, Stream, View
 from rf_exp.types import (
     ARM_JOINTS,
     GRIPPER_OPEN,
@@ -151,8 +151,8 @@ class Actor(Performer):
         """Commands (agents of the view, 8), as `Performer` gives them; remembers those of the grippers."""
         commands = super().act(decision)
         if self._memory is not None:
-            told = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
-            self._memory.told(told, self._widths)
+            grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
+            self._memory.told(grippers, self._widths)
         return commands
 
     @torch.inference_mode()
@@ -183,11 +183,7 @@ class Actor(Performer):
         )
         features = proprio.new_zeros(len(streams), 0)
         if self.looks:
-            seen = torch.from_numpy(
-                np.stack(
-                    [side_by_side([self._picture(pictures, c) for c in stream.cameras]) for stream in streams]
-                )
-            )
+            seen = torch.from_numpy(np.stack([self._picture(pictures, stream) for stream in streams]))
             features, places = self._policy.look(seen.to(self._device))
             if places is not None:
                 self.seen = tuple(self._sights(places.cpu().double().numpy(), self._memory.changes))
@@ -207,8 +203,9 @@ class Actor(Performer):
             ]
             meant += [(agent, self._senses.keys, False) for agent in others(self._senses, stream)]
             count = len(stream.cameras)
-            for row, camera in enumerate(stream.cameras):
-                for (agent, key, goes), (x, y) in zip(meant, np.split(of_stream, count)[row], strict=True):
+            parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
+            for row, (camera, in_picture) in enumerate(parts):
+                for (agent, key, goes), (x, y) in zip(meant, in_picture, strict=True):
                     if key >= min(changes[agent - 1], self._senses.keys):
                         yield Sight(camera, agent, float(count * x - row), float(y), bool(goes))
 
@@ -224,8 +221,8 @@ class Actor(Performer):
         waits = ~free.flatten().cpu().numpy()
         if self.view.coordinated and self.coordinated is not None:
             waits = ~self.coordinated[1][agents]
-        if told := self._senses.told:
-            numbers = known[:, -1, -told * len(self.view.streams[0].agents) :].reshape(len(agents), told)
+        if size := self._senses.told:
+            numbers = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
             doing = numbers[:, :-1].argmax(dim=1).tolist()
             self.phases = {
                 agent: (number, not waiting)
@@ -257,7 +254,10 @@ class Actor(Performer):
         for step in range(now, now + steps):
             same = np.stack([of[step - at] for at, of in self._predicted if step - at < len(of)])
             rows.append(np.average(same, axis=0, weights=np.exp(-decay * np.arange(len(same)))))
-        return np.stack(rows)
+        chunk = np.stack(rows)
+        if self._config.binary_grippers:  # a mean of the two is neither
+            chunk[..., ARM_JOINTS] = np.where(chunk[..., ARM_JOINTS] > 0, 1.0, -1.0)
+        return chunk
 
     def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
@@ -279,14 +279,15 @@ class Actor(Performer):
         near = np.abs(told[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.hold_rad
         return near & ((told[..., ARM_JOINTS] > 0) == opened).all(axis=0)
 
-    def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], camera: str) -> NDArray[np.uint8]:
+    def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], stream: Stream) -> NDArray[np.uint8]:
         expected = (self._config.height, self._config.width, 3)
-        if pictures[camera].shape != expected:
-            raise StageError(
-                f"camera {camera!r} gives pictures {pictures[camera].shape}; "
-                f"policy {self.view.name!r} was trained on {expected}"
-            )
-        return pictures[camera]
+        for camera in stream.cameras:
+            if pictures[camera].shape != expected:
+                raise StageError(
+                    f"camera {camera!r} gives pictures {pictures[camera].shape}; "
+                    f"policy {self.view.name!r} was trained on {expected}"
+                )
+        return side_by_side([pictures[camera] for camera in stream.cameras])
 
 
 def load_actors(folder: Path, device: str = "auto", acting: PolicyConfig | None = None) -> tuple[Actor, ...]:

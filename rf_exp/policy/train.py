@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rf_exp.artifacts.files import read_json, whole
-from rf_exp.artifacts.identity import digest
+from rf_exp.artifacts.identity import digest, without
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.dataset import Windows
@@ -82,7 +82,7 @@ def train(
         "learner": LEARNER,
         "policy": policy_config.identity,
         "view": view.identity,
-        "senses": _without(asdict(senses_of(policy_config, store, view)), subgoals=0),
+        "senses": without(asdict(senses_of(policy_config, store, view)), subgoals=0),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
@@ -107,11 +107,6 @@ def train(
     write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
     (folder / STATE).unlink(missing_ok=True)
     return folder
-
-
-def _without(values: dict[str, Any], **defaults: Any) -> dict[str, Any]:
-    """What policies of the paper's architectures are made of does not name what they lack."""
-    return {name: value for name, value in values.items() if name not in defaults or value != defaults[name]}
 
 
 def cost_s(folder: Path) -> float:

@@ -17,6 +17,7 @@ policy learns from all streams of its view together and acts through each of the
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from rf_exp.artifacts.identity import without
 from rf_exp.errors import ArgumentError
 from rf_exp.types import ARM_JOINTS, Arch
 
@@ -49,9 +50,8 @@ class View:
     @property
     def identity(self) -> dict[str, Any]:
         """Its fields, but for those that say nothing."""
-        streams = [{k: v for k, v in asdict(stream).items() if v != ()} for stream in self.streams]
-        said = {"name": self.name, "streams": streams}
-        return {**said, "coordinated": True} if self.coordinated else said
+        streams = [without(asdict(stream), more=()) for stream in self.streams]
+        return without({**asdict(self), "streams": streams}, coordinated=False)
 
     @property
     def agents(self) -> tuple[int, ...]:

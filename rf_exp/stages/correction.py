@@ -8,53 +8,31 @@ in the rows.
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rf_exp.ablation.rows import GenerationRow
-from rf_exp.artifacts.identity import plain
-from rf_exp.datagen.episode import EpisodeMaker, Outcome
-from rf_exp.datagen.generate import failed
-from rf_exp.datagen.planning import Settings
+from rf_exp.datagen.episode import Outcome
+from rf_exp.datagen.generate import make_episode
 from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS, Experiment
-from rf_exp.policy.coordination import STILL_RAD
-from rf_exp.processes import Overdue, in_order
-from rf_exp.sim.pool import simulator
-from rf_exp.sim.simulator import Limited
+from rf_exp.policy.coordination import sent_on
 from rf_exp.stages.artifacts import corrected_path, correction_path, data_path, owned, policy_path
 from rf_exp.stages.evaluation import scene_of, step_limit, trained
-from rf_exp.stages.generation import collect, generation_row
-from rf_exp.stages.identity import generation_identity
+from rf_exp.stages.generation import collect
+from rf_exp.stages.identity import correction_identity
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, Arch, Pictures, Rollout, RolloutStep, Row
+from rf_exp.types import Arch, Rollout, RolloutStep, Row
 
 MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
 STREAM = 3  # of the random numbers of an episode
-
-
-@dataclass(frozen=True)
-class Expert:
-    """How demonstrations are made, and what their subgoals are called."""
-
-    settings: Settings
-    pictures: Pictures
-    cameras: tuple[str, ...]
-    texts: tuple[tuple[str, ...], ...]  # of the subgoals of each agent, in the order of their numbers
-
-    def goes_on(self, seed: int, lead: NDArray[np.float64]) -> Outcome:
-        """From where commands (T, N, 8) lead in the scene of `seed`."""
-        world = Limited(simulator(self.settings.task, self.pictures), self.cameras)
-        return EpisodeMaker(self.settings, world, self.settings.make_brain(seed)).make(seed, lead, self.texts)
 
 
 def demonstrations(experiment: Experiment, task: Task, row: Row, arch: Arch) -> tuple[Path, int]:
@@ -82,44 +60,29 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
     rounds = experiment.dagger.rounds
     before = replace(experiment.after(rounds - 1), shield=False)
     limit = step_limit(experiment, task, row)
-    made_of = {
-        **generation_identity(experiment, task, row),
-        "demos": experiment.demos,
-        "rollouts": experiment.dagger.rollouts,
-        "step_limit": limit,
-        "policies": plain(trained(before, task, arch, policy_path(before, task, row, arch))),
-        "acting": plain(experiment.policy.identity),
-    }
+    policies = trained(before, task, arch, policy_path(before, task, row, arch))
+    made_of = correction_identity(experiment, task, row, limit, policies)
     data, demos = demonstrations(before, task, row, arch)
     source = Store.open(data).first(demos)
     path = corrected_path(experiment, task, row, arch)
     rows_path = correction_path(experiment, task, row, arch)
-    with (
-        owned(rows_path, made_of, [path]),
-        owned(path),
-        _continued(path, source, made_of) as store,
-    ):
-        expert = Expert(experiment.settings(task, row), experiment.pictures, store.cameras, _usual(source))
+    with owned(rows_path, made_of, [path]), owned(path), _continued(path, source, made_of) as store:
+        settings = experiment.settings(task, row)
+        expert = partial(
+            make_episode, settings, experiment.pictures, cameras=store.cameras, known=_usual(source)
+        )
         act = scene_of(before, task, row, arch, limit)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
 
-        def make(seeds: Sequence[int]) -> Iterator[Outcome]:
-            jobs = (partial(_corrected, act, expert, seed) for seed in seeds)
-            results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-            for seed, made in zip(seeds, results, strict=False):
-                yield failed(seed, made) if isinstance(made, Overdue) else made
-
-        def tell(outcome: Outcome) -> GenerationRow:
-            return generation_row(task, row, experiment.brain.name, outcome, experiment.disturbance_rad)
-
         collect(
+            experiment,
+            settings,
             f"correct {task.name}/{row.name}/{arch.name}{experiment.corrected}",
             store,
             rows_path,
             range(first, first + experiment.dagger.rollouts),
             None,
-            make,
-            tell,
+            partial(_corrected, act, expert),
             partial(rate_log, experiment, "correct", task, row, arch),
             became="corrected",
         )
@@ -146,22 +109,21 @@ def _usual(store: Store) -> tuple[tuple[str, ...], ...]:
     return counted.most_common(1)[0][0]
 
 
-def _corrected(act: Callable[..., tuple[Rollout, float]], expert: Expert, seed: int) -> Outcome:
+def _corrected(
+    act: Callable[..., tuple[Rollout, float]], expert: Callable[..., Outcome], seed: int
+) -> Outcome:
     """A rollout in this process and, if it is lost, what the expert makes of it."""
     steps: list[RolloutStep] = []
     rolled, wall_s = act(seed, watch=steps.append)
-    nothing = Outcome(seed, False, rolled.success_paper, 0, 0, 0, 0, "nothing to correct: success", wall_s)
     if rolled.success:
-        return nothing
+        return Outcome(seed, False, rolled.success_paper, 0, 0, 0, 0, "nothing to correct: success", wall_s)
     commands = np.stack([step.action for step in steps])
-    joints = np.abs(np.diff(commands[..., :ARM_JOINTS], axis=0)).max(axis=(1, 2))
-    moved = np.flatnonzero(joints > STILL_RAD) + 1
-    if not len(moved):
-        moved = np.zeros(1, int)
-    moment = int(np.random.default_rng([seed, STREAM]).choice(moved))
+    qpos = np.stack([step.scene.qpos for step in steps])
+    moved = np.flatnonzero(np.any(sent_on(qpos, commands)[1:], axis=1)) + 1
+    moment = int(np.random.default_rng([seed, STREAM]).choice(moved)) if len(moved) else 0
     asked = 0
     for again in range(MOMENTS):
-        outcome = expert.goes_on(seed, commands[: moment >> again])
+        outcome = expert(seed, lead=commands[: moment >> again])
         asked += outcome.attempts
         if outcome.success:
             break

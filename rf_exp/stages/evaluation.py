@@ -46,7 +46,6 @@ from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import Arch, Pictures, Rollout, RolloutStep, Row
 
-SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
 
@@ -54,14 +53,14 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
     folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
     limit = step_limit(experiment, task, row)
-    weights = trained(experiment, task, arch, folder)
+    policies = trained(experiment, task, arch, folder)
     core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
     asked = _queries(experiment, task, row, arch)
     with owned(path, evaluation_identity(experiment, task, row, arch, limit)):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
         of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
         there = any(r.train_seed == experiment.train_seed for r in known)
-        same_configuration(of_seed, weights, there, [path])
+        same_configuration(of_seed, policies, there, [path])
         sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}

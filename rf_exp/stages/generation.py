@@ -11,7 +11,8 @@ from rf_exp.ablation.rows import GenerationRow
 from rf_exp.artifacts.files import sweep, whole
 from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
-from rf_exp.datagen.generate import generate
+from rf_exp.datagen.generate import generate, make_episode
+from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.version import generator_version
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
@@ -44,15 +45,10 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
     with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, row, made_of) as store:
         pictures = _pictures(experiment, store.cameras, len(task.agents))
 
-        def make(seeds: Sequence[int]) -> Iterator[Outcome]:
-            return generate(settings, pictures, seeds, experiment.workers, experiment.seed_limit_s)
-
-        def tell(outcome: Outcome) -> GenerationRow:
-            return generation_row(task, row, settings.brain.name, outcome, settings.disturbance_rad)
-
         enough = None if experiment.episodes else experiment.demos
         logged = partial(rate_log, experiment, "generate", task, row, None)
-        made = collect(title, store, rows_path, span, enough, make, tell, logged)
+        make = partial(make_episode, settings, pictures)
+        made = collect(experiment, settings, title, store, rows_path, span, enough, make, logged)
         _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(
@@ -63,20 +59,21 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
 
 
 def collect(
+    experiment: Experiment,
+    settings: Settings,
     title: str,
     store: Store,
     rows_path: Path,
     span: Sequence[int],
     enough: int | None,
-    make: Callable[[Sequence[int]], Iterator[Outcome]],
-    tell: Callable[[Outcome], GenerationRow],
+    make: Callable[[int], Outcome],
     logged: Callable[[Iterable[GenerationRow]], AbstractContextManager[Callable[[GenerationRow], None]]],
     became: str = "succeeded",
 ) -> int:
     """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
 
-    `make` gives the outcomes of the seeds that are still missing, in their order; `logged`, from the rows
-    that are known, who is told of the new ones. Returns how many of `span` are stored.
+    `make` gives the outcome of a seed, made as `settings` say; `logged`, from the rows that are known, who is
+    told of the new ones. Returns how many of `span` are stored.
     """
     known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
     for lost in _lost(store, span, known, rows_path):
@@ -90,8 +87,10 @@ def collect(
         return made
     unit, total, there = ("demonstrations", enough, made) if enough else ("seeds", len(span), len(tried))
     with Progress(title, total, unit, there) as progress, logged(known.values()) as log:
-        for outcome in make([seed for seed in span if seed not in tried]):
-            tells = tell(outcome)
+        missing = [seed for seed in span if seed not in tried]
+        for outcome in generate(make, missing, experiment.workers, experiment.seed_limit_s):
+            who = settings.brain.name, outcome, settings.disturbance_rad
+            tells = generation_row(settings.task, settings.row, *who)
             if outcome.episode is not None:
                 store.append(_with_row(outcome.episode, tells))
             if outcome.seed not in known:  # a kill before this: the episode has its row

@@ -6,7 +6,7 @@ Configuration and assets by their content, code by its versions.
 from dataclasses import asdict, replace
 from typing import Any
 
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts.identity import plain, without
 from rf_exp.datagen.coordinator import VERSION as COORDINATOR
 from rf_exp.datagen.version import generator_version
 from rf_exp.experiment import Experiment
@@ -18,12 +18,8 @@ from rf_exp.types import Arch, Row
 def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[str, Any]:
     """Of the rows of generation. A store adds its first seed and its pictures."""
     settings = experiment.settings(task, row)
-    made = asdict(settings)
-    for name in ("disturbance_rad", "delay_s"):  # without, demonstrations are as they always were
-        if not made[name]:
-            del made[name]
     said = {
-        **made,
+        **without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
         "task": task.name,
         "scene": task.identity,
         "version": task.version,
@@ -35,6 +31,22 @@ def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[st
     if settings.brain.reads or experiment.occupancy == "depth":
         said["seen"] = asdict(experiment.pictures)
     return plain(said)
+
+
+def correction_identity(
+    experiment: Experiment, task: Task, row: Row, step_limit: int, policies: dict[str, Any]
+) -> dict[str, Any]:
+    """Of a round of correction of `policies`, which says what they were made of."""
+    return plain(
+        {
+            **generation_identity(experiment, task, row),
+            "demos": experiment.demos,
+            "rollouts": experiment.dagger.rollouts,
+            "step_limit": step_limit,
+            "policies": policies,
+            "acting": experiment.policy.identity,
+        }
+    )
 
 
 def evaluation_identity(

@@ -151,6 +151,25 @@ def test_in_an_ensemble_earlier_predictions_count(make_actor) -> None:
     assert len(chunks) == 3 and len(chunks[0]) > 6
 
 
+def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_actor) -> None:
+    """The mean of predictions that do not agree is neither."""
+    view, world = views(ARCHS[0], 2)[0], Table(2)
+    config = {"observation_steps": 1, "action_steps": 1, "ensemble": 0.5, "binary_grippers": True}
+    actor = make_actor(view, **config)
+    says = iter([1.0, -1.0, -1.0, -1.0])
+
+    def chunk(actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        targets = np.zeros((actions.shape[1], 2, 8))
+        targets[..., 7] = next(says)
+        return targets
+
+    actor._commands = chunk
+    scene = world.reset(0)
+    told = [actor(replace(scene, step=step), world.pictures())[:, 7].tolist() for step in range(4)]
+    # The weights are 1, 0.61, 0.37, 0.22, oldest first: only three that say "close" outweigh the first.
+    assert told == [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]
+
+
 def test_pictures_are_taken_only_for_observations(make_actor) -> None:
     world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
     rollout(world, judge, actors, 0, 14)
