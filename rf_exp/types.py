@@ -135,26 +135,6 @@ class Subgoal:
 
 
 @dataclass(frozen=True)
-class Constraint:
-    """A constraint as RoboBrain states it: text of one kind about one or more agents."""
-
-    kind: Kind
-    agents: tuple[int, ...]
-    text: str
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """RoboBrain's answer: what each agent does next, and the constraints that must hold."""
-
-    subgoals: tuple[Subgoal, ...]  # in the order of the plan; an agent's own are serial
-    constraints: tuple[Constraint, ...]
-
-    def of(self, agent: int) -> tuple[Subgoal, ...]:
-        return tuple(subgoal for subgoal in self.subgoals if subgoal.agent == agent)
-
-
-@dataclass(frozen=True)
 class Segment:
     """One rest-to-rest motion of one agent on the control grid, made by one motion primitive.
 

@@ -14,7 +14,8 @@ from rf_exp.datagen.brain import FaultySpec
 from rf_exp.datagen.planning import Plan, Settings
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
-from rf_exp.types import Pictures, Proposal, Row, Schedule
+from rf_exp.statements import Proposal
+from rf_exp.types import Pictures, Row, Schedule
 from tests.conftest import read_task
 from tests.test_viz import TWO
 

@@ -97,7 +97,7 @@ def test_everything_that_was_checked_is_there_with_its_value(episode):
     assert "| holds | `VD(Agent_1, steak, perpendicular)` | 0 deg | 10 deg |" in document
     assert f"all {len(checker.evidence)} checks hold" in document
     [proposal] = content.column("/plan/proposals", "TextDocument:text")[-1]
-    assert all(constraint.text in proposal for constraint in plan.proposal.constraints)
+    assert all(constraint.sentence in proposal for constraint in plan.proposal.constraints)
 
 
 def test_the_first_mistake_is_in_the_log_before_anything_moves(episode):

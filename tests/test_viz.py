@@ -12,12 +12,11 @@ import trimesh
 
 from rf_exp import viz
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.statements import Proposal, Together
 from rf_exp.transforms import from_axes, planar, transform
 from rf_exp.types import (
     CameraModel,
-    Constraint,
     Measured,
-    Proposal,
     Rollout,
     Schedule,
     Segment,
@@ -271,7 +270,7 @@ def test_occupancy_has_the_colour_of_its_agent(path):
 
 def test_documents_show_every_attempt_newest_first(path):
     goals = (Subgoal(1, "grasp", "barrier", "left"), Subgoal(2, "grasp", "barrier", "right"))
-    proposal = Proposal(goals, (Constraint("temporal", (1, 2), "lift at the same time"),))
+    proposal = Proposal(goals, (Together((1, 2), "lift", "barrier"),))
     with open_recorder(path) as recorder:
         recorder.proposal(proposal)
         recorder.proposal(proposal)
@@ -279,7 +278,7 @@ def test_documents_show_every_attempt_newest_first(path):
     [shown] = content.column("/plan/proposals", "TextDocument:text")[-1]
     assert shown.index("Proposal 2, step 0") < shown.index("Proposal 1, step 0")
     assert "1. grasp barrier at left" in shown
-    assert "- *temporal*, agents 1, 2: lift at the same time" in shown
+    assert "- *temporal*, agents 1, 2: Agent_1 and Agent_2 must lift barrier simul" in shown
     assert "agent 2 is to grasp barrier at right" in content.texts("/log")
 
 

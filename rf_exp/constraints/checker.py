@@ -4,28 +4,28 @@ Paper, section 3.1 and supplementary A. The check code is a typed composition of
 functions; it holds when all of them hold. What a row of the ablation switches off is not checked.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from rf_exp.constraints.evidence import Check, Evidence, Plan, agent_name, doing, violation
-from rf_exp.constraints.grammar import parse
-from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects
+from rf_exp.constraints.clearance import Mask
+from rf_exp.constraints.compile import compiled
+from rf_exp.constraints.evidence import Check, Evidence, Plan, doing, violation
+from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects, StayOut
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
 from rf_exp.constraints.timing import Delays, Rule, schedule, serial
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
 from rf_exp.errors import ArgumentError
+from rf_exp.statements import Proposal, Statement, agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import (
     ARM_JOINTS,
     COLLISION,
     CONTROL_DT_S,
-    Constraint,
     Kind,
-    Proposal,
     Row,
     Scene,
     Schedule,
@@ -56,9 +56,9 @@ class CheckCode:
         return tuple(check for check in self.checks if active[check.kind])
 
 
-def compile(constraints: Sequence[Constraint], task: Task, proposal: Proposal) -> CheckCode:
-    """The check code of textual constraints. Raises ArgumentError for one that is not understood."""
-    return CheckCode(tuple(parse(constraint, task, proposal) for constraint in constraints))
+def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) -> CheckCode:
+    """The check code of constraints. Raises ArgumentError for one that is not understood or does not fit."""
+    return CheckCode(tuple(compiled(stated, task, proposal) for stated in constraints))
 
 
 class Checker:
@@ -118,8 +118,18 @@ class Checker:
         if not self._row.temporal:
             order = self._proposal or Proposal(tuple(s.subgoal for t in trajectories for s in t.segments), ())
             return serial(trajectories, order)
-        timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, self.rules, delays)
+        timed = schedule(trajectories, self._diagrams(plan), self.rules, delays)
         return replace(timed, time_s=plan.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
+
+    def _diagrams(self, plan: Plan) -> Mapping[tuple[int, int], Mask]:
+        """What timing has to keep apart in this row: arms, and agents from zones while they are closed."""
+        if not self._row.spatial:
+            return {}
+        found = dict(plan.diagrams)
+        for check in self.checks:
+            if isinstance(check, StayOut):
+                found |= {pair: found[pair] | mask for pair, mask in check.cells(plan).items()}
+        return found
 
     def check(self, trajectories: Sequence[Trajectory], timed: Schedule, scene: Scene) -> list[Violation]:
         """All checks on a plan before anything moves: the violations, earliest first."""

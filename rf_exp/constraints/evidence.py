@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints.clearance import Mask, Swept, closer_than
 from rf_exp.constraints.seen import Seen, together
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.statements import agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import (
     ARM_JOINTS,
@@ -188,10 +189,6 @@ def _finer(trajectory: Trajectory) -> Trajectory:
         segments.append(replace(segment, qpos=finer[:, :ARM_JOINTS], gripper=finer[:, ARM_JOINTS]))
         start = end
     return replace(trajectory, segments=tuple(segments))
-
-
-def agent_name(agent: int) -> str:
-    return f"Agent_{agent}"
 
 
 def names(agents: tuple[int, ...]) -> str:

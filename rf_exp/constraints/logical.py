@@ -11,7 +11,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Evidence, Plan, agent_name, names
+from rf_exp.constraints.evidence import Evidence, Plan, names
+from rf_exp.constraints.temporal import span
+from rf_exp.statements import Step, agent_name
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import CONTROL_DT_S, Kind, Scene, Segment
@@ -201,15 +203,19 @@ class ValidateDirection:
     object: str
     orientation: str  # one of ORIENTATIONS
     text: str = ""
+    phase: Step | None = None  # in which it has to hold; at contact unless given
 
     @property
     def agents(self) -> tuple[int, ...]:
         return (self.agent,)
 
     def __repr__(self) -> str:
-        return f"VD({agent_name(self.agent)}, {self.object}, {self.orientation})"
+        when = f", {self.phase.verb}" if self.phase else ""
+        return f"VD({agent_name(self.agent)}, {self.object}, {self.orientation}{when})"
 
     def planned(self, plan: Plan) -> Evidence:
+        if self.phase is not None:
+            return self._throughout(plan, self.phase)
         contact = _contact(plan, self.agent, self.object)
         if contact is None and self._is_target(plan):
             reason = f"{agent_name(self.agent)} only puts something to {self.object} in this plan"
@@ -222,14 +228,31 @@ class ValidateDirection:
         return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
+        pose, now_s = scene.poses[self.object], scene.step * CONTROL_DT_S
+        if self.phase is not None:
+            part = span(self.phase, plan.trajectory(self.agent))
+            if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
+                return None
+            return self._evidence(tcp, pose, None, ANGLE_MEASURED_DEG, now_s)
         contact = _contact(plan, self.agent, self.object)
         if contact is None or not _settles_now(plan, self.agent, scene, contact.settled):
             return None
-        tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
-        point = self._point(plan, contact)
-        return self._evidence(
-            tcp, scene.poses[self.object], point, ANGLE_MEASURED_DEG, scene.step * CONTROL_DT_S
-        )
+        return self._evidence(tcp, pose, self._point(plan, contact), ANGLE_MEASURED_DEG, now_s)
+
+    def _throughout(self, plan: Plan, phase: Step) -> Evidence:
+        """The worst moment of a phase."""
+        trajectory = plan.trajectory(self.agent)
+        part = span(phase, trajectory)
+        if part is None:
+            return Evidence(True, 0.0, ANGLE_DEG, f"{phase.text} does not move in this plan")
+        tcp = plan.bodies.arms[self.agent - 1].tcp(trajectory.path()[part[0] : part[1] + 1])
+        pose = plan.scene.poses[self.object]
+        found = [
+            self._evidence(each, pose, None, ANGLE_DEG, plan.time_s(self.agent, part[0] + row))
+            for row, each in enumerate(tcp)
+        ]
+        return max(found, key=lambda evidence: evidence.value)
 
     def _is_target(self, plan: Plan) -> bool:
         """Whether the agent goes to the object with something in its hand."""
@@ -275,7 +298,8 @@ class ValidateDirection:
 class ConsistentHeight:
     """Agents that carry one thing together raise it by the same height. Value and bound in metres.
 
-    With a model of time at every control step of the schedule, otherwise at the end of the plan.
+    With a model of time at every control step of the schedule, otherwise at the end of the plan. With a
+    `phase` (of each agent) only there.
     """
 
     kind: ClassVar[Kind] = "logical"
@@ -284,9 +308,11 @@ class ConsistentHeight:
 
     agents: tuple[int, ...]
     text: str = ""
+    phase: tuple[Step, ...] = ()
 
     def __repr__(self) -> str:
-        return f"VD({names(self.agents)}, consistent height)"
+        when = f", {self.phase[0].verb}" if self.phase else ""
+        return f"VD({names(self.agents)}, consistent height{when})"
 
     def planned(self, plan: Plan) -> Evidence:
         worst = Evidence(True, 0.0, HEIGHT_M, f"{names(self.agents)} carry nothing together in this plan")
@@ -306,8 +332,9 @@ class ConsistentHeight:
             return None
         rises = []
         for agent in self.agents:
-            begin, _ = _carried(plan, agent, name)
-            if plan.position_now(agent, scene) <= begin:
+            begin, end = self._span(plan, agent, name)
+            now = plan.position_now(agent, scene)
+            if now <= begin or (self.phase and now > end):
                 return None
             arm = plan.bodies.arms[agent - 1]
             rises.append(
@@ -322,13 +349,20 @@ class ConsistentHeight:
         ]
         return sorted(name for name in set.intersection(*carried) if name)
 
-    @staticmethod
-    def _rise_m(plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
+    def _span(self, plan: Plan, agent: int, name: str) -> tuple[int, int]:
+        """Path positions between which an agent carries a thing and has to keep level with the others."""
+        begin, end = _carried(plan, agent, name)
+        for step in self.phase:
+            if step.agent == agent and (part := span(step, plan.trajectory(agent))) is not None:
+                return max(begin, part[0]), max(begin, min(end, part[1]))
+        return begin, end
+
+    def _rise_m(self, plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
         """How far an agent has raised a thing: (T + 1,), or (1,) at the end without a model of time."""
         trajectory = plan.trajectory(agent)
         height = plan.bodies.arms[agent - 1].tcp(trajectory.path())[:, 2, 3]
         positions = plan.positions(agent) if plan.row.temporal else np.array([len(trajectory)])
-        begin, end = _carried(plan, agent, name)
+        begin, end = self._span(plan, agent, name)
         return height[np.clip(positions, begin, end)] - height[begin]
 
     def _evidence(self, value: float, bound_m: float, time_s: float) -> Evidence:

@@ -14,17 +14,18 @@ from typing import ClassVar
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.clearance import Nearest, Swept, closer_than, nearest, overlap
-from rf_exp.constraints.evidence import Evidence, Plan, agent_name, doing, names, violation
+from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, nearest, overlap
+from rf_exp.constraints.evidence import Evidence, Plan, doing, names, violation
 from rf_exp.constraints.shapes import Piece
+from rf_exp.constraints.temporal import span
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
+from rf_exp.statements import Step, agent_name
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import CONTROL_DT_S, Kind, Scene, Violation
 
 CONTACT_N = 1.0  # force between two arms that counts as contact
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
-ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
 
 
 def touching(
@@ -195,7 +196,11 @@ class AvoidObjects:
 
 @dataclass(frozen=True)
 class StayOut:
-    """An agent, with what it carries, stays out of a box. Value and bound in metres."""
+    """An agent, with what it carries, stays out of a box. Value and bound in metres.
+
+    Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
+    can keep the agent out (`cells`).
+    """
 
     kind: ClassVar[Kind] = "spatial"
     name: ClassVar[str] = "ValidateSpatialOccupancy"
@@ -205,34 +210,102 @@ class StayOut:
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
     text: str = ""
+    occupied_by: int | str | None = None
+    until: Step | None = None
 
     @property
     def agents(self) -> tuple[int, ...]:
         return (self.agent,)
 
     def __repr__(self) -> str:
-        return f"VSO({agent_name(self.agent)}, zone {self.low_m} to {self.high_m})"
+        when = "" if self.occupied_by is None else f", while {self._occupant}"
+        when += f", until {self.until.text}" if self.until else ""
+        return f"VSO({agent_name(self.agent)}, zone {self.low_m} to {self.high_m}{when})"
+
+    @property
+    def _occupant(self) -> str:
+        return agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else str(self.occupied_by)
 
     def _zone(self) -> Swept:
         low, high = np.array(self.low_m), np.array(self.high_m)
         box = trimesh.creation.box(high - low, transform((low + high) / 2))
         return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))
 
+    def _inside(self, plan: Plan, agent: int) -> Mask:
+        """(P,) the path positions at which an agent, with what it carries, is in the zone."""
+        return closer_than(plan.swept[agent - 1], self._zone(), 0.0)[:, 0]
+
+    def _closed(self, plan: Plan) -> tuple[int, Mask]:
+        """Whose path decides when the zone is closed, and at which of its positions (P,)."""
+        if self.until is not None:
+            other = self.until.agent
+            part = span(self.until, plan.trajectory(other))
+            ends = 0 if part is None else part[1]
+            return other, np.arange(len(plan.trajectory(other)) + 1) < ends
+        if isinstance(self.occupied_by, int):
+            return self.occupied_by, self._inside(plan, self.occupied_by)
+        if self.occupied_by is not None:
+            return self._with_thing(plan, self.occupied_by)
+        return self.agent, np.ones(len(plan.trajectory(self.agent)) + 1, dtype=bool)
+
+    def _with_thing(self, plan: Plan, name: str) -> tuple[int, Mask]:
+        """As `_closed`, by an object: who moves it decides, or nobody."""
+        for agent, body in zip(plan.task.agents, plan.swept, strict=True):
+            if name in body.objects:
+                columns = [column for column, label in enumerate(body.labels) if label == name]
+                thing = Swept(
+                    tuple(body.pieces[column] for column in columns), (name,) * len(columns),
+                    body.poses[:, columns],
+                )  # fmt: skip
+                return agent, closer_than(thing, self._zone(), 0.0)[:, 0]
+        standing = bool(overlap(plan.bodies.standing([name]), self._zone()))
+        return self.agent, np.full(len(plan.trajectory(self.agent)) + 1, standing)
+
+    def cells(self, plan: Plan) -> dict[tuple[int, int], Mask]:
+        """(i, j), i < j, agents from 1 -> (P_i, P_j) the pairs of path positions that timing keeps apart."""
+        other, closed = self._closed(plan)
+        if other == self.agent:
+            return {}
+        mask = self._inside(plan, self.agent)[:, None] & closed[None, :]
+        i, j = sorted((self.agent, other))
+        return {(i, j): mask if i == self.agent else mask.T}
+
     def planned(self, plan: Plan) -> Evidence:
-        body, positions = plan.swept[self.agent - 1], np.unique(plan.positions(self.agent))
-        inside = closer_than(body, self._zone(), 0.0)[:, 0]
-        hits = positions[inside[positions]]
-        cells = hits[:1] if len(hits) else positions
-        gap = nearest(body, self._zone(), np.stack([cells, 0 * cells], axis=1))
+        body, other = plan.swept[self.agent - 1], self._closed(plan)
+        own = plan.positions(self.agent)
+        steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
+        if not len(steps):
+            return Evidence(True, np.inf, 0.0, f"nothing closes the zone to {agent_name(self.agent)}")
+        hits = steps[self._inside(plan, self.agent)[own[steps]]]
+        at = np.unique(own[hits[:1]] if len(hits) else own[steps])
+        gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
         assert gap is not None  # a zone must always be kept out of
-        time_s = plan.time_s(self.agent, gap.at[0])
+        step = hits[0] if len(hits) else steps[own[steps] == gap.at[0]][0]
+        time_s = plan.begins_s + float(step) * CONTROL_DT_S
         return self._evidence(gap, not len(hits), time_s, doing(plan.segment_at(self.agent, gap.at[0])))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        held = scene.held[self.agent - 1]
-        gap = nearest(_with_load(Bodies(plan.task, scene), self.agent, held, frozenset()), self._zone())
-        assert gap is not None
+        if not self._closed_now(scene, plan):
+            return None
+        gap = self._gap(scene, plan, self.agent)
         return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, "as measured")
+
+    def _closed_now(self, scene: Scene, plan: Plan) -> bool:
+        if self.until is not None:
+            other, closed = self._closed(plan)
+            return bool(closed[plan.position_now(other, scene)])
+        if isinstance(self.occupied_by, int):
+            return self._gap(scene, plan, self.occupied_by).distance_m <= 0
+        if self.occupied_by is not None:
+            return overlap(Bodies(plan.task, scene).standing([self.occupied_by]), self._zone()) is not None
+        return True
+
+    def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
+        """From a measured arm, with what it holds, to the zone."""
+        held = scene.held[agent - 1]
+        gap = nearest(_with_load(Bodies(plan.task, scene), agent, held, frozenset()), self._zone())
+        assert gap is not None
+        return gap
 
     def _evidence(self, gap: Nearest, ok: bool, time_s: float, what: str) -> Evidence:
         where = "stays out of" if ok else f"at {time_s:.2f} s enters"

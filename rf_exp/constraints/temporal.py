@@ -9,47 +9,33 @@ from typing import ClassVar
 
 import numpy as np
 
-from rf_exp.constraints.evidence import Evidence, Plan, agent_name, names
-from rf_exp.constraints.timing import Demands, actions, schedule, serial, subgoal_runs
+from rf_exp.constraints.evidence import Evidence, Plan, names
+from rf_exp.constraints.timing import Demands, subgoal_runs
+from rf_exp.statements import TOGETHER_S, Step
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Kind, Scene, Trajectory
 
-__all__ = ["Deadline", "Sequential", "ShareSpace", "Simultaneous", "Step", "actions", "schedule", "serial"]
 
-TOGETHER_S = 0.1  # what `simultaneously` means when no time is given
+def span(step: Step, trajectory: Trajectory) -> tuple[int, int] | None:
+    """First and last path position of a part of a plan; None when the trajectory has no such part."""
+    found: list[int] = []
+    start = 0
+    for subgoal, segments in subgoal_runs(trajectory):
+        end = start + sum(map(len, segments))
+        if step.verb is None or (subgoal.verb, subgoal.object) == (step.verb, step.object):
+            found += [start, end]
+        start = end
+    return (found[0], found[-1]) if found else None
 
 
-@dataclass(frozen=True)
-class Step:
-    """A part of an agent's plan: the subgoals with this verb and object, or all of it."""
-
-    agent: int
-    verb: str | None = None
-    object: str | None = None
-
-    @property
-    def text(self) -> str:
-        return f"{agent_name(self.agent)}: {self.verb} {self.object}" if self.verb else agent_name(self.agent)
-
-    def span(self, trajectory: Trajectory) -> tuple[int, int] | None:
-        """First and last path position; None when the trajectory has no such part."""
-        found: list[int] = []
-        start = 0
-        for subgoal, segments in subgoal_runs(trajectory):
-            end = start + sum(map(len, segments))
-            if self.verb is None or (subgoal.verb, subgoal.object) == (self.verb, self.object):
-                found += [start, end]
-            start = end
-        return (found[0], found[-1]) if found else None
-
-    def times_s(self, plan: Plan) -> tuple[float, float] | None:
-        """When this part makes its first step and when it has made its last, since the start of the plan."""
-        span = self.span(plan.trajectory(self.agent))
-        if span is None:
-            return None
-        positions = plan.positions(self.agent)
-        begins = int(np.searchsorted(positions, span[0], "right"))
-        ends = int(np.searchsorted(positions, span[1]))
-        return begins * CONTROL_DT_S, ends * CONTROL_DT_S
+def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
+    """When a part makes its first step and when it has made its last, since the start of the plan."""
+    positions_of = span(step, plan.trajectory(step.agent))
+    if positions_of is None:
+        return None
+    positions = plan.positions(step.agent)
+    begins = int(np.searchsorted(positions, positions_of[0], "right"))
+    ends = int(np.searchsorted(positions, positions_of[1]))
+    return begins * CONTROL_DT_S, ends * CONTROL_DT_S
 
 
 def _absent(*steps: Step) -> str:
@@ -86,8 +72,8 @@ class Sequential(_Temporal):
         return f"VS({names(self.agents)}, sequential{_about(self.first)}{_about(self.then)}{wait})"
 
     def demand(self, demands: Demands) -> None:
-        first = self.first.span(demands.trajectory(self.first.agent))
-        then = self.then.span(demands.trajectory(self.then.agent))
+        first = span(self.first, demands.trajectory(self.first.agent))
+        then = span(self.then, demands.trajectory(self.then.agent))
         if first is None or then is None:
             return
         demands.before(self.first.agent, first[1], self.then.agent, then[0])
@@ -96,7 +82,7 @@ class Sequential(_Temporal):
             demands.delay(self.first.agent, first[1], self.then.agent, then[0], steps)
 
     def planned(self, plan: Plan) -> Evidence:
-        first, then = self.first.times_s(plan), self.then.times_s(plan)
+        first, then = times_s(self.first, plan), times_s(self.then, plan)
         if first is None or then is None:
             return Evidence(True, 0.0, self.wait_s, _absent(self.first, self.then))
         pause_s = then[0] - first[1]
@@ -123,7 +109,7 @@ class Simultaneous(_Temporal):
         return f"VS({names(self.agents)}, simultaneous{_about(self.steps[0])}, within {self.within_s:g} s)"
 
     def demand(self, demands: Demands) -> None:
-        spans = [(step.agent, step.span(demands.trajectory(step.agent))) for step in self.steps]
+        spans = [(step.agent, span(step, demands.trajectory(step.agent))) for step in self.steps]
         within = int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9)
         for index, (a, span_a) in enumerate(spans):
             for b, span_b in spans[index + 1 :]:
@@ -131,7 +117,7 @@ class Simultaneous(_Temporal):
                     demands.together(a, span_a[0], b, span_b[0], within)
 
     def planned(self, plan: Plan) -> Evidence:
-        begins = [times[0] for step in self.steps if (times := step.times_s(plan)) is not None]
+        begins = [times[0] for step in self.steps if (times := times_s(step, plan)) is not None]
         if len(begins) < 2:
             return Evidence(True, 0.0, self.within_s, _absent(*self.steps))
         apart_s = max(begins) - min(begins)
@@ -157,12 +143,12 @@ class Deadline(_Temporal):
         return f"VS({names(self.agents)}, deadline{_about(self.step)}, {self.within_s:g} s)"
 
     def demand(self, demands: Demands) -> None:
-        span = self.step.span(demands.trajectory(self.step.agent))
-        if span is not None:
-            demands.deadline(self.step.agent, span[1], int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9))
+        part = span(self.step, demands.trajectory(self.step.agent))
+        if part is not None:
+            demands.deadline(self.step.agent, part[1], int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9))
 
     def planned(self, plan: Plan) -> Evidence:
-        times = self.step.times_s(plan)
+        times = times_s(self.step, plan)
         if times is None:
             return Evidence(True, 0.0, self.within_s, f"{self.step.text} does not move in this plan")
         reason = f"{self.step.text} ends {times[1]:.2f} s after the start (allowed {self.within_s:g} s)"

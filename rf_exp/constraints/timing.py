@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from rf_exp.constraints import search
 from rf_exp.constraints.clearance import Mask
 from rf_exp.errors import ArgumentError
-from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Proposal, Schedule, Segment, Subgoal, Trajectory, Violation
+from rf_exp.statements import Proposal
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Schedule, Segment, Subgoal, Trajectory, Violation
 
 CHECK = "ValidateScheduling"
 

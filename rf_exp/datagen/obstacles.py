@@ -11,9 +11,10 @@ from rf_exp.constraints.seen import SEEN, Seen
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.datagen.motion.state import Blocked, Obstacle, State
 from rf_exp.robots.panda import self_pairs
+from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
-from rf_exp.types import Proposal, Row, Scene
+from rf_exp.types import Row, Scene
 
 
 class Obstacles:

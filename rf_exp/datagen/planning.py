@@ -11,6 +11,7 @@ from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_jso
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
+from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import (
     CONTROL_DT_S,
@@ -19,7 +20,6 @@ from rf_exp.types import (
     Cause,
     JointLimits,
     Occupancy,
-    Proposal,
     Row,
     Scene,
     Schedule,

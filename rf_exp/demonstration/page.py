@@ -90,7 +90,9 @@ def _constraints(shown: Round) -> str:
         [f"`{check!r}`" for check in shown.code.checks] if shown.code else ["not understood"] * len(stated)
     )
     lines = ["| kind | constraint | check |", "|---|---|---|"]
-    lines += [f"| {each.kind} | {each.text} | {check} |" for each, check in zip(stated, checks, strict=True)]
+    lines += [
+        f"| {each.kind} | {each.sentence} | {check} |" for each, check in zip(stated, checks, strict=True)
+    ]
     return "\n".join(lines)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rf_exp.constraints.evidence import agent_name
 from rf_exp.gallery.performance import Line, Pictures, Still
+from rf_exp.statements import agent_name
 from rf_exp.tasks import Task
 from rf_exp.viz import frames
 from rf_exp.viz.frames import (

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from shapely import MultiPoint
 
 from rf_exp.errors import ArgumentError
+from rf_exp.statements import Vocabulary
 from rf_exp.tasks import assets
-from rf_exp.transforms import Matrix, from_axes, planar
+from rf_exp.transforms import Matrix, from_axes, inverse, planar
 from rf_exp.types import ARM_JOINTS, Condition, Measured, Scene, Verdict
 
 REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
@@ -35,6 +36,7 @@ GAP_M = 0.005  # between objects at the start
 REACH_M = 0.855  # of a Panda from its base (its data sheet)
 OFF_M = 0.05  # below the top of the table
 DROP_M = 0.05  # that a thing falls after it was let go; what is set down sinks by millimetres
+APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
 _DRAWS = 1000
 
 
@@ -166,6 +168,29 @@ class Task:
         """The asset of an object of this task."""
         spec = self.objects[name]
         return assets.load(spec.asset, spec.options)
+
+    @cached_property
+    def vocabulary(self) -> Vocabulary:
+        """What sentences about it may speak of."""
+        points = {
+            name: {label: point.kind for label, point in self.asset(name).points.items()}
+            for name in self.objects
+        }
+        return Vocabulary(self.agents, points, self._sides)
+
+    @property
+    def _sides(self) -> dict[str, int]:
+        """Which agent is called the left one, and so on: as the global camera sees their bases."""
+        named = {2: ("left", "right"), 3: ("left", "middle", "right")}.get(len(self.robots))
+        camera = self.cameras["global"]
+        if named is None or camera.mount != "world":
+            return {}
+        camera_from_world = inverse(camera.world_from_camera)
+        across = [float((camera_from_world @ robot.world_from_base)[0, 3]) for robot in self.robots]
+        agents = sorted(self.agents, key=lambda agent: across[agent - 1])
+        if min(np.diff(sorted(across))) < APART_M:
+            return {}
+        return dict(zip(named, agents, strict=True))
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """Camera Alignment: two arms lift the camera, a third holds the steak where the camera looks."""
 
-from rf_exp.tasks import say, studio
+from rf_exp.statements import Proposal, keep_clear
+from rf_exp.tasks import studio
 from rf_exp.tasks.base import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import Condition, Proposal, Scene
+from rf_exp.types import Condition, Scene
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -19,7 +20,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     subgoals = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
     if not subgoals:
         return Proposal((), ())
-    return Proposal(tuple(subgoals), (*studio.constraints(subgoals), *say.keep_clear(task.agents)))
+    return Proposal(tuple(subgoals), (*studio.constraints(subgoals), *keep_clear(task.agents)))
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:

@@ -1,38 +1,35 @@
 """Lift Barrier: two arms grasp both ends of a long barrier and lift it level."""
 
-from rf_exp.tasks import say
+from rf_exp.statements import ContactAt, Direction, Proposal, SameHeight, Together, keep_clear
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import above, height_m, holders, risen_m, still, upright
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
 
 GRIPS = {1: "left", 2: "right"}  # the end nearest to each arm
 LIFT_M = 0.17  # of both grippers: the required rise and a little to spare
-TOGETHER_S = 0.1
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp both ends; once both are held, lift them at the same time."""
     if height_m(scene, "barrier") > task.success["lift_m"] and holders(scene, "barrier") == task.agents:
         return Proposal((), ())
-    spatial = [say.avoid_agents(agent) for agent in task.agents] + [
-        say.avoid_objects(agent) for agent in task.agents
-    ]
+    spatial = keep_clear(task.agents)
     if len(holders(scene, "barrier")) < len(task.agents):
         return Proposal(
             tuple(Subgoal(agent, "grasp", "barrier", point) for agent, point in GRIPS.items()),
             (
-                *(say.grasp_at(agent, "barrier", point) for agent, point in GRIPS.items()),
-                *(say.perpendicular(agent, "barrier") for agent in GRIPS),
-                say.together(1, 2, "grasp", "barrier", 2.0),
+                *(ContactAt(agent, "grasp", "barrier", point) for agent, point in GRIPS.items()),
+                *(Direction(agent, "barrier") for agent in GRIPS),
+                Together((1, 2), "grasp", "barrier", 2.0),
                 *spatial,
             ),
         )
     return Proposal(
         tuple(Subgoal(agent, "lift", "barrier", height_m=LIFT_M) for agent in GRIPS),
-        (say.same_height(1, 2), say.together(1, 2, "lift", "barrier", TOGETHER_S), *spatial),
+        (SameHeight((1, 2)), Together((1, 2), "lift", "barrier"), *spatial),
     )
 
 

@@ -2,11 +2,12 @@
 
 from itertools import pairwise
 
-from rf_exp.tasks import delivery, say
+from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
+from rf_exp.tasks import delivery
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import distance_xy_m, holders
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Constraint, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -29,7 +30,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     if delivery.done(scene, task):
         return Proposal((), ())
     subgoals: list[Subgoal] = []
-    constraints: list[Constraint] = []
+    constraints: list[Statement] = []
     chain = CHAIN[CHAIN.index(_turn(scene, task)) :]
     for agent in chain:
         target = "goal" if agent == chain[-1] else f"stop{agent}"
@@ -39,10 +40,10 @@ def plan(scene: Scene, task: Task) -> Proposal:
         ]
     for giver, taker in pairwise(chain):
         constraints += [
-            say.before(giver, "place", "shoe", taker, "grasp", "shoe"),
-            say.share_space(giver, taker),
+            Before(Step(giver, "place", "shoe"), Step(taker, "grasp", "shoe")),
+            ShareSpace((giver, taker)),
         ]
-    return Proposal(tuple(subgoals), (*say.grasping(subgoals), *constraints, *say.keep_clear(task.agents)))
+    return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
 
 
 def _turn(scene: Scene, task: Task) -> int:

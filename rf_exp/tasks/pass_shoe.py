@@ -1,10 +1,11 @@
 """Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
 
-from rf_exp.tasks import delivery, say
+from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
+from rf_exp.tasks import delivery
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import distance_xy_m
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -32,13 +33,16 @@ def plan(scene: Scene, task: Task) -> Proposal:
     )
     passed = distance_xy_m(scene.poses["shoe"], task.places(scene)["midway"]) < task.success["goal_m"]
     subgoals = take if passed or scene.held[TAKER - 1] else (*give, *take)
-    together = [say.before(GIVER, "place", "shoe", TAKER, "grasp", "shoe"), say.share_space(GIVER, TAKER)]
+    together = [
+        Before(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe")),
+        ShareSpace((GIVER, TAKER)),
+    ]
     return Proposal(
         subgoals,
         (
-            *say.grasping(subgoals),
+            *grasping(subgoals),
             *(together if len(subgoals) > len(take) else ()),
-            *say.keep_clear(task.agents),
+            *keep_clear(task.agents),
         ),
     )
 

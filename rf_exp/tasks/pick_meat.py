@@ -1,9 +1,9 @@
 """Pick Meat: one arm picks up a piece of meat and lifts it."""
 
-from rf_exp.tasks import say
+from rf_exp.statements import AvoidObjects, Proposal, grasping
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import above, height_m, holders, risen_m, still
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -21,7 +21,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
         Subgoal(ARM, "grasp", "steak", "center"),
         Subgoal(ARM, "lift", "steak", height_m=LIFT_M),
     )
-    return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
+    return Proposal(subgoals, (*grasping(subgoals), AvoidObjects(ARM)))
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:

@@ -1,6 +1,6 @@
 """Place Food: one arm takes the lid off the pot, the other puts the food in."""
 
-from rf_exp.tasks import say
+from rf_exp.statements import Before, ContactAt, Direction, Proposal, ShareSpace, Statement, Step, keep_clear
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import (
     above,
@@ -15,7 +15,7 @@ from rf_exp.tasks.measure import (
     upright,
 )
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -34,31 +34,29 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 def plan(scene: Scene, task: Task) -> Proposal:
     """Lid up and aside while the steak is fetched; the steak goes in once the lid is up."""
     subgoals: list[Subgoal] = []
-    constraints = []
+    constraints: list[Statement] = []
     if not _lid_off(scene, task) or holders(scene, "lid"):
         subgoals += [
             Subgoal(HELPER, "grasp", "lid", "knob"),
             Subgoal(HELPER, "lift", "lid", height_m=LID_LIFT_M),
             Subgoal(HELPER, "place", "lid", target="aside"),
         ]
-        constraints += [say.grasp_at(HELPER, "lid", "knob"), say.perpendicular(HELPER, "lid")]
+        constraints += [ContactAt(HELPER, "grasp", "lid", "knob"), Direction(HELPER, "lid")]
     if not _inside(scene, task) or holders(scene, "steak"):
         subgoals += [
             Subgoal(COOK, "grasp", "steak", "center"),
             Subgoal(COOK, "place", "steak", target="pot", target_point="inside"),
         ]
         constraints += [
-            say.grasp_at(COOK, "steak", "center"),
-            say.perpendicular(COOK, "steak"),
+            ContactAt(COOK, "grasp", "steak", "center"),
+            Direction(COOK, "steak"),
         ]
     if len({subgoal.agent for subgoal in subgoals}) == 2:
         constraints += [
-            say.before(HELPER, "lift", "lid", COOK, "place", "steak"),
-            say.share_space(HELPER, COOK),
+            Before(Step(HELPER, "lift", "lid"), Step(COOK, "place", "steak")),
+            ShareSpace((HELPER, COOK)),
         ]
-    constraints += [say.avoid_agents(agent) for agent in task.agents]
-    constraints += [say.avoid_objects(agent) for agent in task.agents]
-    return Proposal(tuple(subgoals), tuple(constraints))
+    return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
 
 
 def _inside(scene: Scene, task: Task) -> Condition:

@@ -1,9 +1,9 @@
 """Stack Cube: one arm puts the blue cube on the red one."""
 
-from rf_exp.tasks import say
+from rf_exp.statements import AvoidObjects, Proposal, grasping
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import released, set_down, stacked
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -20,7 +20,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
         Subgoal(ARM, "grasp", "blue", "center"),
         Subgoal(ARM, "place", "blue", target="red", target_point="top"),
     )
-    return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
+    return Proposal(subgoals, (*grasping(subgoals), AvoidObjects(ARM)))
 
 
 def _on_top(scene: Scene, task: Task) -> Condition:

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from rf_exp.tasks import say
+from rf_exp.statements import AvoidObjects, Proposal, grasping
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import below, every, holders, upright
 from rf_exp.transforms import Matrix, angle_between_rad
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -27,7 +27,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
         Subgoal(ARM, "lift", "hammer", height_m=LIFT_M),
     )
     subgoals = (strike,) if held else (*take, strike)
-    return Proposal(subgoals, (*say.grasping(subgoals), say.avoid_objects(ARM)))
+    return Proposal(subgoals, (*grasping(subgoals), AvoidObjects(ARM)))
 
 
 def _head(scene: Scene, task: Task) -> Matrix:

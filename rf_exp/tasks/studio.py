@@ -6,18 +6,17 @@ camera, agent 3 in front of it.
 
 import numpy as np
 
-from rf_exp.tasks import say
+from rf_exp.statements import SameHeight, Statement, Together, grasping
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import above, below, every, height_m, holders, still, upright
 from rf_exp.transforms import Matrix, angle_between_rad, transform
-from rf_exp.types import Condition, Constraint, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 LEFT, RIGHT = 1, 2  # the agents at the sides of the camera
 GRIPS = {LEFT: "left", RIGHT: "right"}
 MODEL = 3  # the agent that holds the steak
 RAISED_M = 0.22  # height of the camera's underside, a little more than asked for
 FRONT_M = 0.30  # from the lens to the steak
-TOGETHER_S = 0.1
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
@@ -46,11 +45,11 @@ def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
     return [] if aim_deg(scene, task) < task.success["aim_deg"] / 2 else [carry]
 
 
-def constraints(subgoals: list[Subgoal]) -> list[Constraint]:
+def constraints(subgoals: list[Subgoal]) -> list[Statement]:
     """Grasp as annotated; lift the camera level, with both arms at the same time."""
-    stated = say.grasping(subgoals)
+    stated = grasping(subgoals)
     if any((subgoal.verb, subgoal.object) == ("lift", "camera") for subgoal in subgoals):
-        stated += [say.same_height(LEFT, RIGHT), say.together(LEFT, RIGHT, "lift", "camera", TOGETHER_S)]
+        stated += [SameHeight((LEFT, RIGHT)), Together((LEFT, RIGHT), "lift", "camera")]
     return stated
 
 

@@ -3,11 +3,12 @@
 import numpy as np
 
 from rf_exp.robots import Panda
-from rf_exp.tasks import say, studio
+from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
+from rf_exp.tasks import studio
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import pushed_n
 from rf_exp.transforms import Matrix, angle_between_rad
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -31,10 +32,10 @@ def plan(scene: Scene, task: Task) -> Proposal:
     else:
         subgoals = [Subgoal(PHOTOGRAPHER, "press", "camera", "shutter")]
         constraints = [
-            say.press_at(PHOTOGRAPHER, "camera", "shutter"),
-            say.perpendicular(PHOTOGRAPHER, "camera"),
+            ContactAt(PHOTOGRAPHER, "press", "camera", "shutter"),
+            Direction(PHOTOGRAPHER, "camera"),
         ]
-    return Proposal(tuple(subgoals), (*constraints, *say.keep_clear(task.agents)))
+    return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
 
 
 def _hand(scene: Scene, task: Task, agent: int) -> Matrix:

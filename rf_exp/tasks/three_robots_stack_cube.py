@@ -2,10 +2,10 @@
 
 from itertools import pairwise
 
-from rf_exp.tasks import say
+from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import below, every, height_m, near, released, set_down, stacked
-from rf_exp.types import Condition, Constraint, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -27,13 +27,13 @@ def plan(scene: Scene, task: Task) -> Proposal:
                 ),
             ]
     agents = sorted({subgoal.agent for subgoal in subgoals})
-    constraints: list[Constraint] = say.grasping(subgoals)
+    constraints: list[Statement] = grasping(subgoals)
     for first, then in pairwise(agents):
         constraints += [
-            say.before(first, "place", STACK[first], then, "place", STACK[then]),
-            say.share_space(first, then),
+            Before(Step(first, "place", STACK[first]), Step(then, "place", STACK[then])),
+            ShareSpace((first, then)),
         ]
-    return Proposal(tuple(subgoals), (*constraints, *say.keep_clear(task.agents)))
+    return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
 
 
 def _standing(scene: Scene, task: Task) -> list[Condition]:

@@ -1,9 +1,9 @@
 """Two Robots Stack Cube: one arm brings the blue cube to the goal, the other puts the red one on it."""
 
-from rf_exp.tasks import say
+from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import below, every, height_m, holders, near, released, set_down, stacked
-from rf_exp.types import Condition, Proposal, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -26,11 +26,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
             Subgoal(TOP, "grasp", "red", "center"),
             Subgoal(TOP, "place", "red", target="blue", target_point="top"),
         ]
-    order = (say.before(BASE, "place", "blue", TOP, "place", "red"), say.share_space(BASE, TOP))
+    order = (Before(Step(BASE, "place", "blue"), Step(TOP, "place", "red")), ShareSpace((BASE, TOP)))
     both = {subgoal.agent for subgoal in subgoals} == {BASE, TOP}
     return Proposal(
         tuple(subgoals),
-        (*say.grasping(subgoals), *(order if both else ()), *say.keep_clear(task.agents)),
+        (*grasping(subgoals), *(order if both else ()), *keep_clear(task.agents)),
     )
 
 

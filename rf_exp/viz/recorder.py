@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rerun.components import FillMode, MarkerShape
 
 from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.statements import Proposal
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
     ARM_JOINTS,
@@ -21,7 +22,6 @@ from rf_exp.types import (
     GRIPPER_CLOSED,
     GRIPPER_OPEN,
     CameraModel,
-    Proposal,
     Schedule,
     Sight,
     Trajectory,

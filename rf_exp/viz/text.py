@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from rf_exp.types import CONTROL_DT_S, Measured, Proposal, Rollout, Subgoal, Verdict, Violation
+from rf_exp.statements import Proposal
+from rf_exp.types import CONTROL_DT_S, Measured, Rollout, Subgoal, Verdict, Violation
 
 LEAST = 5e-4  # of a number that is shown
 
@@ -35,7 +36,7 @@ def subgoals(goals: Sequence[Subgoal]) -> str:
 def constraints(proposal: Proposal) -> str:
     """The constraints as RoboBrain stated them, by kind."""
     lines = [
-        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {each.text}"
+        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {each.sentence}"
         for each in proposal.constraints
     ]
     return "\n".join(lines)

@@ -9,8 +9,18 @@ import pytest
 from rf_exp.constraints import CheckCode, Checker, RoboChecker, compile
 from rf_exp.constraints.checker import LOST_STEPS, REFLEX_N, TRACKING_RAD
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks import say
-from rf_exp.types import Constraint, Proposal, Row, Schedule, Subgoal, Violation
+from rf_exp.statements import (
+    AvoidAgents,
+    AvoidObjects,
+    Before,
+    ContactAt,
+    Direction,
+    Proposal,
+    Step,
+    Together,
+    understood,
+)
+from rf_exp.types import Row, Schedule, Subgoal, Violation
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, walk
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
@@ -29,8 +39,8 @@ def food():
     trajectories = cook.trajectory, helper.trajectory
     goals = tuple(dict.fromkeys(s.subgoal for t in trajectories for s in t.segments))
     said = (
-        say.grasp_at(2, "lid", "knob"), say.perpendicular(1, "steak"),
-        say.before(2, "lift", "lid", 1, "lift", "steak"), say.avoid_agents(1), say.avoid_objects(1),
+        ContactAt(2, "grasp", "lid", "knob"), Direction(1, "steak"),
+        Before(Step(2, "lift", "lid"), Step(1, "lift", "steak")), AvoidAgents((1,)), AvoidObjects(1),
     )  # fmt: skip
     return scene, trajectories, Proposal(goals, said)
 
@@ -84,7 +94,7 @@ def test_clearance_is_checked_even_if_nobody_asked_for_it():
         "VSO([Agent_1, Agent_2], objects)",
     ]
     assert RoboChecker(BAR, Proposal((), ()), TEMPORAL).checks == ()
-    half = RoboChecker(BAR, Proposal((), (say.avoid_agents(1), say.avoid_objects(2))), FULL)
+    half = RoboChecker(BAR, Proposal((), (AvoidAgents((1,)), AvoidObjects(2))), FULL)
     assert [repr(check) for check in half.checks] == [
         "VSO(Agent_1)",
         "VSO(Agent_2, objects)",
@@ -125,7 +135,7 @@ def test_a_parked_arm_in_the_way_asks_for_another_path():
 
 def test_lockstep_names_what_must_be_one_motion():
     goals = tuple(Subgoal(agent, "lift", "barrier") for agent in (1, 2))
-    proposal = Proposal(goals, (say.together(1, 2, "lift", "barrier", 0.1),))
+    proposal = Proposal(goals, (Together((1, 2), "lift", "barrier", 0.1),))
     expected = {(frozenset({1, 2}), "lift", "barrier")}
     assert RoboChecker(BAR, proposal, FULL).lockstep == expected
     assert RoboChecker(BAR, proposal, SPATIAL).lockstep == frozenset()
@@ -135,7 +145,7 @@ def test_violations_come_earliest_first_with_evidence(food):
     scene, _, _ = food
     late = Hand(FOOD, scene, 1).grasp("steak", "center", shift_m=(0, 0, 0.05), steps=40).trajectory
     early = Hand(FOOD, scene, 2).grasp("lid", "knob", shift_m=(0, 0, 0.05)).trajectory
-    said = (say.grasp_at(1, "steak", "center"), say.grasp_at(2, "lid", "knob"))
+    said = (ContactAt(1, "grasp", "steak", "center"), ContactAt(2, "grasp", "lid", "knob"))
     checker = RoboChecker(FOOD, Proposal((), said), LOGICAL)
     together = RoboChecker(FOOD, Proposal((), ()), TEMPORAL)
     violations = checker.check((late, early), scheduled(together, (late, early), scene), scene)
@@ -145,7 +155,7 @@ def test_violations_come_earliest_first_with_evidence(food):
 
 
 def test_text_that_is_not_understood():
-    said = (Constraint("logical", (1,), "Agent_1 must feel good."),)
+    said = (understood("Agent_1 must feel good.", FOOD.vocabulary, "logical", (1,)),)
     with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
         compile(said, BAR, Proposal((), said))
     code = RoboChecker(BAR, Proposal((), said), FULL).code
@@ -162,7 +172,9 @@ def test_the_certificate_is_json_with_every_check(food):
     assert certificate["row"] == "full"
     assert certificate["makespan_s"] == pytest.approx(len(timed) / 20)
     assert certificate["makespan_bound_s"] <= certificate["makespan_s"]
-    assert [entry["text"] for entry in certificate["checks"][:5]] == [c.text for c in proposal.constraints]
+    assert [entry["text"] for entry in certificate["checks"][:5]] == [
+        c.sentence for c in proposal.constraints
+    ]
     for entry in certificate["checks"]:
         assert entry["ok"] is True
         assert {"check", "kind", "code", "value", "bound", "time_s", "reason"} <= entry.keys()
@@ -289,7 +301,7 @@ def test_times_are_on_the_clock_of_the_episode():
         stuck = (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20))
         refused = seeing.schedule(stuck, now)
         assert isinstance(refused, Violation) and refused.cause == "space" and refused.agents == (1, 2)
-        nonsense = Proposal((), (Constraint("spatial", (1,), "Agent_1 must be nice."),))
+        nonsense = Proposal((), (understood("Agent_1 must be nice.", BAR.vocabulary, "spatial", (1,)),))
         unread = RoboChecker(BAR, nonsense, FULL, now.step / 20).code
         assert isinstance(unread, Violation) and unread.cause == "answer"
         first[now.step] = np.array([near.time_s, refused.time_s, unread.time_s])

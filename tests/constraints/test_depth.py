@@ -11,8 +11,9 @@ from rf_exp.constraints.occupancy import VOXEL_M, voxels
 from rf_exp.constraints.seen import SEEN, Seen, boxes, down_to_table
 from rf_exp.constraints.shapes import Piece
 from rf_exp.robots import Panda
+from rf_exp.statements import Proposal
 from rf_exp.transforms import apply, from_axes, inverse
-from rf_exp.types import CameraModel, Proposal, Row, Schedule
+from rf_exp.types import CameraModel, Row, Schedule
 from tests.constraints.robots import REACHING, REST, real, scene_of, team, walk
 
 FOOD = real("place_food")

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous, Step
+from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous, span
 from rf_exp.constraints.timing import Delays, Demands, actions, intended, schedule, serial
 from rf_exp.errors import ArgumentError
-from rf_exp.types import Proposal, Schedule, Violation
+from rf_exp.statements import Proposal, Step
+from rf_exp.types import Schedule, Violation
 from tests.constraints.robots import REST, idle, walk
 
 KEYS = [REST + 0.1 * k for k in range(5)]
@@ -145,8 +146,8 @@ def test_a_pause_after_another_agent(first, then):
     rule = Sequential(first, then, wait_s=0.45)
     timed = found(trajectories, rules=[rule])
     moves(timed, trajectories)
-    end = first.span(trajectories[1])
-    start = then.span(trajectories[0])
+    end = span(first, trajectories[1])
+    start = span(then, trajectories[0])
     assert end is not None and start is not None
     assert moving(timed, 1, start[0]) >= arrived(timed, 2, end[1]) + 9
 

@@ -23,10 +23,11 @@ from rf_exp.datagen.brain import (
     read_brain,
     to_json,
 )
-from rf_exp.datagen.brain.protocol import most_subgoals, parse_subgoal
+from rf_exp.datagen.brain.protocol import most_subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.secrets import refuse_keys
-from rf_exp.types import Constraint, Proposal, Row, Subgoal
+from rf_exp.statements import Deadline, Proposal, Step, read_subgoal
+from rf_exp.types import Row, Subgoal
 from tests.conftest import CONF, read_task
 from tests.scenes import start_scene
 
@@ -88,7 +89,8 @@ BAD = [
     ('{"Subgoals": {"Agent_1": "hold", "agent 1": "home"}}', "the subgoals of Agent_1 are there twice"),
     ('{"Subgoals": {"Agent_1": "dance wildly"}}', "forms: grasp OBJECT at POINT"),
     ('{"Subgoals": {"Agent_1": "grasp barrier"}}', "lacks point"),
-    ('{"Subgoals": {"Agent_1": "grasp lamp at left"}}', "no object 'lamp' in lift_barrier; available: bar"),
+    ('{"Subgoals": {"Agent_1": "grasp lamp at left"}}',
+     "no object 'lamp' in subgoal 'grasp lamp at left' of Agent_1; available: bar"),
     ('{"Subgoals": {"Agent_1": "grasp barrier at top"}}', "no interaction point 'top'; available: left"),
     ('{"Subgoals": {"Agent_1": "lift barrier"}}', "lacks height_m"),
     # parts, kinds and numbers of subgoals
@@ -139,7 +141,7 @@ READ = {
 def test_the_answer_is_found_in_what_models_write(way, lift_barrier):
     proposal = from_json(READ[way], lift_barrier)
     assert proposal.subgoals == (Subgoal(1, "hold"),)
-    said = [Constraint("logical", (1,), "Agent_1 must finish within 9 s.")]
+    said = [Deadline(Step(1), 9.0)]
     assert list(proposal.constraints) == (said if "Constraints" in READ[way] else [])
 
 
@@ -157,10 +159,10 @@ def test_an_agent_has_as_many_subgoals_as_the_task_has_use_for(task):
 @given(text=st.text(max_size=300))
 def test_any_text_is_an_answer_or_a_clear_error(text):
     task = read_task("lift_barrier")
-    for attempt in (lambda: from_json(text, task), lambda: parse_subgoal(1, text, task)):
+    for attempt in (lambda: from_json(text, task), lambda: read_subgoal(1, text, task.vocabulary)):
         try:
             attempt()
-        except BadAnswer as error:
+        except (BadAnswer, ArgumentError) as error:
             assert str(error)
 
 
@@ -170,19 +172,19 @@ def test_empty_proposal_means_nothing_left_to_do(lift_barrier):
 
 def test_verbs_and_their_parts(lift_barrier):
     hammer = read_task("strike_cube")
-    strike = parse_subgoal(1, "strike hammer at head to cube at top", hammer)
+    strike = read_subgoal(1, "strike hammer at head to cube at top", hammer.vocabulary)
     assert (strike.verb, strike.point, strike.target, strike.target_point) == (
         "strike",
         "head",
         "cube",
         "top",
     )
-    carry = parse_subgoal(2, "carry barrier to aside by 0.1 m", lift_barrier)
+    carry = read_subgoal(2, "carry barrier to aside by 0.1 m", lift_barrier.vocabulary)
     assert (carry.target, carry.height_m) == ("aside", 0.1)
     for subgoal, task in ((strike, hammer), (carry, lift_barrier)):
-        assert parse_subgoal(subgoal.agent, subgoal.text, task) == subgoal
-    with pytest.raises(BadAnswer, match="lacks point"):
-        parse_subgoal(1, "strike hammer to cube", hammer)
+        assert read_subgoal(subgoal.agent, subgoal.text, task.vocabulary) == subgoal
+    with pytest.raises(ArgumentError, match="lacks point"):
+        read_subgoal(1, "strike hammer to cube", hammer.vocabulary)
 
 
 # -- which brain ---------------------------------------------------------------------------------------

@@ -25,7 +25,8 @@ from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
-from rf_exp.types import Proposal, Subgoal, Violation
+from rf_exp.statements import Proposal
+from rf_exp.types import Subgoal, Violation
 from tests.conftest import CONF, read_task
 from tests.datagen.guard import FULL, Guard
 from tests.datagen.language_server import LanguageServer, Reply, completion, failure

@@ -13,7 +13,7 @@ from hydra.core.global_hydra import GlobalHydra
 from rf_exp.command import guarded
 from rf_exp.datagen.brain import to_json
 from rf_exp.run import main
-from rf_exp.types import Proposal
+from rf_exp.statements import Proposal
 from tests.datagen.language_server import LanguageServer, completion, failure
 from tests.scenes import start_scene
 

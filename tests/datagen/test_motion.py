@@ -10,9 +10,10 @@ from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.primitives import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.robots import Panda, limits_rad
+from rf_exp.statements import Proposal
 from rf_exp.tasks.base import ASIDE_QPOS, REST_QPOS
 from rf_exp.transforms import planar
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, JointLimits, Proposal, Row, Subgoal
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, JointLimits, Row, Subgoal
 from tests.scenes import start_scene
 
 LIMITS = JointLimits()

@@ -10,9 +10,10 @@ from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.robots import Panda
+from rf_exp.statements import Proposal
 from rf_exp.tasks.base import REST_QPOS
 from rf_exp.transforms import transform
-from rf_exp.types import Proposal, Row, Subgoal
+from rf_exp.types import Row, Subgoal
 from tests.conftest import read_task
 from tests.scenes import start_scene
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from rf_exp.tasks import say
+from rf_exp.statements import AvoidObjects, ContactAt, Direction, Proposal
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import pushed_n
-from rf_exp.types import Proposal, Scene, Subgoal
+from rf_exp.types import Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -20,7 +20,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
         return Proposal((), ())
     return Proposal(
         (Subgoal(ARM, "press", "button", "cap"),),
-        (say.press_at(ARM, "button", "cap"), say.perpendicular(ARM, "button"), say.avoid_objects(ARM)),
+        (ContactAt(ARM, "press", "button", "cap"), Direction(ARM, "button"), AvoidObjects(ARM)),
     )
 
 

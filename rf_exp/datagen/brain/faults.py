@@ -1,7 +1,6 @@
 """Mistakes that a proposal can hold, by name. Each takes a sound proposal and puts one mistake in."""
 
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -10,9 +9,23 @@ from numpy.typing import NDArray
 
 from rf_exp.datagen.brain.protocol import Question
 from rf_exp.errors import choices
-from rf_exp.tasks import say
+from rf_exp.statements import (
+    AvoidAgents,
+    Before,
+    ContactAt,
+    Deadline,
+    Direction,
+    KeepOut,
+    Proposal,
+    SameHeight,
+    Statement,
+    Step,
+    Together,
+    agent_name,
+    understood,
+)
 from rf_exp.transforms import Matrix
-from rf_exp.types import Constraint, Proposal, Subgoal
+from rf_exp.types import Subgoal
 
 T = TypeVar("T")
 Change = Callable[[Proposal, Question, np.random.Generator], Proposal | None]
@@ -95,16 +108,13 @@ def _wrong_direction(proposal: Proposal, question: Question, rng: np.random.Gene
         return None
     approach = _contact_point(chosen.object, chosen.point, question)[:3, 2]
     direction = "horizontal" if abs(approach[2]) > np.cos(np.pi / 4) else "vertical"
-    text = f"The gripper of Agent_{chosen.agent} must be {direction} at {chosen.object}."
-    return _with(proposal, Constraint("logical", (chosen.agent,), text))
+    return _with(proposal, Direction(chosen.agent, chosen.object, direction))
 
 
 @_fault(breaks=True)
 def _uneven_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
     """One of two agents that must stay level lifts higher than the other."""
-    level = {
-        agent for c in proposal.constraints if "consistent gripper height" in c.text for agent in c.agents
-    }
+    level = {agent for c in proposal.constraints if isinstance(c, SameHeight) for agent in c.agents}
     chosen = _any([s for s in proposal.subgoals if s.agent in level and s.height_m is not None], rng)
     if chosen is None or chosen.height_m is None:
         return None
@@ -129,7 +139,7 @@ def _wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generato
 @_fault(breaks=True)
 def _unknown_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
     """A constraint speaks of an agent that is not there."""
-    return _with(proposal, say.avoid_agents(len(question.task.agents) + 1))
+    return _with(proposal, AvoidAgents((len(question.task.agents) + 1,)))
 
 
 @_fault(breaks=True)
@@ -171,7 +181,8 @@ def _unreadable_constraint(
 ) -> Proposal | None:
     """A constraint is stated in words that no check stands for."""
     chosen = int(rng.choice(question.task.agents))
-    return _with(proposal, Constraint("spatial", (chosen,), f"Agent_{chosen} should mind its manners."))
+    text = f"{agent_name(chosen)} should mind its manners."
+    return _with(proposal, understood(text, question.task.vocabulary, "spatial", (chosen,)))
 
 
 # -- temporal ----------------------------------------------------------------------------------------
@@ -196,11 +207,11 @@ def _swapped_order(proposal: Proposal, question: Question, rng: np.random.Genera
 @_fault(breaks=True)
 def _circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
     """An order is demanded both ways round."""
-    order = _any(_orders(proposal), rng)
+    order = _any(list(_orders(proposal)), rng)
     if order is None:
         return None
-    first, verb, name, second, verb2, name2 = order
-    return _with(proposal, say.before(second, verb2, name2, first, verb, name))
+    first, then = order
+    return _with(proposal, Before(then, first))
 
 
 @_fault(breaks=True)
@@ -208,12 +219,11 @@ def _lost_synchronisation(
     proposal: Proposal, question: Question, rng: np.random.Generator
 ) -> Proposal | None:
     """One of two agents that must act together is told to wait for the other."""
-    together = _any([c for c in proposal.constraints if "simultaneously" in c.text], rng)
+    together = _any([c for c in proposal.constraints if isinstance(c, Together)], rng)
     if together is None:
         return None
     late, other = (int(agent) for agent in rng.permutation(together.agents[:2]))
-    text = f"Agent_{late} must wait {APART_S:g} s after Agent_{other} has finished."
-    return _with(proposal, Constraint("temporal", (late, other), text))
+    return _with(proposal, Before(Step(other), Step(late), APART_S))
 
 
 @_fault(breaks=True)
@@ -223,10 +233,7 @@ def _impossible_deadline(proposal: Proposal, question: Question, rng: np.random.
     if not movers:
         return None
     chosen = int(rng.choice(movers))
-    return _with(
-        proposal,
-        Constraint("temporal", (chosen,), f"Agent_{chosen} must finish within {TOO_SOON_S:g} s."),
-    )
+    return _with(proposal, Deadline(Step(chosen), TOO_SOON_S))
 
 
 # -- spatial -----------------------------------------------------------------------------------------
@@ -273,9 +280,8 @@ def _forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Gener
     if chosen is None or chosen.object is None or chosen.point is None:
         return None
     centre = _contact_point(chosen.object, chosen.point, question)[:3, 3]
-    low, high = (", ".join(f"{value:.3f}" for value in centre + side) for side in (-ZONE_HALF_M, ZONE_HALF_M))
-    text = f"Agent_{chosen.agent} must stay out of zone ({low}) to ({high})."
-    return _with(proposal, Constraint("spatial", (chosen.agent,), text))
+    low, high = (np.round(centre + side, 3) + 0.0 for side in (-ZONE_HALF_M, ZONE_HALF_M))
+    return _with(proposal, KeepOut(chosen.agent, tuple(low.tolist()), tuple(high.tolist())))
 
 
 # -- what the faults are made of ---------------------------------------------------------------------
@@ -290,19 +296,17 @@ def _contacts(proposal: Proposal) -> list[Subgoal]:
     return [s for s in proposal.subgoals if s.verb in ("grasp", "press") and s.object and s.point]
 
 
-def _orders(proposal: Proposal) -> list[tuple[int, str, str, int, str, str]]:
-    """The orders that are demanded: agent, verb, object of what comes first, then of what waits for it."""
-    pattern = re.compile(r"Agent_(\d+) must (\w+) (\w+) before Agent_(\d+) may (\w+) (\w+)\.")
-    found = [match.groups() for c in proposal.constraints if (match := pattern.fullmatch(c.text))]
-    return [(int(a), verb, name, int(b), verb2, name2) for a, verb, name, b, verb2, name2 in found]
+def _orders(proposal: Proposal) -> Iterator[tuple[Step, Step]]:
+    """The orders of subgoals that are demanded: what comes first, and what waits for it."""
+    for each in proposal.constraints:
+        if isinstance(each, Before) and isinstance(each.first, Step) and each.first.verb and each.then.verb:
+            yield each.first, each.then
 
 
 def _is_brought(proposal: Proposal, contact: Subgoal) -> bool:
     """Whether another agent moves the object before the contact, so that it is met at another place."""
-    return any(
-        (agent, verb, name, moved) == (contact.agent, contact.verb, contact.object, contact.object)
-        for _, _, moved, agent, verb, name in _orders(proposal)
-    )
+    meets = Step(contact.agent, contact.verb, contact.object)
+    return any(first.object == contact.object and then == meets for first, then in _orders(proposal))
 
 
 def _where(subgoal: Subgoal, question: Question) -> NDArray[np.float64] | None:
@@ -334,7 +338,7 @@ def _points(question: Question, subgoal: Subgoal) -> list[str]:
 def _demands_point(proposal: Proposal, subgoal: Subgoal) -> bool:
     """Whether a logical constraint demands the point of the subgoal from its agent."""
     return any(
-        c.kind == "logical" and subgoal.agent in c.agents and f"its {subgoal.point} point" in c.text
+        isinstance(c, ContactAt) and (c.agent, c.point) == (subgoal.agent, subgoal.point)
         for c in proposal.constraints
     )
 
@@ -343,5 +347,5 @@ def _exchanged(proposal: Proposal, old: Subgoal, new: Subgoal) -> Proposal:
     return replace(proposal, subgoals=tuple(new if s is old else s for s in proposal.subgoals))
 
 
-def _with(proposal: Proposal, constraint: Constraint) -> Proposal:
+def _with(proposal: Proposal, constraint: Statement) -> Proposal:
     return replace(proposal, constraints=(*proposal.constraints, constraint))

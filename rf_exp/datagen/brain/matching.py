@@ -9,28 +9,17 @@ from dataclasses import replace
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rf_exp.constraints.grammar import parse
 from rf_exp.datagen.brain.exchanges import Chat, Message
 from rf_exp.datagen.brain.prompts import filled, listed
 from rf_exp.datagen.brain.questions import constraint_forms
 from rf_exp.datagen.brain.reading import BadAnswer, read_object
-from rf_exp.errors import ArgumentError
+from rf_exp.statements import Proposal, Unread, understood
 from rf_exp.tasks import Task
-from rf_exp.types import Constraint, Proposal
 
 
 class _Restated(BaseModel):
     model_config = ConfigDict(extra="forbid")
     Sentences: list[str]
-
-
-def understood(constraint: Constraint, task: Task, proposal: Proposal) -> bool:
-    """Whether the grammar makes a check of the sentence."""
-    try:
-        parse(constraint, task, proposal)
-    except ArgumentError:
-        return False
-    return True
 
 
 def restate(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
@@ -39,7 +28,7 @@ def restate(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
     Where the model has no better sentence the constraint stays as it is, and the checker says what is
     wrong with it: a sentence about something that does not exist is no question of wording.
     """
-    unclear = [each for each in proposal.constraints if not understood(each, task, proposal)]
+    unclear = [each for each in proposal.constraints if isinstance(each, Unread)]
     if not unclear:
         return proposal
     try:
@@ -52,16 +41,17 @@ def restate(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
     better = {
         old: new
         for old, sentence in zip(unclear, sentences, strict=True)
-        if understood(new := replace(old, text=sentence), task, proposal)
+        if not isinstance(new := understood(sentence, task.vocabulary, old.kind, old.agents), Unread)
     }
-    return replace(proposal, constraints=tuple(better.get(each, each) for each in proposal.constraints))
+    stated = (better.get(each, each) if isinstance(each, Unread) else each for each in proposal.constraints)
+    return replace(proposal, constraints=tuple(stated))
 
 
-def _messages(unclear: list[Constraint], proposal: Proposal, task: Task) -> tuple[Message, Message]:
+def _messages(unclear: list[Unread], proposal: Proposal, task: Task) -> tuple[Message, Message]:
     text = filled(
         "unclear",
         objects=listed(f"{name}: {', '.join(task.asset(name).points) or 'none'}" for name in task.objects),
         subgoals=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in proposal.subgoals),
-        unclear="\n".join(f"{number}. {each.text}" for number, each in enumerate(unclear, start=1)),
+        unclear="\n".join(f"{number}. {each.sentence}" for number, each in enumerate(unclear, start=1)),
     )
     return Message("system", filled("restate", constraints=constraint_forms())), Message("user", text)

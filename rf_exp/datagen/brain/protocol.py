@@ -26,23 +26,10 @@ from pydantic import (
 )
 
 from rf_exp.datagen.brain.reading import BadAnswer, plain, printable, read_object
+from rf_exp.errors import ArgumentError
+from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
-from rf_exp.types import Constraint, Kind, Proposal, Scene, Subgoal, Violation
-
-VERBS = ("grasp", "lift", "carry", "place", "strike", "press", "release", "home", "aside", "hold")
-SUBGOAL_FORMS = (
-    "grasp OBJECT at POINT",
-    "lift OBJECT by H m",
-    "carry OBJECT to TARGET [at POINT] [by H m]",
-    "place OBJECT to TARGET [at POINT]",
-    "strike OBJECT at POINT to TARGET [at POINT]",
-    "press OBJECT at POINT",
-    "release OBJECT",
-    "home",
-    "aside",
-    "hold",
-)
-
+from rf_exp.types import Kind, Scene, Subgoal, Violation
 
 _COMMENTS = (  # keys under which a model says why it answers so
     "reason reasons reasoning rationale explanation explanations thought thoughts thinking analysis comment "
@@ -154,7 +141,7 @@ def answer_schema(task: Task) -> dict[str, object]:
     Narrower than what `from_json` takes: it lists the agents of the task, and every key is required,
     as strict structured output wants it.
     """
-    names = [_name(agent) for agent in task.agents]
+    names = [agent_name(agent) for agent in task.agents]
     strict = ConfigDict(extra="forbid")
     agent: Any = StrEnum("Agent", {name: name for name in names})
     subgoals: dict[str, Any] = {name: (str, ...) for name in names}
@@ -174,7 +161,7 @@ def to_json(proposal: Proposal) -> str:
     """The paper's JSON for a proposal; an agent's subgoals are joined by semicolons."""
     subgoals: dict[str, str] = {}
     for subgoal in proposal.subgoals:
-        key = _name(subgoal.agent)
+        key = agent_name(subgoal.agent)
         subgoals[key] = f"{subgoals[key]}; {subgoal.text}" if key in subgoals else subgoal.text
     kinds: tuple[Kind, ...] = ("logical", "temporal", "spatial")
     return json.dumps(
@@ -189,10 +176,10 @@ def to_json(proposal: Proposal) -> str:
     )
 
 
-def _entry(constraint: Constraint) -> dict[str, object]:
-    names = [_name(agent) for agent in constraint.agents]
+def _entry(stated: Statement) -> dict[str, object]:
+    names = [agent_name(agent) for agent in stated.agents]
     who: dict[str, object] = {"Agent": names[0]} if len(names) == 1 else {"Agents": names}
-    return {**who, "Constraint": constraint.text}
+    return {**who, "Constraint": stated.sentence}
 
 
 def from_json(text: str, task: Task) -> Proposal:
@@ -219,55 +206,22 @@ def from_json(text: str, task: Task) -> Proposal:
         ("spatial", answer.constraints.spatial),
     )
     constraints = tuple(
-        Constraint(kind, tuple(agent_number(name, task) for name in entry.agents), entry.text)
+        understood(
+            entry.text, task.vocabulary, kind, tuple(agent_number(name, task) for name in entry.agents)
+        )
         for kind, entries in groups
         for entry in entries
     )
     return Proposal(subgoals, constraints)
 
 
-def _name(agent: int) -> str:
-    return f"Agent_{agent}"
-
-
 def agent_number(name: str, task: Task) -> int:
     """`Agent_2` -> 2. Raises BadAnswer for an agent that is not in the task."""
     match = re.fullmatch(r"agent[_ ]?(\d{1,2})", name.strip(), re.IGNORECASE)
     if match is None or int(match[1]) not in task.agents:
-        known = ", ".join(map(_name, task.agents))
+        known = ", ".join(map(agent_name, task.agents))
         raise BadAnswer(f"unknown agent {printable(repr(name), 80)}; available: {known}")
     return int(match[1])
-
-
-_SUBGOAL = re.compile(
-    r"(?P<verb>\w+)"
-    r"(?: (?P<object>(?!at\b|to\b|by\b)\w+))?"
-    r"(?: at (?P<point>\w+))?"
-    r"(?: to (?P<target>\w+)(?: at (?P<target_point>\w+))?)?"
-    r"(?: by (?P<height>\d{1,2}(?:\.\d{1,4})?) ?m)?\.?",
-    re.IGNORECASE,
-)
-
-# What each verb needs besides its agent, and what it may have.
-_NEEDS: Mapping[str, tuple[str, ...]] = {
-    "grasp": ("object", "point"),
-    "press": ("object", "point"),
-    "lift": ("object", "height_m"),
-    "carry": ("object", "target"),
-    "place": ("object", "target"),
-    "strike": ("object", "point", "target"),
-    "release": ("object",),
-    "home": (),
-    "aside": (),
-    "hold": (),
-}
-_MAY_HAVE: Mapping[str, tuple[str, ...]] = {
-    "carry": ("target_point", "height_m"),
-    "place": ("target_point",),
-    "strike": ("target_point",),
-}
-_PARTS_OF_SUBGOAL = ("object", "point", "target", "target_point", "height_m")
-_AT = {"grasp": "grasp", "press": "press", "strike": "tool"}  # verb -> kind of the points at which it is done
 
 
 def most_subgoals(task: Task) -> int:
@@ -283,63 +237,15 @@ def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
             f"Agent_{agent} has {len(parts)} subgoals; in one answer for {task.name} an agent has up to "
             f"{most_subgoals(task)}"
         )
-    found = [parse_subgoal(agent, part, task) for part in parts]
+    found = [_read_subgoal(agent, part, task) for part in parts]
     for each, following in pairwise(found):
         if each == following:
             raise BadAnswer(f"Agent_{agent} has the subgoal {each.text!r} twice in a row")
     return found
 
 
-def parse_subgoal(agent: int, text: str, task: Task) -> Subgoal:
-    """`grasp barrier at left` -> Subgoal. Raises BadAnswer with the forms or names that exist."""
-    match = _SUBGOAL.fullmatch(" ".join(text.split())) if len(text) <= 200 else None
-    if match is None or match["verb"].lower() not in VERBS:
-        raise BadAnswer(
-            f"cannot read subgoal {text.strip()[:80]!r} of Agent_{agent}; forms: {', '.join(SUBGOAL_FORMS)}"
-        )
-    height = float(match["height"]) if match["height"] else None
-    subgoal = Subgoal(
-        agent,
-        match["verb"].lower(),
-        match["object"],
-        match["point"],
-        match["target"],
-        match["target_point"],
-        height,
-    )
-    missing = [name for name in _NEEDS[subgoal.verb] if getattr(subgoal, name) is None]
-    if missing:
-        raise BadAnswer(f"subgoal {text.strip()!r} of Agent_{agent} lacks {' and '.join(missing)}")
-    has = {name for name in _PARTS_OF_SUBGOAL if getattr(subgoal, name) is not None}
-    if strange := sorted(has.difference(_NEEDS[subgoal.verb], _MAY_HAVE.get(subgoal.verb, ()))):
-        raise BadAnswer(
-            f"subgoal {text.strip()!r} of Agent_{agent} has {' and '.join(strange)}, which "
-            f"{subgoal.verb} has no use for; forms: {', '.join(SUBGOAL_FORMS)}"
-        )
-    _check_names(subgoal, task)
-    return subgoal
-
-
-def _check_names(subgoal: Subgoal, task: Task) -> None:
-    if subgoal.object is not None and subgoal.object not in task.objects:
-        raise BadAnswer(
-            f"no object {subgoal.object!r} in {task.name}; available: {', '.join(sorted(task.objects))}"
-        )
-    for name, point in ((subgoal.object, subgoal.point), (subgoal.target, subgoal.target_point)):
-        if (
-            name is not None
-            and name in task.objects
-            and point is not None
-            and point not in task.asset(name).points
-        ):
-            listed = ", ".join(sorted(task.asset(name).points)) or "none"
-            raise BadAnswer(f"{name} has no interaction point {point!r}; available: {listed}")
-    if subgoal.object is not None and subgoal.point is not None:
-        points = task.asset(subgoal.object).points
-        fitting = [name for name, point in points.items() if point.kind == _AT[subgoal.verb]]
-        if subgoal.point not in fitting:
-            raise BadAnswer(
-                f"subgoal {subgoal.text!r} of Agent_{subgoal.agent}: the point {subgoal.point} is to "
-                f"{points[subgoal.point].kind}; points of {subgoal.object} to {subgoal.verb} "
-                f"{'with' if subgoal.verb == 'strike' else 'at'}: {', '.join(fitting) or 'none'}"
-            )
+def _read_subgoal(agent: int, text: str, task: Task) -> Subgoal:
+    try:
+        return read_subgoal(agent, text, task.vocabulary)
+    except ArgumentError as error:
+        raise BadAnswer(str(error)) from error

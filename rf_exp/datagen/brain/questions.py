@@ -6,24 +6,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.grammar import FORMS
 from rf_exp.datagen.brain.exchanges import Message
 from rf_exp.datagen.brain.prompts import filled, listed
-from rf_exp.datagen.brain.protocol import SUBGOAL_FORMS, Question
+from rf_exp.datagen.brain.protocol import Question
+from rf_exp.statements import samples, subgoal_forms
 from rf_exp.transforms import Matrix
 
 JPEG_QUALITY = 90
 
 
 def constraint_forms() -> str:
-    """The sentences that the checker's grammar understands, one example each."""
-    return listed(form.example for form in FORMS)
+    """Sentences that are understood: some of every kind."""
+    return listed(sample.sentence for sample in samples())
 
 
 def messages(question: Question, *, pictures: bool) -> tuple[Message, Message]:
     """The system prompt, and what is known of the present scene with its pictures."""
     task, scene = question.task, question.scene
-    system = filled("propose", subgoals=listed(SUBGOAL_FORMS), constraints=constraint_forms())
+    system = filled("propose", subgoals=listed(subgoal_forms()), constraints=constraint_forms())
     text = filled(
         "question",
         title=task.title,

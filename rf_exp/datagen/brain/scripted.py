@@ -8,10 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from rf_exp.datagen.brain.protocol import Question, to_json
-from rf_exp.tasks import Task, say
+from rf_exp.statements import Before, Proposal, Step, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.tasks.measure import holders
-from rf_exp.types import ARM_JOINTS, COLLISION, MOTION, Proposal, Row, Scene, Subgoal, Violation
+from rf_exp.types import ARM_JOINTS, COLLISION, MOTION, Row, Scene, Subgoal, Violation
 
 _NEAR_RAD = 0.1  # from where an arm would go: it is there already
 
@@ -58,10 +59,8 @@ def _is_aside(agent: int, scene: Scene) -> bool:
 
 def _aside(agents: Sequence[int], task: Task) -> Proposal:
     """These agents draw aside, one after the other."""
-    order = tuple(say.in_turn(first, then) for first, then in pairwise(agents))
-    return Proposal(
-        tuple(Subgoal(agent, "aside") for agent in agents), (*order, *say.keep_clear(task.agents))
-    )
+    order = tuple(Before(Step(first), Step(then)) for first, then in pairwise(agents))
+    return Proposal(tuple(Subgoal(agent, "aside") for agent in agents), (*order, *keep_clear(task.agents)))
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.robots import Panda
+from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
 from rf_exp.types import (
     GRIPPER_CLOSED,
     GRIPPER_OPEN,
     JointLimits,
-    Proposal,
     Scene,
     Segment,
     Subgoal,

@@ -1,0 +1,179 @@
+"""From an English sentence to the statement that it makes.
+
+A sentence is matched by patterns and never executed. It is understood whole or refused whole: a pattern has
+no place for words that it does not read, so what no pattern reads from the first word to the last is
+refused, with the words that are in the way. Nothing may be left out but what changes no meaning: articles,
+`both`, case, the closing full stop. May, can and could are no must.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from functools import cache
+from typing import ClassVar, Self
+
+from rf_exp.errors import ArgumentError
+from rf_exp.statements.base import Form, Statement, kinds
+from rf_exp.statements.notation import Words, compiled, found, object_name
+from rf_exp.statements.verbs import VERBS
+from rf_exp.statements.vocabulary import Vocabulary
+from rf_exp.types import Kind
+
+MAX_LENGTH = 300  # characters; a constraint is one sentence
+_LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
+_WORD = re.compile(r"[^\W\d_]+")
+_WRITTEN = re.compile(
+    r"\(\?P<\w+>|([a-z]+)(\??)"
+)  # in a pattern: a word, or with and without its last letter
+
+_AGENTS = r"(?:agents?|robots?|arms?)"
+_SEVERAL = re.compile(
+    rf"\b(?:the )?{_AGENTS}[ _-]?(\d{{1,3}}(?:(?:, and |, | and |,)\d{{1,3}}(?![\w.]))+)"
+    r"(?! ?(?:s|secs?|seconds?|m|cm|mm|deg|degrees?)\b)"
+)
+_ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
+_SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
+_SHORT = {"mustn't": "must not", "shouldn't": "should not", "can't": "cannot", "mayn't": "may not"}
+
+
+@dataclass(frozen=True)
+class Unread(Statement):
+    """A sentence that is not understood, as it was written, and why."""
+
+    kind: Kind  # pyright: ignore[reportIncompatibleVariableOverride]
+    filed: tuple[int, ...]  # the agents under which it is listed
+    text: str
+    why: str
+
+    samples: ClassVar[tuple[Statement, ...]] = ()
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return self.filed
+
+    @property
+    def sentence(self) -> str:
+        return self.text
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        return ()
+
+    def known_in(self, vocabulary: Vocabulary) -> Self:
+        """Raises ArgumentError that says why it is not understood."""
+        raise ArgumentError(self.why)
+
+
+def read(text: str, vocabulary: Vocabulary, filed: Sequence[int] = ()) -> Statement:
+    """The statement that a sentence makes, in the vocabulary of a task.
+
+    `filed` are the agents under which an answer lists it: those of a sentence that names none. Raises
+    ArgumentError when no pattern reads the whole sentence (naming the words in the way and the nearest that
+    is understood), or when it names an agent, object or point that does not exist (naming those that do).
+    """
+    if len(text) > MAX_LENGTH:
+        raise ArgumentError(
+            f"constraint of {len(text)} characters; a constraint is one sentence of up to {MAX_LENGTH}"
+        )
+    words = text.rstrip(".! \t\n").split()
+    if (matched := _read(words, vocabulary)) is None:
+        raise _not_understood(text, words, vocabulary)
+    form, parts = matched
+    return form.build(Words(parts, text, vocabulary, tuple(filed))).known_in(vocabulary)
+
+
+def understood(text: str, vocabulary: Vocabulary, kind: Kind, filed: Sequence[int] = ()) -> Statement:
+    """As `read`; an `Unread` where that raises."""
+    try:
+        return read(text, vocabulary, filed)
+    except ArgumentError as error:
+        return Unread(kind, tuple(filed), text, str(error))
+
+
+def samples() -> Iterator[Statement]:
+    """Statements of every kind whose sentences show how constraints are written."""
+    return (sample for kind in kinds() for sample in kind.samples)
+
+
+def _forms() -> tuple[Form, ...]:
+    return _forms_of(tuple(kinds()))
+
+
+@cache
+def _forms_of(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
+    return tuple(form for kind in known for form in kind.forms())
+
+
+def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
+    """A sentence in lower case with one name for each agent."""
+    sentence = " ".join(words).lower().replace("\u2019", "'")
+    for short, long in _SHORT.items():
+        sentence = re.sub(rf"\b{short}\b", long, sentence)
+    sentence = _SEVERAL.sub(lambda match: re.sub(r"(\d+)", r"agent_\1", match[1]), sentence)
+    sentence = _ONE.sub(r"agent_\1", sentence)
+
+    def named(match: re.Match[str]) -> str:
+        agent = vocabulary.sides.get(match[1])
+        return match[0] if agent is None else f"agent_{agent}"
+
+    return _SIDE.sub(named, sentence)
+
+
+def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[Form, dict[str, str]] | None:
+    """The form that reads all of these words, and their parts."""
+    sentence = _normal(words, vocabulary)
+    for form in _forms():
+        if match := form.match(sentence):
+            return form, found(match)
+    return None
+
+
+def _not_understood(text: str, words: Sequence[str], vocabulary: Vocabulary) -> ArgumentError:
+    """Names the words in the way, the nearest that is understood, and what this task has to speak of."""
+    nearest, in_the_way = _nearest(words, vocabulary)
+    why = f"cannot read {in_the_way!r}" if in_the_way else "knows these words, but not in this order"
+    if not words:
+        why = "finds no words"
+    return ArgumentError(
+        f"constraint {text!r} is not understood: the grammar {why}; the nearest that is: {nearest!r}; "
+        f"{vocabulary}"
+    )
+
+
+def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
+    """The sentence that most of the words make, and the others: the end, or a run anywhere."""
+    count = len(words)
+    tails = [(start, count) for start in range(count - 1, 0, -1)]
+    runs = [(k, k + length) for length in range(1, _LONGEST_RUN + 1) for k in range(count - length, -1, -1)]
+    for start, end in (*tails, *runs):
+        matched = _read([*words[:start], *words[end:]], vocabulary)
+        if matched and all(
+            object_name(part) in vocabulary.points for key, part in matched[1].items() if "object" in key
+        ):
+            form, parts = matched
+            try:
+                statement = form.build(Words(parts, "", vocabulary)).known_in(vocabulary)
+            except ArgumentError:
+                continue
+            return statement.sentence, " ".join(words[start:end])
+    spoken = " ".join([*vocabulary.objects, *(point for of in vocabulary.points.values() for point in of)])
+    known = _known_words(_forms(), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
+    unknown = [word for word in words if not known.issuperset(_WORD.findall(word.lower()))]
+    sentence = [word.lower() for word in words]
+
+    def likeness(sample: str) -> float:
+        return SequenceMatcher(None, sample.lower().rstrip(".").split(), sentence).ratio()
+
+    return max((sample.sentence for sample in samples()), key=likeness), " ".join(unknown)
+
+
+@cache
+def _known_words(forms: tuple[Form, ...], verbs: tuple[str, ...]) -> frozenset[str]:
+    """All words of the patterns, which depend on the verbs."""
+    return frozenset(
+        word
+        for form in forms
+        for written, optional in _WRITTEN.findall(compiled(form.notation).pattern)
+        for word in (written, written[:-1] if optional else written)
+    )

@@ -1,0 +1,196 @@
+"""The verbs of subgoals: what each needs, how it is written, and the words that people use for it.
+
+One table for plans, for the reading of subgoals and of sentences, and for the prompt. A verb of somebody
+else is added with `add_verb`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Literal
+
+from rf_exp.errors import ArgumentError
+
+Part = Literal["object", "point", "target", "target_point", "height_m"]
+PARTS: tuple[Part, ...] = ("object", "point", "target", "target_point", "height_m")
+
+_WRITTEN: Mapping[Part, str] = {  # how a part stands in the form of a subgoal
+    "object": "OBJECT",
+    "point": "at POINT",
+    "target": "to TARGET",
+    "target_point": "at POINT",
+    "height_m": "by H m",
+}
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One verb.
+
+    `words` are what people say: for each synonym its base form, third person, past, past participle and
+    -ing form, with underscores for spaces; the first is the verb itself.
+    """
+
+    name: str
+    needs: tuple[Part, ...] = ()
+    may_have: tuple[Part, ...] = ()
+    meets: str | None = None  # the kind of the interaction points at which it is done
+    words: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for said in self.words:
+            if len(said.split()) != 5:
+                raise ArgumentError(
+                    f"verb {self.name!r}: {said!r} has {len(said.split())} forms; expected base, third "
+                    "person, past, past participle and -ing form"
+                )
+
+    @property
+    def form(self) -> str:
+        """How a subgoal with it is written, e.g. `carry OBJECT to TARGET [at POINT] [by H m]`."""
+        has = {part: _WRITTEN[part] for part in PARTS if part in self.needs}
+        has |= {part: f"[{_WRITTEN[part]}]" for part in PARTS if part in self.may_have}
+        return " ".join([self.name, *(has[part] for part in PARTS if part in has)])
+
+    @property
+    def is_contact(self) -> bool:
+        """Whether a gripper meets an annotated point by it."""
+        return self.meets in CONTACT_KINDS
+
+    @cached_property
+    def _forms(self) -> tuple[tuple[str, ...], ...]:
+        return tuple(tuple(form.replace("_", " ") for form in said.split()) for said in self.words)
+
+    @property
+    def third_person(self) -> str:
+        return self._forms[0][1]
+
+    @property
+    def participle(self) -> str:
+        return self._forms[0][3]
+
+    @property
+    def gerund(self) -> str:
+        return self._forms[0][4]
+
+    @property
+    def finite(self) -> Iterator[str]:
+        """Every word for it but the -ing forms."""
+        return (form for forms in self._forms for form in dict.fromkeys(forms[:4]))
+
+    @property
+    def participles(self) -> Iterator[str]:
+        return (forms[3] for forms in self._forms)
+
+    @property
+    def gerunds(self) -> Iterator[str]:
+        return (forms[4] for forms in self._forms)
+
+
+CONTACT_KINDS = ("grasp", "press")  # of interaction points that a gripper meets
+
+_VERBS: dict[str, Verb] = {}
+VERBS: Mapping[str, Verb] = MappingProxyType(_VERBS)
+
+
+def add_verb(verb: Verb) -> None:
+    """Make a verb known. Raises ArgumentError where its name, or a word for it, means another one."""
+    taken = {word: known.name for known in _VERBS.values() for word in (*known.finite, *known.gerunds)}
+    for word in (verb.name, *verb.finite, *verb.gerunds):
+        if word in taken or word in _VERBS:
+            raise ArgumentError(
+                f"verb {verb.name!r}: {word!r} is a word for {taken.get(word, word)!r} already"
+            )
+    _VERBS[verb.name] = verb
+
+
+for _verb in (
+    Verb(
+        "grasp",
+        needs=("object", "point"),
+        meets="grasp",
+        words=(
+            "grasp grasps grasped grasped grasping",
+            "grip grips gripped gripped gripping",
+            "grab grabs grabbed grabbed grabbing",
+            "pick picks picked picked picking",
+            "pick_up picks_up picked_up picked_up picking_up",
+            "take takes took taken taking",
+            "seize seizes seized seized seizing",
+        ),
+    ),
+    Verb(
+        "lift",
+        needs=("object", "height_m"),
+        words=(
+            "lift lifts lifted lifted lifting",
+            "lift_up lifts_up lifted_up lifted_up lifting_up",
+            "raise raises raised raised raising",
+            "elevate elevates elevated elevated elevating",
+            "open opens opened opened opening",
+            "remove removes removed removed removing",
+        ),
+    ),
+    Verb(
+        "carry",
+        needs=("object", "target"),
+        may_have=("target_point", "height_m"),
+        words=(
+            "carry carries carried carried carrying",
+            "transport transports transported transported transporting",
+            "bring brings brought brought bringing",
+            "move moves moved moved moving",
+        ),
+    ),
+    Verb(
+        "place",
+        needs=("object", "target"),
+        may_have=("target_point",),
+        words=(
+            "place places placed placed placing",
+            "put puts put put putting",
+            "put_down puts_down put_down put_down putting_down",
+            "lay lays laid laid laying",
+            "lay_down lays_down laid_down laid_down laying_down",
+            "set sets set set setting",
+            "set_down sets_down set_down set_down setting_down",
+            "stack stacks stacked stacked stacking",
+            "insert inserts inserted inserted inserting",
+        ),
+    ),
+    Verb(
+        "strike",
+        needs=("object", "point", "target"),
+        may_have=("target_point",),
+        meets="tool",
+        words=(
+            "strike strikes struck struck striking",
+            "hit hits hit hit hitting",
+            "hammer hammers hammered hammered hammering",
+        ),
+    ),
+    Verb(
+        "press",
+        needs=("object", "point"),
+        meets="press",
+        words=(
+            "press presses pressed pressed pressing",
+            "push pushes pushed pushed pushing",
+            "click clicks clicked clicked clicking",
+        ),
+    ),
+    Verb(
+        "release",
+        needs=("object",),
+        words=(
+            "release releases released released releasing",
+            "drop drops dropped dropped dropping",
+            "let_go_of lets_go_of let_go_of let_go_of letting_go_of",
+        ),
+    ),
+    Verb("home"),
+    Verb("aside"),
+    Verb("hold", words=("hold holds held held holding", "keep keeps kept kept keeping")),
+):
+    add_verb(_verb)
