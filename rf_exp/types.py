@@ -125,13 +125,22 @@ class Subgoal:
 
     @property
     def text(self) -> str:
+        return self.what + (f" by {self.height_m:g} m" if self.height_m is not None else "")
+
+    @property
+    def what(self) -> str:
+        """Its text without how far."""
         words = [self.verb]
         words += [self.object] if self.object else []
         words += ["at", self.point] if self.point else []
         words += ["to", self.target] if self.target else []
         words += ["at", self.target_point] if self.target_point else []
-        words += [f"by {self.height_m:g} m"] if self.height_m is not None else []
         return " ".join(words)
+
+
+def what_of(text: str) -> str:
+    """`Subgoal.what` of the text of a subgoal."""
+    return text.partition(" by ")[0]
 
 
 @dataclass(frozen=True)

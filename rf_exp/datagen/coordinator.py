@@ -9,7 +9,7 @@ where it was, and only where the path's gripper is as the arm's own was told to 
 the plan lets it wait may go on once the others are where the plan has them by then.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from rf_exp.datagen.brain import Question
 from rf_exp.datagen.planning import Plan, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
-from rf_exp.types import ARM_JOINTS, Scene, Subgoal
+from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
 
-VERSION = 3  # of what it decides
+VERSION = 4  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
 REACHED_STEPS = 3  # this near to the end of a segment an arm has come to its end
 SLACK_STEPS = 5  # that others may lack of where the plan has them
@@ -29,10 +29,13 @@ AGAIN_STEPS = 20  # until RoboBrain is asked again when it had no plan
 class Coordinator:
     """Of one episode, from its first scene on. Asks for the next plan once everybody has come to the end."""
 
-    def __init__(self, settings: Settings, seed: int, scene: Scene) -> None:
+    def __init__(
+        self, settings: Settings, seed: int, scene: Scene, names: Sequence[Sequence[str]] = ()
+    ) -> None:
+        """`names` of the subgoals of each agent, in the order of their numbers, where policies know them."""
         self._task, self._planner = settings.task, Planner(settings, settings.make_brain(seed))
         self._rng = np.random.default_rng([seed, 1])  # as generation plans
-        self._subgoals = Subgoals(len(settings.task.agents))
+        self._subgoals, self._names = Subgoals(len(settings.task.agents)), names
         self._done: tuple[Subgoal, ...] = ()
         self._plan: Plan | None = None
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
@@ -54,8 +57,9 @@ class Coordinator:
         self._numbers = []  # of each agent, by where it is on its path: what it does next
         for k, path in enumerate(self._paths):
             steps = np.searchsorted(self._positions[:, k], range(len(path)))
-            texts = self._subgoals.texts[k]
-            first = np.array([texts.index(text) for text in texts])  # what is told again keeps its number
+            told = [what_of(text) for text in self._subgoals.texts[k]]
+            names = [*(self._names[k] if self._names else ()), *told]  # what is told again keeps its number
+            first = np.array([names.index(what) for what in told])
             self._numbers.append(first[doing[np.minimum(steps + 1, len(doing) - 1), k]])
 
     def __call__(

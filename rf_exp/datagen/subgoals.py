@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.types import Schedule, Trajectory
+from rf_exp.types import Schedule, Trajectory, what_of
 
 IDLE = "hold"  # the text of an agent that has not been told anything yet
 NOBODYS = -1  # the number where it is not known what an agent is about
@@ -29,11 +29,13 @@ class Subgoals:
             numbers, ends = [], trajectory.knots[1:]
             before = None
             for segment in trajectory.segments:
-                text = segment.subgoal.text
-                if segment.subgoal != before and not (self._known and text in texts):
-                    texts.append(text)
+                what = segment.subgoal.what
+                named = [what_of(text) for text in texts] if self._known else []
+                if segment.subgoal != before and what not in named:
+                    texts.append(segment.subgoal.text)
+                    named.append(what)
                 before = segment.subgoal
-                numbers.append(texts.index(text) if self._known else len(texts) - 1)
+                numbers.append(named.index(what) if self._known else len(texts) - 1)
             if not numbers:
                 columns.append(np.full(len(schedule) + 1, self._latest(texts)))
                 continue

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.types import ARM_JOINTS, Scene
+from rf_exp.types import ARM_JOINTS, Scene, what_of
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -24,12 +24,35 @@ SHORTEST_STEPS = 3  # of a wait
 Coordinate = Callable[[Scene, Mapping[int, float]], tuple[NDArray[np.int64], NDArray[np.bool_]]]
 
 
-def subgoals_of(store: "Store") -> int:
-    """How many subgoals the agents of a store have at most. Raises ArgumentError where it does not say."""
-    subgoal = store.subgoal
-    if (subgoal < 0).all():
+Names = tuple[tuple[str, ...], ...]  # of the subgoals of each agent, in the order of their numbers
+
+
+def numbered(store: "Store") -> tuple[NDArray[np.int64], Names]:
+    """(T, N) the numbers of the subgoals, the same one for the same subgoal in all episodes, and their names.
+
+    A store numbers them as they come. Where an agent now and then has one more or one less than usual (draws
+    aside, tries again), those behind it would change their numbers. The names are empty where the stored
+    numbers are the same ones. Raises ArgumentError for a store that does not say.
+    """
+    stored = store.subgoal[:].astype(np.int64)
+    if (stored < 0).all():
         raise ArgumentError(f"{store.path} does not say who was at which subgoal; generate it again")
-    return int(subgoal.max()) + 1
+    certificates = store.certificates
+    if any("subgoals" not in certificate for certificate in certificates):
+        return stored, ()  # an older store does not name them
+    episodes = [tuple(tuple(map(what_of, texts)) for texts in each["subgoals"]) for each in certificates]
+    usual = max(dict.fromkeys(episodes), key=episodes.count)
+    names = tuple(
+        tuple(dict.fromkeys([*usual[agent], *(text for texts in episodes for text in texts[agent])]))
+        for agent in range(len(usual))
+    )
+    found = stored.copy()
+    for rows, texts in zip(store.by_episode(found), episodes, strict=True):
+        for agent, own in enumerate(texts):
+            numbers = np.array([names[agent].index(text) for text in own])
+            said = rows[:, agent] >= 0
+            rows[said, agent] = numbers[rows[said, agent]]
+    return (stored, ()) if np.array_equal(found, stored) else (found, names)
 
 
 def told(numbers: NDArray[np.integer], may_go: NDArray[np.bool_], subgoals: int) -> NDArray[np.float32]:

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import hesitates, may_go, sent_on, told
+from rf_exp.policy.coordination import hesitates, may_go, numbered, sent_on, told
 from rf_exp.policy.grippers import remembered
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
@@ -102,7 +102,7 @@ class Windows:
             memory = np.concatenate([remembered(*each) for each in episodes])
         if senses.subgoals:
             free = np.concatenate([may_go(*each) for each in _episodes(store)])
-            memory = np.concatenate([memory, told(store.subgoal[:], free, senses.subgoals)], axis=-1)
+            memory = np.concatenate([memory, told(numbered(store)[0], free, senses.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
             [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
@@ -121,7 +121,7 @@ class Windows:
             self.pixels = self._stack([each.pixels for each in found])
             self.points = self._stack([each.points for each in found])
             self.headings = self._stack([each.headings for each in found])
-            doing = store.subgoal[kept].astype(np.int64)
+            doing = numbered(store)[0][kept]
             watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
             self.doing = self._stack([doing[:, columns] for columns in watched])
         late = np.concatenate([hesitates(*each[1:]) for each in _episodes(store)])[kept]

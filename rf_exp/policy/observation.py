@@ -15,7 +15,7 @@ from torch import Tensor
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import subgoals_of
+from rf_exp.policy.coordination import numbered
 from rf_exp.policy.grippers import CHANGES, MEMORY, changes
 from rf_exp.policy.views import PROPRIO_SIZE, Stream, View
 from rf_exp.robots.panda import tcp_pose
@@ -36,10 +36,12 @@ class Senses:
     objects: tuple[str, ...] = ()  # whose true poses it is told
     keys: int = 0  # changes of an own gripper that its heat maps look for
     subgoals: int = 0  # of an own agent, of which it is told
+    names: tuple[tuple[str, ...], ...] = ()  # of them, of each agent; empty where they count as they come
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "bases", tuple(tuple(base) for base in self.bases))
         object.__setattr__(self, "objects", tuple(self.objects))
+        object.__setattr__(self, "names", tuple(map(tuple, self.names)))
 
     def keypoints(self, view: View) -> int:
         """That heat maps look for, in the picture of each camera: of each own agent, and all the others."""
@@ -70,7 +72,10 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
         if view.coordinated:
             raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
         return Senses()
-    subgoals = subgoals_of(store) if view.coordinated or config.phases else 0
+    subgoals, names = 0, ()
+    if view.coordinated or config.phases:
+        numbers, names = numbered(store)
+        subgoals = int(numbers.max()) + 1
     try:
         robots = store.identity["scene"]["robots"]
     except KeyError as error:
@@ -78,12 +83,12 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
     if config.observation != "state":
         keys = _keys(store, view) if config.encoder == "heatmaps" else 0
-        return Senses(bases, keys=keys, subgoals=subgoals)
+        return Senses(bases, keys=keys, subgoals=subgoals, names=names)
     if not store.objects:
         raise ArgumentError(
             f"observation=state needs the poses of the objects, and {store.path} has none; generate it again"
         )
-    return Senses(bases, store.objects, subgoals=subgoals)
+    return Senses(bases, store.objects, subgoals=subgoals, names=names)
 
 
 def _keys(store: "Store", view: View) -> int:

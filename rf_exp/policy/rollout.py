@@ -119,7 +119,7 @@ class Actor(Performer):
     """
 
     def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
-        self._policy, self._config, self._senses = policy.eval(), policy.config, senses or Senses()
+        self._policy, self._config, self.senses = policy.eval(), policy.config, senses or Senses()
         self._device = policy.normaliser.fastest.device
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
@@ -164,7 +164,7 @@ class Actor(Performer):
         if not self._observes:
             return
         streams, memory = self.view.streams, self._memory.vector
-        if self._senses.subgoals:
+        if self.senses.subgoals:
             said = np.zeros(len(memory), int), np.ones(len(memory), bool)  # until it says so itself
             if self.view.coordinated:
                 if self.coordinated is None:
@@ -172,12 +172,12 @@ class Actor(Performer):
                         f"policy {self.view.name!r} has learned with a coordinator; there is none here"
                     )
                 said = self.coordinated
-            memory = np.concatenate([memory, told(*said, self._senses.subgoals)], axis=-1)
+            memory = np.concatenate([memory, told(*said, self.senses.subgoals)], axis=-1)
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
         known = np.stack(
             [
-                context(self._senses, self.view, row, scene.qpos, scene.poses, memory)
+                context(self.senses, self.view, row, scene.qpos, scene.poses, memory)
                 for row in range(len(streams))
             ]
         )
@@ -197,16 +197,16 @@ class Actor(Performer):
         """What heat maps see at (S, M, 2), but for what is past."""
         for stream, of_stream in zip(self.view.streams, places, strict=True):
             meant = [
-                (agent, key, key == min(changes[agent - 1], self._senses.keys))
+                (agent, key, key == min(changes[agent - 1], self.senses.keys))
                 for agent in stream.agents
-                for key in range(self._senses.keys + 1)
+                for key in range(self.senses.keys + 1)
             ]
-            meant += [(agent, self._senses.keys, False) for agent in others(self._senses, stream)]
+            meant += [(agent, self.senses.keys, False) for agent in others(self.senses, stream)]
             count = len(stream.cameras)
             parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
             for row, (camera, in_picture) in enumerate(parts):
                 for (agent, key, goes), (x, y) in zip(meant, in_picture, strict=True):
-                    if key >= min(changes[agent - 1], self._senses.keys):
+                    if key >= min(changes[agent - 1], self.senses.keys):
                         yield Sight(camera, agent, float(count * x - row), float(y), bool(goes))
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
@@ -221,7 +221,7 @@ class Actor(Performer):
         waits = ~free.flatten().cpu().numpy()
         if self.view.coordinated and self.coordinated is not None:
             waits = ~self.coordinated[1][agents]
-        if size := self._senses.told:
+        if size := self.senses.told:
             numbers = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
             doing = numbers[:, :-1].argmax(dim=1).tolist()
             self.phases = {
@@ -263,7 +263,7 @@ class Actor(Performer):
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
         if self._config.tcp_actions:
             streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate([followed(self._senses, stream, rows) for stream, rows in streams], axis=1)
+            return np.concatenate([followed(self.senses, stream, rows) for stream, rows in streams], axis=1)
         return actions.transpose(1, 0, 2).reshape(actions.shape[1], -1, ACTION_SIZE).copy()
 
     def _goes_nowhere(

@@ -82,7 +82,7 @@ def train(
         "learner": LEARNER,
         "policy": policy_config.identity,
         "view": view.identity,
-        "senses": without(asdict(senses_of(policy_config, store, view)), subgoals=0),
+        "senses": without(asdict(senses_of(policy_config, store, view)), subgoals=0, names=()),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }

@@ -204,8 +204,8 @@ def evaluate_scene(
                 watch(step)
 
         guard = Shield(task) if shield else None
-        coordinator = Coordinator(plans, seed, start) if plans else None
         actors = _actors(folder, acting)
+        coordinator = Coordinator(plans, seed, start, actors[0].senses.names) if plans else None
         result = rollout(
             world, Judge(task, start), actors, seed, limit, monitor, look, start, guard, coordinator
         )

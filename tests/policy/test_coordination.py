@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.policy.coordination import GRIPPING_STEPS, hesitates, may_go, subgoals_of, told
+from rf_exp.policy.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, told
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import senses_of
@@ -75,12 +75,43 @@ def test_numbers_beyond_those_learned_are_the_last() -> None:
 
 def test_a_policy_is_told_of_its_own_agent(make_store, knowing: PolicyConfig) -> None:
     store: Store = make_store(2, 3)
-    assert subgoals_of(store) == 2
+    assert numbered(store)[0].max() + 1 == 2
     for agent, view in enumerate(views(COORDINATED, 2), start=1):
         windows, senses = Windows(store, view, knowing, torch.device("cpu")), senses_of(knowing, store, view)
         assert windows.context.shape == (store.steps, senses.size(view))
         numbers = windows.context[:, -3:-1].argmax(dim=1).numpy()
         assert np.array_equal(numbers, store.subgoal[:, agent - 1])
+
+
+def test_a_number_means_the_same_subgoal_in_every_episode(make_store) -> None:
+    """Where an arm draws aside in some episodes, or tries again, what comes behind keeps its number."""
+    told = (
+        [["grasp a at left", "lift a by 0.1 m"], ["press b at top"]],
+        [["grasp a at left", "lift a by 0.2 m"], ["press b at top"]],
+        [["grasp a at left", "lift a by 0.1 m"], ["aside", "press b at top"]],
+        [["aside", "lift a by 0.1 m"], ["hold", "press b at top"]],
+    )
+    store: Store = make_store(2, 4)
+    subgoal, ends = store.subgoal[:], [0, *store.episode_ends]
+    for episode, texts in enumerate(told):
+        rows = slice(ends[episode], ends[episode + 1])
+        subgoal[rows, 0] = 1
+        subgoal[rows, 1] = len(texts[1]) - 1  # to press
+    subgoal[: ends[1] // 2] = -1  # a policy led there
+
+    class Told:
+        path = store.path
+        subgoal: NDArray
+        certificates: list[dict]
+        by_episode = store.by_episode
+
+    Told.subgoal, Told.certificates = subgoal, [{"subgoals": texts} for texts in told]
+    numbers, names = numbered(Told)  # pyright: ignore[reportArgumentType]
+    assert names == (("grasp a at left", "lift a", "aside"), ("press b at top", "aside", "hold"))
+    assert (numbers[ends[1] // 2 :] == (1, 0)).all() and (numbers[: ends[1] // 2] == -1).all()
+    Told.certificates = [{"subgoals": told[0]}] * 4
+    Told.subgoal = np.minimum(subgoal, (1, 0))
+    assert numbered(Told)[1] == ()  # pyright: ignore[reportArgumentType]
 
 
 def test_a_rollout_tells_policies_what_the_coordinator_says(
