@@ -4,18 +4,24 @@ Geometry and time only: no simulator, no learning. Start at `checker`.
 """
 
 from rf_exp.constraints.checker import CheckCode, Checker, RoboChecker, compile
+from rf_exp.constraints.compile import check_of
+from rf_exp.constraints.evidence import Check, Evidence, Plan
 from rf_exp.constraints.spatial import PolicyMonitor
 from rf_exp.constraints.timing import Delays, actions, intended, schedule, serial
 from rf_exp.constraints.world import Bodies
 
 __all__ = [
     "Bodies",
+    "Check",
     "CheckCode",
     "Checker",
     "Delays",
+    "Evidence",
+    "Plan",
     "PolicyMonitor",
     "RoboChecker",
     "actions",
+    "check_of",
     "compile",
     "intended",
     "schedule",

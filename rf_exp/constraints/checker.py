@@ -4,14 +4,13 @@ Paper, section 3.1 and supplementary A. The check code is a typed composition of
 functions; it holds when all of them hold. What a row of the ablation switches off is not checked.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from rf_exp.constraints.clearance import Mask
 from rf_exp.constraints.compile import compiled
 from rf_exp.constraints.evidence import Check, Evidence, Plan, doing, violation
 from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects, StayOut
@@ -118,18 +117,10 @@ class Checker:
         if not self._row.temporal:
             order = self._proposal or Proposal(tuple(s.subgoal for t in trajectories for s in t.segments), ())
             return serial(trajectories, order)
-        timed = schedule(trajectories, self._diagrams(plan), self.rules, delays)
+        zones = [check.closing(plan) for check in self.checks if isinstance(check, StayOut)]
+        rules = (*self.rules, *(closing for closing in zones if closing is not None))
+        timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, rules, delays)
         return replace(timed, time_s=plan.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
-
-    def _diagrams(self, plan: Plan) -> Mapping[tuple[int, int], Mask]:
-        """What timing has to keep apart in this row: arms, and agents from zones while they are closed."""
-        if not self._row.spatial:
-            return {}
-        found = dict(plan.diagrams)
-        for check in self.checks:
-            if isinstance(check, StayOut):
-                found |= {pair: found[pair] | mask for pair, mask in check.cells(plan).items()}
-        return found
 
     def check(self, trajectories: Sequence[Trajectory], timed: Schedule, scene: Scene) -> list[Violation]:
         """All checks on a plan before anything moves: the violations, earliest first."""

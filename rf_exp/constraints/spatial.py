@@ -18,6 +18,7 @@ from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, near
 from rf_exp.constraints.evidence import Evidence, Plan, doing, names, violation
 from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.temporal import span
+from rf_exp.constraints.timing import Demands
 from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
 from rf_exp.statements import Step, agent_name
 from rf_exp.tasks import Task
@@ -199,7 +200,7 @@ class StayOut:
     """An agent, with what it carries, stays out of a box. Value and bound in metres.
 
     Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
-    can keep the agent out (`cells`).
+    can keep the agent out (`closing`).
     """
 
     kind: ClassVar[Kind] = "spatial"
@@ -261,14 +262,14 @@ class StayOut:
         standing = bool(overlap(plan.bodies.standing([name]), self._zone()))
         return self.agent, np.full(len(plan.trajectory(self.agent)) + 1, standing)
 
-    def cells(self, plan: Plan) -> dict[tuple[int, int], Mask]:
-        """(i, j), i < j, agents from 1 -> (P_i, P_j) the pairs of path positions that timing keeps apart."""
+    def closing(self, plan: Plan) -> "Closing | None":
+        """What timing has to do about it; None where it can do nothing."""
         other, closed = self._closed(plan)
         if other == self.agent:
-            return {}
+            return None
         mask = self._inside(plan, self.agent)[:, None] & closed[None, :]
         i, j = sorted((self.agent, other))
-        return {(i, j): mask if i == self.agent else mask.T}
+        return Closing((i, j), mask if i == self.agent else mask.T)
 
     def planned(self, plan: Plan) -> Evidence:
         body, other = plan.swept[self.agent - 1], self._closed(plan)
@@ -311,6 +312,17 @@ class StayOut:
         where = "stays out of" if ok else f"at {time_s:.2f} s enters"
         reason = f"{agent_name(self.agent)} {where} the zone {self.low_m} to {self.high_m} ({gap.a}, {what})"
         return Evidence(ok, gap.distance_m, 0.0, reason, time_s)
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
+
+    pair: tuple[int, int]  # (i, j), i < j
+    cells: Mask  # (P_i, P_j) path positions that may not be at the same time
+
+    def demand(self, demands: Demands) -> None:
+        demands.apart(*self.pair, self.cells)
 
 
 class PolicyMonitor:

@@ -51,6 +51,10 @@ class Demands:
         )
         (mask if a < b else mask.T)[rows, columns] = True
 
+    def apart(self, i: int, j: int, mask: Mask) -> None:
+        """Agents i < j may not be at the pairs of positions (P_i, P_j) of a mask at the same time."""
+        self.cells[i, j] = mask | self.cells.get((i, j), np.zeros_like(mask))
+
     def before(self, a: int, end: int, b: int, start: int) -> None:
         """b leaves position `start` only once a has reached `end`."""
         self.forbid(a, slice(0, end), b, slice(start + 1, None))

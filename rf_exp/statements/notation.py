@@ -176,6 +176,10 @@ class Words:
     def __contains__(self, part: str) -> bool:
         return part in self._parts
 
+    def __getitem__(self, part: str) -> str:
+        """The words of a named group of the pattern."""
+        return self._parts[part]
+
     def agent(self, key: str = "") -> int:
         return self._known(self._part("agent", key))
 

@@ -33,6 +33,7 @@ from rf_exp.statements import (
     samples,
 )
 from rf_exp.types import Subgoal
+from tests.conftest import CONF
 from tests.constraints.robots import real, team
 
 FOOD, BAR = real("place_food"), real("lift_barrier")
@@ -278,6 +279,11 @@ def test_the_sentence_of_a_statement_says_the_statement(kind):
         assert read(stated.sentence, FOOD.vocabulary) == stated
 
     law()
+
+
+def test_the_documentation_shows_every_sample():
+    text = (CONF.parent / "docs/constraints.md").read_text("utf-8")
+    assert [each.sentence for each in samples() if f"| {each.kind} | {each.sentence} |" not in text] == []
 
 
 def test_samples_show_every_kind_in_its_own_words():

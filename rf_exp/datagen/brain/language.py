@@ -21,7 +21,7 @@ class LanguageBrain:
         self._chat, self._pictures, self._restates = chat, pictures, restates
 
     def answer(self, question: Question) -> str:
-        # Both know the grammar, and with it all of the checks: slow to import for who asks no model.
+        # Slow to import for who asks no model.
         from rf_exp.datagen.brain.matching import restate
         from rf_exp.datagen.brain.questions import messages
 

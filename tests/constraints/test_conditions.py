@@ -1,0 +1,182 @@
+"""Constraints that hold only while something is so: zones that are closed for a time, phases of a lift."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.constraints.evidence import Plan
+from rf_exp.constraints.timing import schedule
+from rf_exp.errors import ArgumentError
+from rf_exp.statements import Proposal, read
+from rf_exp.statements.notation import vector
+from rf_exp.types import Row, Scene, Schedule, Subgoal, Trajectory
+from tests.constraints.robots import Hand, real, scene_of
+
+FOOD, BAR = real("place_food"), real("lift_barrier")
+FULL = Row("full")
+HALF_M = 0.03
+
+
+def zone_round(at) -> str:
+    low, high = (tuple((np.round(at[:3, 3] + side, 3)).tolist()) for side in (-HALF_M, HALF_M))
+    return f"zone {vector(low)} to {vector(high)}"
+
+
+@pytest.fixture(scope="module")
+def food() -> tuple[Scene, tuple[Trajectory, Trajectory], Proposal, str]:
+    """Agent 1 grasps the steak, agent 2 lifts the lid; and a zone round the steak."""
+    scene = scene_of(FOOD)
+    cook = Hand(FOOD, scene, 1).grasp("steak", "center")
+    helper = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
+    trajectories = cook.trajectory, helper.trajectory
+    goals = tuple(dict.fromkeys(s.subgoal for t in trajectories for s in t.segments))
+    return scene, trajectories, Proposal(goals, ()), zone_round(cook.arm.tcp(cook.qpos))
+
+
+def checker(food, sentence: str) -> RoboChecker:
+    _, _, proposal, zone = food
+    said = read(sentence.format(zone=zone), FOOD.vocabulary)
+    return RoboChecker(FOOD, replace(proposal, constraints=(said,)), FULL)
+
+
+def arrives(timed: Schedule, agent: int, trajectory: Trajectory) -> int:
+    """The control step at which an agent is at the end of its path."""
+    return int(np.argmax(timed.positions[:, agent - 1] == len(trajectory)))
+
+
+def test_a_zone_is_closed_until_another_agent_is_done(food) -> None:
+    """Timing keeps the agent out of it; a plan that goes on at once is refused."""
+    scene, trajectories, _, _ = food
+    open_at_last = checker(food, "Agent_1 must stay out of {zone} until Agent_2 lifts lid.")
+    timed = open_at_last.schedule(trajectories, scene)
+    assert isinstance(timed, Schedule) and not open_at_last.check(trajectories, timed, scene)
+    assert arrives(timed, 1, trajectories[0]) > arrives(timed, 2, trajectories[1])
+    hurried = schedule(trajectories)
+    assert isinstance(hurried, Schedule)
+    late = timed.positions[:, :1], np.minimum(timed.positions[:, 1:], len(trajectories[1]) - 1)
+    (found,) = open_at_last.check(trajectories, Schedule(np.hstack(late), 0), scene)
+    assert found.cause == "space" and found.agents == (1,) and "enters the zone" in found.reason
+    closed = checker(food, "Agent_1 must stay out of {zone}.")
+    assert isinstance(closed.schedule(trajectories, scene), Schedule)
+    assert closed.check(trajectories, timed, scene)
+
+
+def test_a_zone_is_closed_while_an_agent_or_a_thing_is_in_it(food) -> None:
+    scene, trajectories, _, _ = food
+    timed = schedule(trajectories)
+    assert isinstance(timed, Schedule)
+    away = checker(food, "Agent_1 must stay out of {zone} while Agent_2 is in it.")
+    assert not away.check(trajectories, timed, scene)  # agent 2 lifts the lid beside it
+    beside = checker(food, "Agent_1 must stay out of {zone} while lid is in it.")
+    assert not beside.check(trajectories, timed, scene)
+
+
+def test_a_thing_that_lies_in_a_zone_closes_it(food) -> None:
+    scene, trajectories, _, _ = food
+    timed = schedule(trajectories)
+    assert isinstance(timed, Schedule)
+    for name, closed in (("pot", False), ("steak", True)):
+        watched = checker(food, f"Agent_1 must stay out of {{zone}} while the {name} is in it.")
+        found = watched.check(trajectories, timed, scene)
+        assert any("enters the zone" in each.reason for each in found) is closed
+
+
+def test_a_measured_arm_in_a_closed_zone_is_seen(food) -> None:
+    scene, trajectories, _, _ = food
+    waits = checker(food, "Agent_1 must stay out of {zone} until Agent_2 lifts lid.")
+    timed = waits.schedule(trajectories, scene)
+    assert isinstance(timed, Schedule)
+    waits.check(trajectories, timed, scene)
+    (stay_out,) = (check for check in waits.checks if "zone" in repr(check))
+    qpos = scene.qpos.copy()
+    qpos[0, :7] = trajectories[0].path()[-1, :7]
+    assert waits.plan is not None
+    there = replace(scene, qpos=qpos, held=("steak", None))
+    early = stay_out.measured(there, waits.plan)
+    assert early is not None and not early.ok
+    done = replace(there, step=scene.step + len(timed))
+    assert stay_out.measured(done, waits.plan) is None
+
+
+def test_timing_has_to_know_what_a_wait_is_for(food) -> None:
+    for sentence, why in {
+        "Agent_1 must stay out of {zone} until lid is on the table.": "no subgoal puts lid there",
+        "Agent_1 must stay out of {zone} until Agent_2 places lid.": "is no subgoal of Agent_2",
+    }.items():
+        code = checker(food, sentence).code
+        assert why in getattr(code, "reason", "")
+
+
+def test_what_lies_on_the_table_was_put_there() -> None:
+    """`until the lid is on the table` waits for whoever puts it there; `let go of` for the end of placing."""
+    lid_down = Proposal(
+        (Subgoal(2, "place", "lid", target="aside"), Subgoal(1, "grasp", "steak", "center")), ()
+    )
+    for sentence in (
+        "Agent_1 waits until the lid is on the table",
+        "Agent_1 waits until Agent_2 lets go of the lid",
+    ):
+        stated = read(sentence, FOOD.vocabulary)
+        code = RoboChecker(FOOD, replace(lid_down, constraints=(stated,)), FULL).code
+        assert repr(code) == "VS([Agent_2, Agent_1], sequential, place lid)"
+    in_pot = Proposal((Subgoal(1, "place", "steak", target="pot", target_point="inside"),), ())
+    for surface, found in (("the pot", True), ("the table", False)):
+        stated = read(f"Agent_2 waits until the steak is on {surface}", FOOD.vocabulary)
+        code = RoboChecker(FOOD, replace(in_pot, constraints=(stated,)), FULL).code
+        assert (repr(code) == "VS([Agent_1, Agent_2], sequential, place steak)") is found
+
+
+def lifting(heights_m: tuple[float, float]) -> tuple[Scene, tuple[Trajectory, ...]]:
+    """Both arms hold the barrier and lift it, each by its height, then carry it level."""
+    start = scene_of(BAR)
+    qpos = start.qpos.copy()
+    for agent, point in ((1, "left"), (2, "right")):
+        qpos[agent - 1, :7] = Hand(BAR, start, agent).grasp("barrier", point).qpos
+    scene = replace(start, qpos=qpos, held=("barrier", "barrier"))
+    hands = [
+        Hand(BAR, scene, agent).hold("barrier").lift(height, joined="lift barrier")
+        for agent, height in zip((1, 2), heights_m, strict=True)
+    ]
+    return scene, tuple(hand.trajectory for hand in hands)
+
+
+@pytest.mark.parametrize(("heights_m", "ok"), [((0.15, 0.15), True), ((0.15, 0.10), False)])
+def test_heights_are_the_same_in_a_phase(heights_m, ok) -> None:
+    scene, trajectories = lifting(heights_m)
+    goals = tuple(each.segments[0].subgoal for each in trajectories)
+    stated = read("Agent_1 and Agent_2 must keep the same height when lifting the barrier", BAR.vocabulary)
+    watched = RoboChecker(BAR, Proposal(goals, (stated,)), FULL)
+    assert repr(watched.code) == "VD([Agent_1, Agent_2], consistent height, lift)"
+    timed = watched.schedule(trajectories, scene)
+    assert isinstance(timed, Schedule)
+    found = [each for each in watched.check(trajectories, timed, scene) if each.check == "ValidateDirection"]
+    assert (not found) is ok
+
+
+@pytest.mark.parametrize(("direction", "ok"), [("vertical", True), ("horizontal", False), ("level", True)])
+def test_a_gripper_is_turned_so_throughout_a_phase(direction, ok) -> None:
+    scene, trajectories = lifting((0.15, 0.15))
+    goals = tuple(each.segments[0].subgoal for each in trajectories)
+    stated = read(f"Agent_1 must keep its gripper {direction} when lifting barrier", BAR.vocabulary)
+    watched = RoboChecker(BAR, Proposal(goals, (stated,)), FULL)
+    assert (
+        not isinstance(watched.code, type(None))
+        and repr(watched.code) == f"VD(Agent_1, barrier, {direction}, lift)"
+    )
+    timed = watched.schedule(trajectories, scene)
+    assert isinstance(timed, Schedule)
+    found = [each for each in watched.check(trajectories, timed, scene) if each.check == "ValidateDirection"]
+    assert (not found) is ok
+    check = next(check for check in watched.checks if check.name == "ValidateDirection")
+    assert isinstance(watched.plan, Plan)
+    qpos = scene.qpos.copy()
+    qpos[0, :7] = trajectories[0].path()[-1, :7]
+    now = check.measured(replace(scene, qpos=qpos, step=len(timed)), watched.plan)
+    assert now is not None and now.ok is ok
+
+
+def test_perpendicular_is_about_contact() -> None:
+    with pytest.raises(ArgumentError, match="say vertical, horizontal or level"):
+        read("The gripper of Agent_1 must be perpendicular to barrier when lifting it", BAR.vocabulary)

@@ -1,0 +1,86 @@
+"""A kind of constraint is added without an edit of the package, and so is a word for a verb."""
+
+import subprocess
+import sys
+from textwrap import dedent
+
+import pytest
+
+from rf_exp.errors import ArgumentError
+from rf_exp.statements import VERBS, Verb, add_verb
+from tests.conftest import CONF
+
+ROOT = CONF.parent
+
+
+def run(code: str) -> str:
+    """In a process of its own: what is added stays known in one."""
+    done = subprocess.run(
+        [sys.executable, "-c", dedent(code)], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_new_kind_is_read_checked_and_shown_to_models():
+    told = run(
+        """
+        from dataclasses import replace
+        from tests.tutorial.keep_low import KeepLow
+        from rf_exp.constraints import RoboChecker
+        from rf_exp.datagen.brain.questions import constraint_forms
+        from rf_exp.statements import Proposal, read
+        from rf_exp.types import Row, Schedule
+        from tests.constraints.robots import REACHING, REST, idle, real, scene_of, walk
+
+        task = real("lift_barrier")
+        said = read("Agent_1 must keep its gripper below 0.25 m", task.vocabulary)
+        assert said == KeepLow(1, 0.25) and read(said.sentence, task.vocabulary) == said
+        assert KeepLow.samples[0].sentence in constraint_forms()
+        checker = RoboChecker(task, Proposal((), (said,)), Row("full"))
+        scene, trajectories = scene_of(task), (walk(1, [REST, REACHING], 20), idle(2))
+        timed = checker.schedule(trajectories, scene)
+        assert isinstance(timed, Schedule)
+        (violation,) = checker.check(trajectories, timed, scene)
+        print(violation.reason)
+        qpos = scene.qpos.copy()
+        qpos[0, :7] = REACHING
+        assert checker.monitor(replace(scene, qpos=qpos)).reason.startswith("the gripper of Agent_1 is")
+        """
+    )
+    assert told.startswith("the gripper of Agent_1 is 0.") and "m up (allowed 0.25 m)" in told
+
+
+def test_a_new_verb_has_its_form_and_its_words():
+    told = run(
+        """
+        from rf_exp.statements import Before, Step, Verb, add_verb, read, read_subgoal, subgoal_forms
+        from tests.constraints.robots import real
+
+        add_verb(Verb("wipe", ("object",), words=("wipe wipes wiped wiped wiping",)))
+        food = real("place_food").vocabulary
+        assert read_subgoal(1, "wipe lid", food).verb == "wipe" and "wipe OBJECT" in subgoal_forms()
+        said = read("Agent_1 must not lift the steak before the lid has been wiped by Agent_2", food)
+        assert said == Before(Step(2, "wipe", "lid"), Step(1, "lift", "steak"))
+        print(said.sentence)
+        """
+    )
+    assert told == "Agent_2 must wipe lid before Agent_1 may lift steak.\n"
+
+
+def test_a_verb_whose_words_mean_another_one_is_refused():
+    with pytest.raises(ArgumentError, match="'grab' is a word for 'grasp' already"):
+        add_verb(
+            Verb("snatch", words=("snatch snatches snatched snatched snatching", "grab grabs - - grabbing"))
+        )
+    with pytest.raises(ArgumentError, match="has 2 forms; expected base, third person, past"):
+        Verb("snatch", words=("snatch snatches",))
+    assert "snatch" not in VERBS
+
+
+@pytest.mark.parametrize("name", sorted(VERBS))
+def test_every_verb_has_words_of_its_own(name):
+    verb = VERBS[name]
+    assert verb.form.split()[0] == name
+    if verb.words:
+        assert name in verb.finite and verb.third_person != verb.gerund
