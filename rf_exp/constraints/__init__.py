@@ -6,6 +6,7 @@ Geometry and time only: no simulator, no learning. Start at `checker`.
 from rf_exp.constraints.checker import CheckCode, Checker, RoboChecker, compile
 from rf_exp.constraints.compile import check_of
 from rf_exp.constraints.evidence import Check, Evidence, Plan
+from rf_exp.constraints.limits import slowed
 from rf_exp.constraints.spatial import PolicyMonitor
 from rf_exp.constraints.timing import Delays, actions, intended, schedule, serial
 from rf_exp.constraints.world import Bodies
@@ -26,4 +27,5 @@ __all__ = [
     "intended",
     "schedule",
     "serial",
+    "slowed",
 ]

@@ -13,6 +13,7 @@ import numpy as np
 
 from rf_exp.constraints.compile import compiled
 from rf_exp.constraints.evidence import Check, Evidence, Plan, doing, violation
+from rf_exp.constraints.limits import Distance, Speed
 from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects, StayOut
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
 from rf_exp.constraints.timing import Delays, Rule, schedule, serial
@@ -90,6 +91,15 @@ class Checker:
         )
 
     @property
+    def speeds_m_s(self) -> dict[int, float]:
+        """Agent -> the speed that its gripper may have at most, where it has a limit in this row."""
+        found: dict[int, float] = {}
+        for check in self.checks:
+            if isinstance(check, Speed):
+                found[check.agent] = min(check.at_most_m_s, found.get(check.agent, check.at_most_m_s))
+        return found
+
+    @property
     def order(self) -> tuple[tuple[Part, Part], ...]:
         """(first, then) of the sequences that are active in this row."""
         return tuple(
@@ -117,7 +127,7 @@ class Checker:
         if not self._row.temporal:
             order = self._proposal or Proposal(tuple(s.subgoal for t in trajectories for s in t.segments), ())
             return serial(trajectories, order)
-        zones = [check.closing(plan) for check in self.checks if isinstance(check, StayOut)]
+        zones = [check.closing(plan) for check in self.checks if isinstance(check, StayOut | Distance)]
         rules = (*self.rules, *(closing for closing in zones if closing is not None))
         timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, rules, delays)
         return replace(timed, time_s=plan.begins_s + timed.time_s) if isinstance(timed, Violation) else timed

@@ -8,6 +8,7 @@ points that they are about. A new kind of statement is compiled by a function re
 from functools import singledispatch
 
 from rf_exp.constraints.evidence import Check
+from rf_exp.constraints.limits import Distance, Height, Speed, Tilt
 from rf_exp.constraints.logical import ConsistentHeight, ValidateDirection, ValidateInteraction
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, StayOut
 from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous
@@ -19,11 +20,15 @@ from rf_exp.statements import (
     ContactAt,
     Direction,
     Event,
+    KeepApart,
+    KeepHeight,
+    KeepLevel,
     KeepOut,
     LiesOn,
     PlaceAt,
     Proposal,
     SameHeight,
+    SpeedLimit,
     Statement,
     Step,
     Together,
@@ -47,6 +52,11 @@ class Plans:
         """The agent's subgoals that meet an object."""
         mine = self._proposal.of(agent)
         return [each for each in mine if each.object == name and VERBS[each.verb].is_contact]
+
+    def carriers(self, name: str) -> tuple[int, ...]:
+        """The agents that have to do with an object; all where none has."""
+        found = dict.fromkeys(each.agent for each in self._proposal.subgoals if each.object == name)
+        return tuple(found) or self._task.agents
 
     def step(self, event: Event) -> Step:
         """The part of a plan that an event is the beginning or the end of; all of it without a verb."""
@@ -172,6 +182,27 @@ def _(stated: AvoidAgentsStated, plans: Plans) -> Check:
 @check_of.register
 def _(stated: AvoidObjectsStated, plans: Plans) -> Check:
     return AvoidObjects(stated.agents, stated.sentence)
+
+
+@check_of.register
+def _(stated: KeepApart, plans: Plans) -> Check:
+    return Distance(stated.who, stated.at_least_m, stated.parts, stated.sentence)
+
+
+@check_of.register
+def _(stated: KeepLevel, plans: Plans) -> Check:
+    carriers = plans.carriers(stated.object) if stated.agent is None else (stated.agent,)
+    return Tilt(carriers, stated.object, stated.within_deg, stated.sentence)
+
+
+@check_of.register
+def _(stated: KeepHeight, plans: Plans) -> Check:
+    return Height(stated.agent, stated.limit_m, stated.side, stated.sentence)
+
+
+@check_of.register
+def _(stated: SpeedLimit, plans: Plans) -> Check:
+    return Speed(stated.agent, stated.at_most_m_s, stated.sentence)
 
 
 @check_of.register

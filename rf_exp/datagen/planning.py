@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rf_exp.constraints import Delays, RoboChecker
+from rf_exp.constraints import Bodies, Delays, RoboChecker, slowed
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
@@ -136,6 +136,8 @@ class Planner:
             )
         except Unreachable as error:
             return _refused(MOTION, error.cause, error.agents, scene, str(error))
+        if checker.speeds_m_s:
+            trajectories = slowed(trajectories, Bodies(settings.task, scene).arms, checker.speeds_m_s)
         schedule = self._schedule(checker, trajectories, scene, pauses)
         if isinstance(schedule, Violation):
             return schedule

@@ -6,6 +6,7 @@ one, `read` reads one.
 
 from rf_exp.statements.base import Form, Proposal, Statement, kinds
 from rf_exp.statements.events import Event, LiesOn, Step
+from rf_exp.statements.limits import KeepApart, KeepHeight, KeepLevel, SpeedLimit
 from rf_exp.statements.logical import WORK, ContactAt, Direction, PlaceAt, SameHeight, grasping
 from rf_exp.statements.notation import TOGETHER_S, Vector, Words
 from rf_exp.statements.reading import MAX_LENGTH, Unread, read, samples, understood
@@ -30,12 +31,16 @@ __all__ = [
     "Direction",
     "Event",
     "Form",
+    "KeepApart",
+    "KeepHeight",
+    "KeepLevel",
     "KeepOut",
     "LiesOn",
     "PlaceAt",
     "Proposal",
     "SameHeight",
     "ShareSpace",
+    "SpeedLimit",
     "Statement",
     "Step",
     "Together",

@@ -1,10 +1,11 @@
 """The small notation in which patterns of sentences are written, and the words that a pattern found.
 
 `{agent}` an agent, `{agents}` several, `{verb}` a verb of a subgoal, `{doing}` its -ing form, `{object}`,
-`{point}`, `{s}` seconds, `{low}` and `{high}` corners of a box; `{must}`, `{may}`, `{not}` and so on ways to
-say so. Composed: `{did}` what must happen (Agent_2 must lift lid), `{ended}` that it has (Agent_2 has lifted
-the lid, the lid is on the table), `{starts}` that something begins. A second word tells apart what stands
-twice: `{agent then}`. The rest is a regular expression without wildcards, over words in lower case.
+`{point}`, `{s}` seconds, `{m}` a length, `{deg}` an angle, `{speed}`, `{low}` and `{high}` corners of a box;
+`{must}`, `{may}`, `{not}` and so on ways to say so. Composed: `{did}` what must happen (Agent_2 must lift
+lid), `{ended}` that it has (Agent_2 has lifted the lid, the lid is on the table), `{starts}` that something
+begins. A second word tells apart what stands twice: `{agent then}`. The rest is a regular expression without
+wildcards, over words in lower case.
 """
 
 import itertools
@@ -54,6 +55,9 @@ _TOKENS: Mapping[str, str] = {
     "is": r"(?P<KEYdirection>perpendicular|vertical|horizontal|level)",
     "comes": r"(?P<KEYdirection>perpendicularly|vertically|horizontally|from above|from the side)",
     "s": rf"(?P<KEYs>{_NUMBER}) ?s(?:ecs?|econds?)?",
+    "m": rf"(?P<KEYm>{_NUMBER}) ?(?P<KEYunit>mm|cm|m|millimetres?|centimetres?|met(?:re|er)s?)",
+    "deg": rf"(?P<KEYdeg>{_NUMBER}) ?(?:deg(?:rees?)?|\u00b0)",
+    "speed": rf"(?P<KEYspeed>{_NUMBER}) ?(?P<KEYunit>mm|cm|m)/s",
     "low": rf"(?P<KEYlow>{_POINT3})",
     "high": rf"(?P<KEYhigh>{_POINT3})",
     "must": r"(?:must|should|shall|has to|have to|needs? to|will)",
@@ -236,6 +240,21 @@ class Words:
         assert value is not None  # the pattern demands a number where there is no default
         if not 0 <= value <= MAX_WAIT_S:
             raise self.refused(f"is not possible: {value:g} s is not between 0 and {MAX_WAIT_S:g} s")
+        return value
+
+    def quantity(
+        self, part: str, largest: float, default: float | None = None, smallest: float = 0.0
+    ) -> float:
+        """A length in m, an angle in deg or a speed in m/s; its default where none is said."""
+        if part not in self._parts and default is not None:
+            return default
+        unit = self._parts.get("unit", "")
+        scale = 1000.0 if unit.startswith("mi") or unit == "mm" else 100.0 if unit.startswith("c") else 1.0
+        value = (float(self._parts[part]) + 0.0) / scale
+        if not smallest <= value <= largest:
+            units = {"m": "m", "deg": "deg", "speed": "m/s"}[part]
+            bounds = f"{smallest:g} and {largest:g} {units}"
+            raise self.refused(f"is not possible: {value:g} {units} is not between {bounds}")
         return value
 
     def zone(self) -> tuple[Vector, Vector]:

@@ -25,6 +25,7 @@ APPENDED = (
 
 # Words that say nothing of their own where a sentence is understood.
 FILLERS = (
+    "away over "
     "the a an its their both any all to of at by on for or is are be been has have had was it in with and "
     "that must should shall will needs need may can could allowed gripper hand grippers agents robots "
     "arms point side end handle interaction contact tasks task action actions motion motions work perform "
@@ -43,6 +44,7 @@ SAME = {
     "time": "simultaneously", "together": "simultaneously", "sync": "simultaneously",
     "maintain": "", "approach": "", "reach": "",
 }  # fmt: skip
+UNITS, SCALES = r"(\d+(?:\.\d+)?) ?(cm|mm)\b(/s)?", {"cm": 100, "mm": 1000}
 VERB_OF = {word: verb.name for verb in VERBS.values() for word in (*verb.finite, *verb.gerunds)}
 
 
@@ -55,6 +57,9 @@ def names(text: str) -> list[str]:
     text = re.sub(r"\blets? go of\b", "releases", text)
     text = re.sub(r"\b(?:all )?agents (must|should|may|can)\b", r"agent_1 and agent_2 \1", text)
     text = re.sub(r"\b(?:one after (?:the other|another)|chronologically)\b", "turns", text)
+    text = re.sub(UNITS, lambda found: f"{float(found[1]) / SCALES[found[2]]} m{found[3]}", text)
+    text = re.sub(r"\b(?:upright|horizontal)(?= |$)", "level", text) if "gripper" not in text else text
+    text = re.sub(r"\b(?:no )?(?:faster|slower) than\b", "", text).replace("degrees", "deg")
     if "height" in text:
         text = re.sub(r"\bsame\b", "consistent", text)
     return re.findall(r"agent_\d|[-+]?\d*\.?\d+(?:e[-+]?\d+)?|[a-z']+", text)
@@ -109,6 +114,8 @@ def misread(text: str, stated: Statement) -> str:
     if unread := said - says:
         return f"words that were not read: {dict(unread)}"
     defaults = Counter({"0.1": 1, "simultaneously": 1})
+    if "level" in said and "deg" not in said:
+        defaults += Counter({"10": 1, "deg": 1})
     if invented := (says - said) - defaults:
         return f"words that are not there: {dict(invented)}"
     if isinstance(stated, Before):

@@ -17,12 +17,16 @@ from rf_exp.statements import (
     ContactAt,
     Deadline,
     Direction,
+    KeepApart,
+    KeepHeight,
+    KeepLevel,
     KeepOut,
     LiesOn,
     PlaceAt,
     Proposal,
     SameHeight,
     ShareSpace,
+    SpeedLimit,
     Statement,
     Step,
     Together,
@@ -186,6 +190,17 @@ ENGLISH: dict[str, Statement] = {
     "Agent_1 must place the steak only after the lid lies on the table": Before(LiesOn("lid"), PLACE),
     "Agent_2 must wait until the steak is on the pot": Before(LiesOn("steak", "pot"), Step(2)),
     "Agent_1 must place the steak at least 2 s after Agent_2 lifts the lid": Before(LIFT, PLACE, 2.0),
+    # limits
+    "Agents 1 and 2 must keep their grippers at least 10 cm apart": KeepApart((1, 2), 0.1),
+    "The grippers of Agent_1 and Agent_2 must stay at least 70 mm apart": KeepApart((1, 2), 0.07),
+    "Agent_1 must stay at least 5 cm away from Agent_2": KeepApart((1, 2), 0.05, "arms"),
+    "Keep the pot upright": KeepLevel("pot"),
+    "Agent_2 must keep the lid level within 5 degrees": KeepLevel("lid", 5.0, 2),
+    "The lid must be kept upright": KeepLevel("lid"),
+    "Agent_1 must keep its gripper below 40 cm over the table": KeepHeight(1, 0.4),
+    "The hand of Agent_2 must stay above 2 cm": KeepHeight(2, 0.02, "above"),
+    "Agent_1 must not move faster than 20 cm/s": SpeedLimit(1, 0.2),
+    "Agent_2 must move its gripper no faster than 0.3 m/s": SpeedLimit(2, 0.3),
     # when it holds
     f"Agent_1 must stay out of {ZONE} while Agent_2 is there": KeepOut(1, *BOX, occupied_by=2),
     f"Agent_1 must not enter the {ZONE} as long as the lid is still in it": KeepOut(
@@ -221,6 +236,7 @@ SECONDS = st.floats(0, 600, allow_subnormal=False)
 CORNERS = st.tuples(*[st.floats(-9, 9, allow_subnormal=False)] * 3).map(
     lambda low: (tuple(value + 0.0 for value in low), tuple(value + 0.5 for value in low))
 )
+LENGTH = st.floats(0, 2, allow_subnormal=False)
 PAIR = st.sampled_from(((1, 2), (2, 1)))
 
 
@@ -247,6 +263,10 @@ STATED: dict[type[Statement], st.SearchStrategy[Statement]] = {
     Together: st.builds(Together, PAIR, VERB, OBJECT, SECONDS) | st.builds(Together, PAIR, within_s=SECONDS),
     Deadline: st.builds(Deadline, STEP, SECONDS),
     ShareSpace: st.builds(ShareSpace, PAIR),
+    KeepApart: st.builds(KeepApart, st.just((1, 2)), LENGTH, st.sampled_from(("grippers", "arms"))),
+    KeepLevel: st.builds(KeepLevel, OBJECT, st.floats(0, 90, allow_subnormal=False), st.none() | AGENT),
+    KeepHeight: st.builds(KeepHeight, AGENT, LENGTH, st.sampled_from(("below", "above"))),
+    SpeedLimit: st.builds(SpeedLimit, AGENT, st.floats(0.01, 10)),
     AvoidAgents: st.sampled_from((AvoidAgents((1,)), AvoidAgents((2,)), AvoidAgents((1, 2)))),
     AvoidObjects: st.builds(AvoidObjects, AGENT),
     KeepOut: CORNERS.flatmap(
@@ -348,6 +368,10 @@ ERRORS = [
     ("Agent_1 must finish within 1e9 s.", r"1e\+09 s is not between 0 and 600 s"),
     ("Agent_1 must finish within -1 s.", r"-1 s is not between 0 and 600 s"),
     ("Agent_1 must stay out of zone (0, 0, 0) to (1e99, 1, 1).", r"zones lie within 10 m of the origin"),
+    ("Agent_1 must keep its gripper below 3 m.", r"3 m is not between 0 and 2 m"),
+    ("Agent_1 must not move faster than 1 mm/s.", r"0.001 m/s is not between 0.01 and 10 m/s"),
+    ("Agent_1 must keep the lid level within 100 deg.", r"100 deg is not between 0 and 90 deg"),
+    ("Agents 1 and 1 must keep their arms at least 5 cm apart.", r"needs two different agents; it names Ag"),
     ("Agent_1 must stay out of zone (0, 0, 0) to (1, 1, 0).",
      r"the zone is flat; each side must be at least 1 mm"),
     ("Avoid " * 80, rf"constraint of 480 characters; a constraint is one sentence of up to {MAX_LENGTH}"),
@@ -393,9 +417,9 @@ DROPPED = {
     ),
     "Must avoid Agent_1 and Agent_2.": "",
     "Agent_1 and Agent_2 must share the same space one after the other.": "",
-    "Agent_1 must not touch the table.": "table",
+    "Agent_1 must not touch the table.": "",
     "The gripper of Agent_1 must be level with steak.": "",
-    "The gripper of Agent_1 must stay vertical over steak.": "over",
+    "The gripper of Agent_1 must stay vertical over steak.": "",
     "The gripper of Agent_1 must be aligned with steak.": "aligned",
     "Agent_1 must approach steak downstream.": "downstream",
     "Agent_1 must wait 2 s after Agent_2 has finished endlessly.": "endlessly",

@@ -15,9 +15,13 @@ from rf_exp.statements import (
     ContactAt,
     Deadline,
     Direction,
+    KeepApart,
+    KeepHeight,
+    KeepLevel,
     KeepOut,
     Proposal,
     SameHeight,
+    SpeedLimit,
     Statement,
     Step,
     Together,
@@ -36,6 +40,9 @@ UNEVEN_M = 0.06
 TOO_SOON_S = 0.1
 APART_S = 5.0
 IN_THE_WAY_M = 0.1
+FAR_M = 1.6
+UNDER_M = 0.02
+CRAWLS_M_S, SOON_S = 0.02, 2.0  # 4 cm
 
 
 @dataclass(frozen=True)
@@ -282,6 +289,49 @@ def _forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Gener
     centre = _contact_point(chosen.object, chosen.point, question)[:3, 3]
     low, high = (np.round(centre + side, 3) + 0.0 for side in (-ZONE_HALF_M, ZONE_HALF_M))
     return _with(proposal, KeepOut(chosen.agent, tuple(low.tolist()), tuple(high.tolist())))
+
+
+# -- limits ------------------------------------------------------------------------------------------
+
+
+@_fault(breaks=True)
+def _impossible_distance(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+    """Two agents that work side by side are to keep their grippers farther apart than they can."""
+    pairs = [
+        (one.agent, other.agent)
+        for one in _contacts(proposal)
+        for other in _contacts(proposal)
+        if one.agent < other.agent and _apart_m(_where(one, question), _where(other, question)) < FAR_M / 2
+    ]
+    pair = _any(pairs, rng)
+    return pair and _with(proposal, KeepApart(pair, FAR_M))
+
+
+@_fault(breaks=True)
+def _impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+    """What an agent moves may not be tilted at all, not even by what no arm is without."""
+    chosen = _any([s for s in proposal.subgoals if s.verb in ("lift", "carry", "place") and s.object], rng)
+    return chosen and _with(proposal, KeepLevel(chosen.object or "", 0.0, chosen.agent))
+
+
+@_fault(breaks=True)
+def _impossible_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+    """An agent is to keep its gripper below the very point that it is to reach."""
+    chosen = _any([s for s in _contacts(proposal) if not _is_brought(proposal, s)], rng)
+    if chosen is None or chosen.object is None or chosen.point is None:
+        return None
+    height_m = float(_contact_point(chosen.object, chosen.point, question)[2, 3])
+    return _with(proposal, KeepHeight(chosen.agent, max(0.0, round(height_m - UNDER_M, 3))))
+
+
+@_fault(breaks=True)
+def _impossible_speed(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+    """An agent is to move very slowly, and to be done soon."""
+    chosen = _any([s for s in _contacts(proposal) if not _is_brought(proposal, s)], rng)
+    if chosen is None:
+        return None
+    slowly = _with(proposal, SpeedLimit(chosen.agent, CRAWLS_M_S))
+    return _with(slowly, Deadline(Step(chosen.agent), SOON_S))
 
 
 # -- what the faults are made of ---------------------------------------------------------------------
