@@ -16,7 +16,7 @@ import pytest
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
-from rf_exp.stages.locks import locked
+from rf_exp.artifacts.locks import locked
 from rf_exp.store import Store
 from tests.children import children, session, until
 

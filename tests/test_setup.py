@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -136,3 +137,12 @@ def test_pip_s_errors_are_shown(clone: Path, fitted: dict[str, str]) -> None:
     assert "set-up stopped: pip could not install" in done.stderr
     assert "Location" not in done.stderr
     assert NOISE in (clone / ".venv/pip.log").read_text()
+
+
+def test_whatever_is_no_code_is_shipped() -> None:
+    """Templates, figures of the paper, specifications: a wheel holds what the package data name."""
+    patterns = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]["*"]
+    files = [path for folder in ("rf_exp", "conf") for path in (ROOT / folder).rglob("*") if path.is_file()]
+    data = [path for path in files if path.suffix not in (".py", ".pyc")]
+    assert {path.suffix for path in data} >= {".yaml", ".html", ".css"}
+    assert [path for path in data if not any(path.match(pattern) for pattern in patterns)] == []

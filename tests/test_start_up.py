@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 # not among them: tasks are made of poses and outlines.
 HEAVY = {
     *("torch", "diffusers", "mani_skill", "sapien", "gymnasium", "pinocchio", "coal", "toppra"),
-    *("trimesh", "zarr", "matplotlib", "rerun", "wandb", "openai", "joblib", "cv2"),
+    *("trimesh", "zarr", "matplotlib", "rerun", "wandb", "openai", "joblib", "cv2", "jinja2"),
 }
 LISTING = "import atexit, json, runpy, sys\n" + (
     "atexit.register(lambda: json.dump(sorted(sys.modules), open(sys.argv[0], 'w')))\n"

@@ -16,10 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import rf_exp.store as store_module
 from rf_exp.artifacts.provenance import commit
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.store import Store, empty_like
+from rf_exp.store import Store, empty_like, layout
 from rf_exp.types import Episode
 
 IDENTITY = {
@@ -186,20 +185,20 @@ def test_interrupted_append_is_cut_off(
 ) -> None:
     """Stop at one of the nine arrays: before its rows are written, before they count, and after."""
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
-    calls, write = [], store_module._write
+    calls, write = [], layout.write
 
     def interrupted(array, start, values):  # type: ignore[no-untyped-def]
         calls.append(array)
         if len(calls) <= broken:
             return write(array, start, values)
         if moment == "between":
-            store_module._view(array, start + len(values))[start : start + len(values)] = values
+            layout.view(array, start + len(values))[start : start + len(values)] = values
         if moment == "after":
             write(array, start, values)
         raise KeyboardInterrupt
 
     store = Store.open(path, writable=True)
-    monkeypatch.setattr(store_module, "_write", interrupted)
+    monkeypatch.setattr(layout, "write", interrupted)
     with pytest.raises(KeyboardInterrupt):
         store.append(make_episode(1, steps=9))
     monkeypatch.undo()

@@ -12,7 +12,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rf_exp.ablation.tables import Cell, Column, Line, Table, Unit
+from rf_exp.ablation.tables import Cell, Column, Length, Line, Rate, Table, Text
 
 # Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
 INK, FAINT = "#010203", "#040506"
@@ -46,31 +46,22 @@ STYLE: dict[Any, Any] = {
 WIDTH_IN = 4.2
 
 
-def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
+def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
     """A row of the table a line: ours with its interval, also without violations, and the paper's."""
-    cells = [line.cells[index] for line in lines]
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 0.75 + 0.34 * len(lines)), layout="constrained")
         axes = figure.add_subplot()
-        scale = 100 if unit == "rate" else 1
-        for place, cell in enumerate(cells):
-            if isinstance(cell.value, float):
-                low, high = cell.interval or (cell.value, cell.value)
-                axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
-                axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
-            if clean := cell.unmended:
-                at = scale * clean.value
-                axes.plot([scale * end for end in clean.interval], [place] * 2, color=OURS, lw=1.0)
-                axes.plot(at, place, "o", mfc="none", mec=OURS, mew=1.6, ms=6, label="no violation")
-            if cell.paper is not None:
-                axes.plot(scale * cell.paper, place, "D", mfc="none", mec=PAPER, mew=1.6, ms=6, label="paper")
+        for place, line in enumerate(lines):
+            cell = line.cells[index]
+            assert isinstance(cell, Rate | Length)  # of a column that the paper has too
+            _dot(axes, place, cell)
         titles = [line.title for line in lines]
         unique = len(set(titles)) == len(titles)
         labels = titles if unique else [line.key for line in lines]
         axes.set_yticks(range(len(lines)), [label.replace("_", " ") for label in labels])
         axes.set_ylim(len(lines) - 0.5, -0.5)
         axes.grid(axis="y", visible=False)
-        if unit == "rate":
+        if column.kind is Rate:
             axes.set_xlim(-2, 102)
             axes.set_xlabel("success, %")
         else:
@@ -79,12 +70,27 @@ def dots(lines: Sequence[Line], index: int, unit: Unit, salt: str) -> str:
         return _svg(figure, axes)
 
 
+def _dot(axes: Axes, place: int, cell: Rate | Length) -> None:
+    """One line of `dots`."""
+    scale = 100 if isinstance(cell, Rate) else 1
+    if cell.value is not None:
+        low, high = cell.interval or (cell.value, cell.value)
+        axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
+        axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
+    if isinstance(cell, Rate) and (clean := cell.unmended):
+        axes.plot([scale * end for end in clean.interval], [place] * 2, color=OURS, lw=1.0)
+        mended = {"mfc": "none", "mec": OURS, "mew": 1.6, "ms": 6, "label": "no violation"}
+        axes.plot(scale * clean.value, place, "o", **mended)
+    if cell.paper is not None:
+        axes.plot(scale * cell.paper, place, "D", mfc="none", mec=PAPER, mew=1.6, ms=6, label="paper")
+
+
 def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
     """Success of one task against the number of demonstrations, ours and the paper's."""
     points = [
-        (int(column.key.removeprefix("demos_")), cell)
+        (column.demos, cell)
         for column, cell in zip(columns, line.cells, strict=True)
-        if column.unit == "rate"
+        if column.demos is not None and isinstance(cell, Rate)
     ]
     with rc_context({**STYLE, "svg.hashsalt": salt}):
         figure = Figure((WIDTH_IN, 2.3), layout="constrained")
@@ -97,7 +103,7 @@ def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
         for demos, cell in points:
             if cell.interval:
                 axes.plot([demos] * 2, [100 * end for end in cell.interval], color=OURS, lw=2.2)
-        own = [(demos, 100 * cell.value) for demos, cell in points if isinstance(cell.value, float)]
+        own = [(demos, 100 * cell.value) for demos, cell in points if cell.value is not None]
         axes.plot(*zip(*own, strict=True), "o-", color=OURS, ms=6.5, label="ours, 95 % interval")
         axes.set_ylim(-2, 102)
         axes.set_xticks([demos for demos, _ in points])
@@ -145,13 +151,13 @@ def read_curves(path: Path) -> dict[str, list[float]]:
 
 def measured(cells: Sequence[Cell]) -> bool:
     """Whether there is anything of ours to draw."""
-    return any(isinstance(cell.value, float) for cell in cells)
+    return any(not isinstance(cell, Text) and cell.value is not None for cell in cells)
 
 
 def panels(table: Table) -> list[tuple[str, str]]:
     """(title, SVG) for each column of the table that has figures of ours beside the paper's."""
     return [
-        (column.title, dots(table.lines, index, column.unit, f"{table.name}-{column.key}"))
+        (column.title, dots(table.lines, index, column, f"{table.name}-{column.key}"))
         for index, column in enumerate(table.columns)
         if column.compared and measured([line.cells[index] for line in table.lines])
     ]

@@ -37,3 +37,10 @@ def rollout_file(row: EvaluationRow, suffix: str) -> Path:
     """The file about a rollout, below the output folder."""
     name = rollout_name(row.arch, row.recipe, row.demos, row.train_seed, row.shield)
     return Path("recordings", row.task, row.constraints, f"{name}-{row.scene_seed}{suffix}")
+
+
+def learnt_from(row: EvaluationRow) -> str:
+    """What the policies of a rollout have learnt from, and how, in words."""
+    trained = f", training seed {row.train_seed}" if row.train_seed else ""
+    recipe = f", recipe {row.recipe}" if row.recipe != "paper" else ""
+    return f"{row.constraints}, {row.demos} demonstrations{recipe}{trained}{', shielded' * row.shield}"

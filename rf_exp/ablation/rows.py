@@ -13,11 +13,9 @@ what there was none of before (disturbances, policies that see the state, a shie
 what learning cost, schema 5 how often the expert was asked: older rows are read as that.
 """
 
-import fcntl
 import json
 import logging
 import math
-import os
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -26,6 +24,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
+from rf_exp.artifacts.identity import canonical
+from rf_exp.artifacts.lines import append_line, read_lines
 from rf_exp.errors import ArgumentError, StageError
 
 log = logging.getLogger(__name__)
@@ -142,14 +142,7 @@ def append(path: Path, row: GenerationRow | EvaluationRow) -> None:
     written.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "a+b", buffering=0) as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            _mend(file.fileno())
-            line = _line(row)
-            if (written := os.write(file.fileno(), line)) != len(line):  # a full disk, part way
-                raise OSError(f"only {written} of {len(line)} bytes were written")
-            os.fsync(file.fileno())
+        append_line(path, _line(row))
     except OSError as error:
         raise StageError(
             f"cannot append a result row to {path}: {error.strerror or error}; "
@@ -215,44 +208,30 @@ def _version_order(version: str) -> tuple[tuple[int, int, str], ...]:
 def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
     """The rows of a file and a note about an unfinished last line, empty without one."""
     try:
-        content = path.read_bytes()
+        lines, torn = read_lines(path)
     except OSError as error:
         raise StageError(f"cannot read result rows from {path}: {error.strerror or error}") from error
-    *lines, tail = content.split(b"\n")
     rows = []
     for number, line in enumerate(lines, start=1):
         try:
             rows.append(_parse(line, kind))
         except (ValueError, ArgumentError) as error:
-            raise _bad(path, number, kind.__name__, error) from error
-    if not tail:
-        return tuple(rows), ""
-    if _torn(tail):
-        return tuple(rows), f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted"
-    try:
-        return (*rows, _parse(tail, kind)), ""  # whole, only its line end is missing
-    except (ValueError, ArgumentError) as error:
-        raise _bad(path, len(lines) + 1, kind.__name__, error) from error
-
-
-def _bad(path: Path, number: int, kind: str, error: Exception) -> StageError:
-    return StageError(
-        f"{path}, line {number}: no {kind}: {error}; remove that line and run the same command again, which "
-        "makes its row anew"
-    )
+            raise StageError(
+                f"{path}, line {number}: no {kind.__name__}: {error}; remove that line and run the same "
+                "command again, which makes its row anew"
+            ) from error
+    note = f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted" if torn else ""
+    return tuple(rows), note
 
 
 def _line(row: GenerationRow | EvaluationRow) -> bytes:
     values = asdict(row)
-    return (
-        json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False).encode(errors="surrogatepass")
-        + b"\n"
-    )
+    text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
+    return text.encode(errors="surrogatepass")
 
 
 def _checksum(values: Mapping[str, Any]) -> str:
-    canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":"))
-    return f"{zlib.crc32(canonical.encode(errors='surrogatepass')):08x}"
+    return f"{zlib.crc32(canonical(values)):08x}"
 
 
 def _parse(line: bytes, kind: type[R]) -> R:
@@ -275,27 +254,3 @@ def _parse(line: bytes, kind: type[R]) -> R:
     if value["schema"] not in (*OLDER, SCHEMA):
         raise ValueError(f"a row of schema {value['schema']}; this version reads schema {SCHEMA}")
     return kind(**{**value, "schema": SCHEMA})
-
-
-def _torn(tail: bytes) -> bool:
-    """Whether a last line without its end is the beginning of one, and not a whole one with a damaged end."""
-    for end in (len(tail), -1):
-        try:
-            json.loads(tail[:end])
-            return False
-        except ValueError:
-            continue
-    return True
-
-
-def _mend(descriptor: int) -> None:
-    """Finish or remove a last line without its end. The lock is held, so nobody is writing it."""
-    size = os.fstat(descriptor).st_size
-    if size == 0 or os.pread(descriptor, 1, size - 1) == b"\n":
-        return
-    content = os.pread(descriptor, size, 0)
-    tail_start = content.rfind(b"\n") + 1
-    if _torn(content[tail_start:]):
-        os.ftruncate(descriptor, tail_start)
-    else:  # damaged or not, that is for the reader to say
-        os.write(descriptor, b"\n")

@@ -5,7 +5,6 @@ process that writes holds a lock on the draft, which ends with that process: a d
 kill left behind.
 """
 
-import fcntl
 import glob
 import json
 import os
@@ -16,6 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from rf_exp.artifacts.locks import hold_folder
 from rf_exp.errors import StageError
 
 
@@ -40,10 +40,15 @@ def whole(path: Path) -> Iterator[Path]:
         os.close(lock)
 
 
+def write_text(path: Path, text: str) -> None:
+    """A text file in UTF-8, written whole. Raises OSError where it cannot be."""
+    with whole(path) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
 def write_json(path: Path, value: object) -> None:
     """A JSON file for people to read, written whole."""
-    with whole(path) as draft:
-        draft.write_text(json.dumps(value, indent=2) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(value, indent=2) + "\n")
 
 
 def read_json(path: Path, remedy: str) -> Any:
@@ -60,16 +65,13 @@ def sweep(folder: Path, names: str = "*") -> None:
     """Removes drafts that a kill left in `folder`, of what is named so. Those of living processes stay."""
     for leftover in folder.glob(f".{names}.*.partial"):
         try:
-            lock = os.open(leftover, os.O_RDONLY | os.O_DIRECTORY)
+            lock = hold_folder(leftover)
         except OSError:
             continue  # gone meanwhile
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(leftover, ignore_errors=True)
-        except OSError:
+        if lock is None:
             continue  # its process lives
-        finally:
-            os.close(lock)
+        shutil.rmtree(leftover, ignore_errors=True)
+        os.close(lock)
 
 
 def _draft(path: Path) -> tuple[Path, int]:
@@ -78,10 +80,10 @@ def _draft(path: Path) -> tuple[Path, int]:
         folder = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
         folder.mkdir()
         try:
-            lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-            fcntl.flock(lock, fcntl.LOCK_EX)
+            lock = hold_folder(folder, wait=True)
         except FileNotFoundError:
             continue  # swept away before it was locked
+        assert lock is not None  # it has waited
         if folder.exists():
             return folder, lock
         os.close(lock)

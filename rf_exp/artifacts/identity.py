@@ -1,37 +1,51 @@
-"""What an artifact was made of, as plain JSON values: compared leaf by leaf, or by one digest."""
+"""What an artifact was made of, as plain JSON values and back; compared leaf by leaf, or by one digest."""
 
 import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+import dacite
 import numpy as np
 
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, StageError
+
+T = TypeVar("T")
 
 
 def plain(value: object) -> Any:
-    """The value as it comes back from JSON: tuples as lists, numpy as plain numbers.
+    """The value as it comes back from JSON: dataclasses as objects, tuples as lists, numpy as plain numbers.
 
     Raises ArgumentError for what JSON cannot hold, NaN and infinity included.
     """
-
-    def simplify(item: object) -> object:
-        if isinstance(item, np.generic | np.ndarray):
-            return item.tolist()
-        if isinstance(item, Mapping):
-            return dict(item)
-        if isinstance(item, set | frozenset):
-            return sorted(item)
-        if isinstance(item, Path):
-            return str(item)
-        raise TypeError(f"a value of type {type(item).__name__}")
-
     try:
-        return json.loads(json.dumps(value, default=simplify, allow_nan=False))
+        return json.loads(json.dumps(value, default=_simpler, allow_nan=False))
     except (TypeError, ValueError) as error:
         raise ArgumentError(f"an artifact is described by plain JSON values; found {error}") from error
+
+
+def restored(kind: type[T], values: Mapping[str, Any]) -> T:
+    """The dataclass that `plain` made these values of; fields that came later have their defaults.
+
+    Raises ArgumentError naming a field that is missing, unknown or of another type.
+    """
+    try:
+        return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float], strict=True))
+    except (dacite.DaciteError, TypeError) as error:
+        raise ArgumentError(str(error)) from error
+
+
+def canonical(value: object, ascii: bool = False) -> bytes:
+    """Plain values as the one JSON there is of them: keys sorted, no spaces; UTF-8, or escaped to ASCII."""
+    text = json.dumps(value, ensure_ascii=ascii, sort_keys=True, separators=(",", ":"))
+    return text.encode(errors="surrogatepass")
+
+
+def digest(value: object) -> str:
+    """SHA-256 of the value as canonical JSON, shortened to 16 hexadecimal digits."""
+    return hashlib.sha256(canonical(plain(value), ascii=True)).hexdigest()[:16]
 
 
 def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
@@ -53,10 +67,26 @@ def differing(found: object, wanted: object) -> tuple[str, ...]:
     )
 
 
-def digest(value: object) -> str:
-    """SHA-256 of the value as canonical JSON, shortened to 16 hexadecimal digits."""
-    text = json.dumps(plain(value), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:16]
+def expect_same(artifact: Path, found: object, wanted: object, remedy: str) -> None:
+    """Raises StageError that names what differs, and ends with `remedy`, unless an artifact was made so."""
+    if differences := differing(found, wanted):
+        raise StageError(
+            f"{artifact} was made from another configuration ({'; '.join(differences)}); {remedy}"
+        )
+
+
+def _simpler(item: object) -> object:
+    if is_dataclass(item) and not isinstance(item, type):
+        return {each.name: getattr(item, each.name) for each in fields(item)}
+    if isinstance(item, np.generic | np.ndarray):
+        return item.tolist()
+    if isinstance(item, Mapping):
+        return dict(item)
+    if isinstance(item, set | frozenset):
+        return sorted(item)
+    if isinstance(item, Path):
+        return str(item)
+    raise TypeError(f"a value of type {type(item).__name__}")
 
 
 def _text(leaves: Mapping[str, Any], key: str) -> str:

@@ -21,12 +21,12 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from rf_exp.artifacts.files import read_json, sweep, whole, write_json
-from rf_exp.artifacts.identity import differing, digest, plain
+from rf_exp.artifacts.identity import digest, expect_same, plain, restored
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import ACTING, PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Senses
-from rf_exp.policy.views import Stream, View
+from rf_exp.policy.views import View
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
 SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
@@ -110,11 +110,7 @@ def expect(folder: Path, wanted: Mapping[str, Any]) -> None:
     """Raises StageError naming what differs unless the policy of a folder is made of these values."""
     found = read_json(folder / CONFIG, ANEW)
     made, asked = ({key: _weighty(key, each.get(key)) for key in wanted} for each in (found, wanted))
-    if differences := differing(made, asked):
-        raise StageError(
-            f"{folder} holds a policy of another configuration; differing: {'; '.join(differences)}; "
-            "delete the folder or choose another `out`"
-        )
+    expect_same(folder, made, asked, "delete the folder or choose another `out`")
 
 
 def _weighty(key: str, value: Any) -> Any:
@@ -152,14 +148,9 @@ def load_policy(
     said = read_json(folder / CONFIG, ANEW)
     if metadata.get("config") != digest(said):
         raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
-    streams = (
-        Stream(each["camera"], tuple(each["agents"]), tuple(each.get("more", ())))
-        for each in said["view"]["streams"]
-    )
-    view = View(said["view"]["name"], tuple(streams), said["view"].get("coordinated", False))
-    senses = Senses(**said["senses"])
+    view, senses = restored(View, said["view"]), restored(Senses, said["senses"])
     how = {} if acting is None else {name: getattr(acting, name) for name in ACTING}
-    policy = policy_of(PolicyConfig(**{**said["policy"], **how}), view, senses)
+    policy = policy_of(restored(PolicyConfig, {**said["policy"], **how}), view, senses)
     policy.load_state_dict(tensors)
     return policy.to(device_of(device)).eval(), view, senses
 

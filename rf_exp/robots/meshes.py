@@ -8,7 +8,6 @@ thousand; the colours stay, as does the collision geometry.
 import hashlib
 import os
 import shutil
-import tempfile
 from functools import cache
 from pathlib import Path
 from typing import Any, cast
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
 
+from rf_exp.artifacts.files import whole
 from rf_exp.errors import StageError
 from rf_exp.robots.panda import description_folder
 from rf_exp.transforms import Matrix, apply, transform
@@ -55,22 +55,16 @@ def light_urdf() -> Path:
     target = cache_folder()
     if not (target / URDF).is_file():
         try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            made = Path(tempfile.mkdtemp(prefix=".meshes-", dir=target.parent))
+            with whole(target) as draft:
+                draft.mkdir()
+                _make(draft, target)
         except OSError as error:
-            raise StageError(
-                f"cannot write the mesh cache {target}: {error.strerror}; "
-                "set XDG_CACHE_HOME to a writable folder"
-            ) from error
-        try:
-            _make(made, target)
-            # A rename is atomic: of several processes the first wins, the others find it complete.
-            made.rename(target)
-        except OSError:
+            # Of several processes that make it the first wins, the others find it complete.
             if not (target / URDF).is_file():
-                raise
-        finally:
-            shutil.rmtree(made, ignore_errors=True)
+                raise StageError(
+                    f"cannot write the mesh cache {target}: {error.strerror or error}; "
+                    "set XDG_CACHE_HOME to a writable folder"
+                ) from error
     return target / URDF
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.artifacts.files import read_json, sweep, write_json
-from rf_exp.artifacts.identity import differing
+from rf_exp.artifacts.identity import expect_same
+from rf_exp.artifacts.locks import locked
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
-from rf_exp.stages.locks import locked
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, Row
 
@@ -89,7 +89,4 @@ def same_configuration(
     remedy = f"delete {listed}, or choose another folder with out=FOLDER"
     if not record.exists():
         raise StageError(f"{artifact} is there, and {record} that says what it was made of is not; {remedy}")
-    if differences := differing(read_json(record, remedy), configuration):
-        raise StageError(
-            f"{artifact} was made with another configuration ({'; '.join(differences)}); {remedy}"
-        )
+    expect_same(artifact, read_json(record, remedy), configuration, remedy)

@@ -2,19 +2,20 @@
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
 from rf_exp.artifacts.files import sweep, whole
+from rf_exp.artifacts.identity import plain, restored
 from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate, make_episode
 from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.version import generator_version
-from rf_exp.errors import StageError
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
@@ -126,7 +127,7 @@ def _pictures(experiment: Experiment, there: Sequence[str], agents: int) -> Pict
 
 def _with_row(episode: Episode, row: GenerationRow) -> Episode:
     """The episode with its row in its certificate; without the time it took, so that bytes are the same."""
-    kept = {name: value for name, value in asdict(row).items() if name != "wall_s"}
+    kept = {name: value for name, value in plain(row).items() if name != "wall_s"}
     return replace(episode, certificate={**episode.certificate, "row": kept})
 
 
@@ -138,8 +139,8 @@ def _lost(
         if seed in known or seed not in span:
             continue
         try:
-            yield GenerationRow(**store.certificates[index]["row"], wall_s=0.0)
-        except (KeyError, TypeError) as error:
+            yield restored(GenerationRow, {**store.certificates[index]["row"], "wall_s": 0.0})
+        except (KeyError, TypeError, ArgumentError) as error:
             raise StageError(
                 f"seed {seed} is stored in {store.path}, but has no row, neither in {rows_path} nor in its "
                 f"certificate; delete {store.path} and generate again"

@@ -29,7 +29,7 @@ def generation_identity(experiment: Experiment, task: Task, row: Row) -> dict[st
     if settings.brain.reads:
         said["told"] = [task.title, task.description, task.target_condition]
     if settings.brain.reads or experiment.occupancy == "depth":
-        said["seen"] = asdict(experiment.pictures)
+        said["seen"] = experiment.pictures
     return plain(said)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -17,7 +18,8 @@ from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results, load
 from rf_exp.ablation.statistics import wilson
 from rf_exp.ablation.suite import CONFIGURED, Suite, TaskFacts, configured
-from rf_exp.ablation.tables import TABLES, Column, Table, build
+from rf_exp.ablation.tables import TABLES, Column, Length, Rate, Table, Violations, build
+from rf_exp.ablation.tables.cells import Figure
 from rf_exp.errors import ArgumentError, StageError
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
@@ -35,6 +37,11 @@ def generated(*rows: list) -> Results:  # type: ignore[type-arg]
 
 def evaluated(*rows: list) -> Results:  # type: ignore[type-arg]
     return Results(evaluation=tuple(row for group in rows for row in group))
+
+
+def at(table: Table, line: str, column: str) -> Any:
+    """The cell of a line and a column, of the kind that the test knows it to be."""
+    return table.cell(line, column)
 
 
 def made(name: str, results: Results, suite: Suite = SUITE) -> Table:
@@ -69,18 +76,18 @@ def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
     for name in ("ablation_success", "ablation_length"):
         for row, figures in getattr(paper(), name).items():
             for task, value in figures.items():
-                cell = built[name].cell(row, task)
+                cell = at(built[name], row, task)
                 assert (cell.value, cell.paper) == (None, value)
     for task, figures in paper().baseline.items():
         for demos, rate in figures.items():
-            assert built["benchmark"].cell(task, f"demos_{demos}").paper == rate
-            assert built["tasks"].cell(task, f"demos_{demos}").paper == rate
+            assert at(built["benchmark"], task, f"demos_{demos}").paper == rate
+            assert at(built["tasks"], task, f"demos_{demos}").paper == rate
     for agents, averages in paper().averages.items():
         for demos, rate in averages.items():
-            assert built["benchmark"].cell(f"average_{agents}", f"demos_{demos}").paper == rate
+            assert at(built["benchmark"], f"average_{agents}", f"demos_{demos}").paper == rate
     for arch, figures in paper().architectures.items():
         for task, rate in figures.items():
-            assert built["architectures"].cell(f"{arch}-150", task).paper == rate
+            assert at(built["architectures"], f"{arch}-150", task).paper == rate
     assert [line.title for line in built["comparison"].lines][:-1] == list(paper().comparison)
     assert not any(table.measured for name, table in built.items() if name != "comparison")
 
@@ -90,7 +97,7 @@ def test_without_rows_every_paper_figure_stands_beside_missing() -> None:
 
 def test_every_seed_counts_in_the_success_of_generation() -> None:
     table = made("ablation_success", generated(generation("lift_barrier", "logical", 6, 4, loose=2)))
-    cell = table.cell("logical", "lift_barrier")
+    cell = at(table, "logical", "lift_barrier")
     assert (cell.value, cell.n, cell.paper) == (0.6, 10, 0.802)
     assert cell.success_paper == 0.8
     assert cell.interval == wilson(6, 10).interval
@@ -98,17 +105,16 @@ def test_every_seed_counts_in_the_success_of_generation() -> None:
 
 def test_only_successes_count_in_the_length() -> None:
     rows = generation("take_photo", "full", 3, 2, steps=200)
-    cell = made("ablation_length", generated(rows)).cell("full", "take_photo")
+    cell = at(made("ablation_length", generated(rows)), "full", "take_photo")
     assert (cell.value, cell.n, cell.paper) == (201.0, 3, 204)
     half = 4.302653 / 3**0.5  # Student's t for two degrees of freedom, standard deviation 1
     assert cell.interval == pytest.approx((201 - half, 201 + half), abs=1e-5)
-    none = made("ablation_length", generated(generation("take_photo", "full", 0, 4))).cell(
-        "full", "take_photo"
+    none = at(
+        made("ablation_length", generated(generation("take_photo", "full", 0, 4))), "full", "take_photo"
     )
-    assert (none.value, none.n, none.note) == ("no success", 0, "no success in 4 attempts")
-    one = made("ablation_length", generated(generation("take_photo", "full", 1, 0))).cell(
-        "full", "take_photo"
-    )
+    assert (none.value, none.instead, none.n) == (None, "no success", 0)
+    assert none.note == "no success in 4 attempts"
+    one = at(made("ablation_length", generated(generation("take_photo", "full", 1, 0))), "full", "take_photo")
     assert (one.value, one.interval) == (100.0, None)
 
 
@@ -117,7 +123,7 @@ def test_versions_never_share_a_cell() -> None:
     new = generation("lift_barrier", "full", 4, 1, version="10")
     weaker = generation("lift_barrier", "logical", 1, 9, version="9")
     table = made("ablation_success", generated(old, new, weaker))
-    cell = table.cell("full", "lift_barrier")
+    cell = at(table, "full", "lift_barrier")
     assert (cell.value, cell.n, cell.version) == (0.8, 5, "10")
     assert cell.note == "criteria version 10; left out: 10 of version 9"
     assert "Lift Barrier: cells of criteria versions 10, 9 cannot be compared." in table.notes
@@ -130,16 +136,16 @@ def test_another_brain_has_rows_of_its_own() -> None:
         generation("lift_barrier", "full", 1, 4, brain="openai"),
     ]
     table = made("ablation_success", generated(*rows))
-    assert table.cell("full", "lift_barrier").value == 1.0
-    assert table.cell("full-openai", "lift_barrier").value == 0.2
-    assert table.cell("full-openai", "lift_barrier").paper is None
+    assert at(table, "full", "lift_barrier").value == 1.0
+    assert at(table, "full-openai", "lift_barrier").value == 0.2
+    assert at(table, "full-openai", "lift_barrier").paper is None
 
 
 def test_tasks_and_constraints_beyond_the_paper_s_are_shown() -> None:
     table = made("ablation_success", generated(generation("pour_tea", "no_logic", 1, 1)))
-    cell = table.cell("no_logic", "pour_tea")
+    cell = at(table, "no_logic", "pour_tea")
     assert (cell.value, cell.paper) == (0.5, None)
-    assert [column.title for column in table.columns if column.unit == "rate"] == [
+    assert [column.title for column in table.columns if column.kind is Rate] == [
         "Lift Barrier",
         "Three Robots Stack Cube",
         "Take Photo",
@@ -161,10 +167,10 @@ def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
         evaluation("lift_barrier", "shared_local", 150, 0, 10, constraints="logical"),
     ]
     table = made("architectures", evaluated(*rows))
-    assert table.cell("shared_local-50", "lift_barrier").value == 0.1
-    assert table.cell("shared_local-150", "lift_barrier").value == 0.5
-    assert table.cell("shared_local-150", "lift_barrier").paper == 0.04
-    assert table.cell("my_arch-150", "lift_barrier").value == 0.9
+    assert at(table, "shared_local-50", "lift_barrier").value == 0.1
+    assert at(table, "shared_local-150", "lift_barrier").value == 0.5
+    assert at(table, "shared_local-150", "lift_barrier").paper == 0.04
+    assert at(table, "my_arch-150", "lift_barrier").value == 0.9
     assert "10 rollouts of policies that learnt from `logical` data are not in this table." in table.notes
 
 
@@ -179,16 +185,16 @@ def test_who_was_told_of_the_true_state_is_said() -> None:
 
 def test_training_seeds_are_pooled_and_named() -> None:
     rows = [evaluation("place_food", "separate_local", 150, n, 10 - n, train_seed=n) for n in (2, 4, 6)]
-    cell = made("benchmark", evaluated(*rows)).cell("place_food", "demos_150")
+    cell = at(made("benchmark", evaluated(*rows)), "place_food", "demos_150")
     assert (cell.value, cell.n, cell.note) == (0.4, 30, "3 training seeds together")
 
 
 def test_an_average_waits_for_every_task_of_its_level() -> None:
     camera = evaluation("camera_alignment", "separate_local", 150, 4, 6)
     stack = evaluation("three_robots_stack_cube", "separate_local", 150, 2, 8)
-    partly = made("benchmark", evaluated(camera)).cell("average_3", "demos_150")
+    partly = at(made("benchmark", evaluated(camera)), "average_3", "demos_150")
     assert (partly.value, partly.note, partly.paper) == (None, "1 of 2 tasks measured", 0.205)
-    whole = made("benchmark", evaluated(camera, stack)).cell("average_3", "demos_150")
+    whole = at(made("benchmark", evaluated(camera, stack)), "average_3", "demos_150")
     assert whole.value == pytest.approx(0.3)
 
 
@@ -196,7 +202,7 @@ def test_further_numbers_of_demonstrations_get_a_column() -> None:
     table = made("benchmark", evaluated(evaluation("lift_barrier", "separate_local", 20, 1, 1)))
     keys = [column.key for column in table.columns if column.compared]
     assert keys == [f"demos_{n}" for n in (20, 50, 100, 150)]
-    assert table.cell("lift_barrier", "demos_20").value == 0.5
+    assert at(table, "lift_barrier", "demos_20").value == 0.5
 
 
 # Violations
@@ -204,9 +210,9 @@ def test_further_numbers_of_demonstrations_get_a_column() -> None:
 
 def followers(table: Table) -> Iterator[tuple[Column, Column]]:
     """(column of success, the column after it); of the tables of the ablation also their lengths."""
-    units = ("rate", "steps") if table.name == "ablation_length" else ("rate",)
+    kinds = (Rate, Length) if table.name == "ablation_length" else (Rate,)
     for column, after in zip(table.columns, (*table.columns[1:], Column("end", "")), strict=True):
-        if column.unit in units:
+        if column.kind in kinds:
             yield column, after
 
 
@@ -269,19 +275,15 @@ def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: s
     beside = list(followers(table))
     assert bool(beside) == (name != "comparison")  # which holds texts alone
     for column, after in beside:
-        assert (after.key, after.title, after.unit) == (
-            f"{column.key}_violations",
-            "violations",
-            "violations",
-        )
+        assert (after.key, after.title, after.kind) == (f"{column.key}_violations", "violations", Violations)
         for line in (line for line in table.lines if line.title != "Average"):
             expected = by_hand(name, line.key, column.key)
-            cell, figure = table.cell(line.key, after.key), table.cell(line.key, column.key)
+            cell, figure = at(table, line.key, after.key), at(table, line.key, column.key)
             assert expected and cell.n == figure.n == len(expected)
             assert cell.value == sum(n > 0 for n in expected) / len(expected), (line.key, column.key)
             assert cell.mean_violations == pytest.approx(sum(expected) / len(expected))
             assert cell.interval == wilson(sum(n > 0 for n in expected), len(expected)).interval
-            assert (cell.paper, cell.version) == (None, "2")
+            assert (type(cell), cell.version) == (Violations, "2")
     averages = [line for line in table.lines if line.title == "Average"]
     assert len(averages) == (4 if name == "benchmark" else 0)
     for line in averages:
@@ -289,7 +291,7 @@ def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: s
         for column, after in beside:
             each = [by_hand(name, task, column.key) for task in level]
             shares = [sum(n > 0 for n in numbers) / len(numbers) for numbers in each]
-            cell = table.cell(line.key, after.key)
+            cell = at(table, line.key, after.key)
             assert cell.value == pytest.approx(sum(shares) / len(level))
             assert cell.mean_violations == pytest.approx(sum(map(sum, each)) / 5 / len(level))
 
@@ -298,10 +300,10 @@ def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: s
 def test_every_format_shows_the_violations(name: str) -> None:
     made_rows, rolled = counted()
     table = made(name, Results(tuple(made_rows), tuple(rolled)))
-    texts = (formats.markdown(table), formats.latex(table), page.table_html(table), shown(table))
+    texts = (formats.markdown(table), formats.latex(table), html(table), shown(table))
     for _, after in followers(table):
         for line in table.lines:
-            cell = table.cell(line.key, after.key)
+            cell = at(table, line.key, after.key)
             assert isinstance(cell.value, float)
             share, average = f"{100 * cell.value:.1f}", f"mean {cell.mean_violations:.2f}"
             assert all(share in text and average in text for text in texts)
@@ -309,7 +311,7 @@ def test_every_format_shows_the_violations(name: str) -> None:
     rows = {(row["row"], row["column"]): row for row in csv.DictReader(io.StringIO(formats.tidy_csv(table)))}
     for column, after in followers(table):
         for line in table.lines:
-            row, cell = rows[line.key, after.key], table.cell(line.key, after.key)
+            row, cell = rows[line.key, after.key], at(table, line.key, after.key)
             assert (row["unit"], row["status"], float(row["value"])) == ("violations", "measured", cell.value)
             assert float(row["mean_violations"]) == cell.mean_violations
             assert int(row["n"]) == int(rows[line.key, column.key]["n"])
@@ -338,9 +340,9 @@ def test_success_without_a_violation_is_counted_beside_success() -> None:
         *generation("lift_barrier", "full", 9, 1, violations=(0,) * 9 + (BUDGET,)),
     ]
     table = made("ablation_success", generated(rows))
-    cell = table.cell("logical", "lift_barrier")
+    cell = at(table, "logical", "lift_barrier")
     assert (cell.value, cell.clean) == (0.4, wilson(2, 10))
-    text, tex, html = formats.markdown(table), formats.latex(table), page.table_html(table)
+    text, tex, drawn = formats.markdown(table), formats.latex(table), html(table)
     for logical in ("**40.0 %**, ", "without a violation **20.0 %** [5.7, 51.0]", "| **60.0 %**, "):
         assert logical in text
     assert "without a violation **90.0 %** [59.6, 98.2]" in text  # also where no success needed a repair
@@ -350,11 +352,11 @@ def test_success_without_a_violation_is_counted_beside_success() -> None:
         r"& \textbf{60.0 \%}, ",
     ):
         assert value in tex
-    assert "<b>40.0 %</b>" in html
-    assert "<b>20.0 %</b> <span>without a violation</span><small>[5.7, 51.0]" in html
-    assert "<b>60.0 %</b> <span>violations</span>" in html
-    drawn = shown(table, styled=True)
-    assert all(f"\x1b[1m{value}" in drawn for value in ("40.0 %", "20.0 %", "60.0 %"))
+    assert "<b>40.0 %</b>" in drawn
+    assert "<b>20.0 %</b> <span>without a violation</span><small>[5.7, 51.0]" in drawn
+    assert "<b>60.0 %</b> <span>violations</span>" in drawn
+    styled = shown(table, styled=True)
+    assert all(f"\x1b[1m{value}" in styled for value in ("40.0 %", "20.0 %", "60.0 %"))
     (line,) = [
         row
         for row in csv.DictReader(io.StringIO(formats.tidy_csv(table)))
@@ -366,8 +368,8 @@ def test_success_without_a_violation_is_counted_beside_success() -> None:
 def test_without_a_success_there_are_no_violations_on_the_way_to_one() -> None:
     rows = generation("take_photo", "full", 0, 4, violations=(BUDGET,))
     built = build(generated(rows), SUITE)
-    assert built["ablation_length"].cell("full", "take_photo_violations").value == "no success"
-    cell = built["ablation_success"].cell("full", "take_photo_violations")
+    assert at(built["ablation_length"], "full", "take_photo_violations").instead == "no success"
+    cell = at(built["ablation_success"], "full", "take_photo_violations")
     assert (cell.value, cell.mean_violations) == (1.0, BUDGET)
 
 
@@ -382,21 +384,21 @@ def test_every_configured_task_is_shown_in_the_words_of_its_file() -> None:
         node = yaml.safe_load(path.read_text("utf-8"))[path.stem]
         words = (len(node["robots"]), node["title"], node["description"], node["target_condition"])
         columns = ("agents", "description", "condition")
-        agents, description, condition = (table.cell(path.stem, column).value for column in columns)
+        agents, description, condition = (at(table, path.stem, column).value for column in columns)
         (title,) = (line.title for line in table.lines if line.key == path.stem)
         assert (int(str(agents)), title, description, condition) == words
-        assert table.cell(path.stem, "criteria").value
+        assert at(table, path.stem, "criteria").value
 
 
 def test_a_task_of_one_s_own_comes_after_the_paper_s() -> None:
     own = {**SUITE, "pour_tea": TaskFacts("Tea, Poured", 1, "An arm pours.", "The cup is full.", "3")}
     table = made("tasks", EMPTY, own)
     assert [line.key for line in table.lines] == [*paper().levels, "pour_tea"]
-    cells = [table.cell("pour_tea", key).value for key in ("agents", "criteria", "description", "condition")]
+    cells = [at(table, "pour_tea", key).value for key in ("agents", "criteria", "description", "condition")]
     assert cells == ["1", "3", "An arm pours.", "The cup is full."]
     baseline = made("benchmark", EMPTY, own)
     assert (baseline.lines[-1].key, baseline.lines[-1].title) == ("pour_tea", "Tea, Poured")
-    assert baseline.cell("average_1", "demos_150").paper == 0.49
+    assert at(baseline, "average_1", "demos_150").paper == 0.49
 
 
 def test_tasks_of_the_paper_that_are_not_configured_are_named() -> None:
@@ -407,7 +409,7 @@ def test_tasks_of_the_paper_that_are_not_configured_are_named() -> None:
 def test_comparison_derives_its_own_row_from_the_tasks() -> None:
     def here(suite: Suite) -> list[object]:
         table = made("comparison", EMPTY, suite)
-        return [table.cell("This suite", key).value for key in ("single", "multi", "level")]
+        return [at(table, "This suite", key).value for key in ("single", "multi", "level")]
 
     alone = TaskFacts("Pick", 1, "", "", "1")
     assert here(SUITE) == ["no", "yes", "Plan & Control"]
@@ -470,6 +472,12 @@ def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
     assert "predefined threshold" not in text
 
 
+def html(table: Table) -> str:
+    """The table on a page."""
+    section = page.Section(table.name, table.title, table=page.laid(table))
+    return page.document("A page", "a paper", [section])
+
+
 def shown(table: Table, styled: bool = False) -> str:
     """The table on a terminal of 80 columns."""
     terminal = io.StringIO()
@@ -492,11 +500,10 @@ def test_a_terminal_of_80_columns_holds_every_table(name: str) -> None:
         for index, after in table.compared:
             told = set(line.title.split()) | set(table.columns[index].title.split())
             for place in (index, *([] if after is None else [after])):
-                cell, unit = line.cells[place], table.columns[place].unit
-                told |= set(
-                    " ".join([formats.figure(cell.value, unit), *formats.details(cell, unit)]).split()
-                )
-                told |= set(" ".join(formats.clean_figure(cell.clean)).split()) if cell.clean else set()
+                cell = line.cells[place]
+                assert isinstance(cell, Figure)
+                told |= set(" ".join([cell.figure, *cell.details]).split())
+                told |= set(" ".join(cell.clean_figure).split()) if isinstance(cell, Rate) else set()
             assert told <= words | {word.rstrip(",") for word in words}, line.title
     assert all(word in words for note in formats.notes(table) for word in note.split())
 
@@ -534,13 +541,14 @@ def test_a_shield_is_compared_over_the_same_scenes() -> None:
         ("with_contacts", 0.0, 0.0),
         ("interventions", 1.0, 7.0),
     ):
-        cell = table.cell(line, column)
-        assert (cell.value, cell.mean_violations, cell.n) == (value, many, 10), column
+        cell = at(table, line, column)
+        assert (cell.value, cell.n) == (value, 10), column
+        assert cell.mean_violations == many if isinstance(cell, Violations) else many is None
         assert cell.interval is not None
     gap = "Lift Barrier, separate_local, 150 demos, paper, against without: with +20.0 points ["
     assert any(note.startswith(gap) for note in table.notes)
     only = table.lines[1].key
-    assert (table.cell(only, "without").value, table.cell(only, "with").value) == (None, 0.5)
+    assert (at(table, only, "without").value, at(table, only, "with").value) == (None, 0.5)
 
 
 def test_without_a_shielded_rollout_the_table_is_empty() -> None:
@@ -565,7 +573,7 @@ def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
     table = build(evaluated(of_paper, ours, told), SUITE)["benchmark"]
     lines = {line.key: line for line in table.lines}
     rates = {
-        key: (lines[key].cells[1].value, table.cell(key, "demos_150").value)
+        key: (lines[key].cells[1].value, at(table, key, "demos_150").value)
         for key in lines
         if key.startswith("lift_barrier")
     }
@@ -574,8 +582,8 @@ def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
         "lift_barrier-paper": ("paper", 2 / 6),
         "lift_barrier-state": ("state", 1.0),
     }
-    assert table.cell("lift_barrier", "core_minutes").value == "1.5"
-    assert table.cell("lift_barrier-state", "core_minutes").value == ""
+    assert at(table, "lift_barrier", "core_minutes").value == "1.5"
+    assert at(table, "lift_barrier-state", "core_minutes").value == ""
     assert "Policies of recipe state are told the true poses of all things: an oracle." in table.notes
     shown = made("architectures", evaluated(of_paper, ours, told))
     assert [(line.key, line.cells[1].value) for line in shown.lines if "separate_local" in line.key] == [
@@ -595,7 +603,7 @@ def test_disturbed_seeds_measure_no_expert_and_are_counted_apart() -> None:
         for rows in ((*good, *bad), tuple(good))
     )
     assert both["ablation_success"].lines == plain["ablation_success"].lines
-    cells = [both["tasks"].cell("lift_barrier", key).value for key in ("generated", "disturbed")]
+    cells = [at(both["tasks"], "lift_barrier", key).value for key in ("generated", "disturbed")]
     assert cells == [1.0, 0.1]
     assert "disturbed" not in {column.key for column in plain["tasks"].columns}
     said = "Recipe fast learns from demonstrations whose execution was disturbed, by 0.05 rad."

@@ -1,10 +1,13 @@
 """Identities are compared by value, leaf by leaf."""
 
+from dataclasses import dataclass
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from rf_exp.artifacts.identity import differing, digest
-from rf_exp.errors import ArgumentError
+from rf_exp.artifacts.identity import differing, digest, expect_same, plain, restored
+from rf_exp.errors import ArgumentError, StageError
 
 
 def test_leaves_that_differ_are_named() -> None:
@@ -29,3 +32,44 @@ def test_a_digest_is_of_the_values() -> None:
 def test_only_plain_values(value: object) -> None:
     with pytest.raises(ArgumentError, match="described by plain JSON values"):
         digest({"x": value})
+
+
+@dataclass(frozen=True)
+class Inner:
+    at: tuple[float, ...]
+    later: str = ""
+
+
+@dataclass(frozen=True)
+class Outer:
+    parts: tuple[Inner, ...]
+    count: int
+
+
+def test_a_dataclass_goes_to_json_and_comes_back() -> None:
+    value = Outer((Inner((0.5, 1.0), "x"), Inner(())), 3)
+    said = {"parts": [{"at": [0.5, 1.0], "later": "x"}, {"at": [], "later": ""}], "count": 3}
+    assert plain(value) == said
+    assert restored(Outer, said) == value
+    older = {"parts": [{"at": [2]}], "count": 3}  # before there was `later`, and 2.0 written by hand
+    assert restored(Outer, older) == Outer((Inner((2.0,)),), 3)
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"parts": []}, "count"),
+        ({"parts": [], "count": 1, "colour": "red"}, "colour"),
+        ({"parts": [], "count": "1"}, "count"),
+    ],
+)
+def test_what_is_no_such_dataclass_is_named(values: dict[str, object], named: str) -> None:
+    with pytest.raises(ArgumentError, match=named):
+        restored(Outer, values)
+
+
+def test_an_artifact_of_another_configuration_is_refused() -> None:
+    expect_same(Path("a.zarr"), {"a": (1, 2)}, {"a": [1, 2]}, "delete it")
+    message = r"^a\.zarr was made from another configuration \(a: found 1, wanted 2\); delete it$"
+    with pytest.raises(StageError, match=message):
+        expect_same(Path("a.zarr"), {"a": 1}, {"a": 2}, "delete it")

@@ -123,8 +123,8 @@ def test_another_configuration_is_named_key_by_key(
     with pytest.raises(StageError) as error:
         train(store, LOCAL, replace(policy_config, crop=0.8), replace(train_config, seed=4), tmp_path)
     assert str(error.value) == (
-        f"{tmp_path} holds a policy of another configuration; differing: "
-        "policy.crop: found 0.9, wanted 0.8; train.seed: found 0, wanted 4; "
+        f"{tmp_path} was made from another configuration "
+        "(policy.crop: found 0.9, wanted 0.8; train.seed: found 0, wanted 4); "
         "delete the folder or choose another `out`"
     )
 
@@ -274,7 +274,7 @@ def test_how_a_policy_acts_is_no_part_of_what_it_learned(
     policy, *_ = load_policy(tmp_path, "cpu", other)
     assert policy.config == other and len(policy.scheduler.timesteps) == 4
     assert load_policy(tmp_path, "cpu")[0].config == policy_config
-    with pytest.raises(StageError, match=r"differing: policy.horizon: found 8, wanted 16"):
+    with pytest.raises(StageError, match=r"configuration \(policy.horizon: found 8, wanted 16\)"):
         train(store, LOCAL, replace(other, horizon=16), train_config, tmp_path)
 
 

@@ -26,7 +26,7 @@ def made(folder: Path, configuration: dict[str, object]) -> Path:
     [
         ("", "is damaged: it is empty"),
         ('{"a": ', "is damaged: it holds no JSON"),
-        ('{"a": 2}', "was made with another configuration (a: found 2, wanted 1)"),
+        ('{"a": 2}', "was made from another configuration (a: found 2, wanted 1)"),
         (None, "that says what it was made of is not"),
     ],
 )

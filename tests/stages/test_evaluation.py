@@ -90,13 +90,13 @@ def test_another_scene_is_refused(evaluate, out: Path, override: str, key: str) 
 def test_a_policy_that_was_trained_otherwise_is_refused(evaluate, override: str, key: str) -> None:
     result = evaluate(override)
     assert result.returncode == 1
-    assert "holds a policy of another configuration" in result.stderr and key in result.stderr
+    assert "was made from another configuration" in result.stderr and key in result.stderr
 
 
 def test_a_policy_that_acts_otherwise_has_rows_of_its_own(evaluate) -> None:
     """It is the same policy, but its rollouts are others."""
     result = evaluate("policy.inference_diffusion_steps=3")
-    assert result.returncode == 1 and "was made with another configuration" in result.stderr
+    assert result.returncode == 1 and "was made from another configuration" in result.stderr
     assert "policy.inference_diffusion_steps: found 4, wanted 3" in result.stderr
 
 

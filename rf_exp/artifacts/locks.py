@@ -1,4 +1,4 @@
-"""Locks that say who holds them. A lock ends with the process that holds it; its file stays."""
+"""Locks of files and folders between processes. A lock ends with its process; the file stays."""
 
 import fcntl
 import json
@@ -13,6 +13,36 @@ from typing import TextIO
 from rf_exp.progress import console
 
 
+def hold(descriptor: int, wait: bool = False) -> bool:
+    """Takes the lock of an open file or folder; False where another process has it, unless one may `wait`.
+
+    Raises OSError for a file system without locks, where it waits.
+    """
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        if wait:
+            raise
+        return False
+    return True
+
+
+def hold_folder(folder: Path, wait: bool = False) -> int | None:
+    """A descriptor that holds the lock of a folder until it is closed; None where another process has it.
+
+    Raises OSError where there is no such folder.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        if hold(descriptor, wait):
+            return descriptor
+    except OSError:
+        os.close(descriptor)
+        raise
+    os.close(descriptor)
+    return None
+
+
 @contextmanager
 def locked(path: Path, what: str) -> Iterator[None]:
     """Holds the lock of a file; where another process has it, says so, and for whom it waits.
@@ -20,11 +50,9 @@ def locked(path: Path, what: str) -> Iterator[None]:
     Raises OSError where there can be no such file.
     """
     with path.open("a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not hold(file.fileno()):
             console.print(f"waiting for {what}: {_holder(file)}")
-            fcntl.flock(file, fcntl.LOCK_EX)
+            hold(file.fileno(), wait=True)
         file.truncate(0)
         since = datetime.now().astimezone().isoformat(timespec="seconds")
         json.dump({"pid": os.getpid(), "host": socket.gethostname(), "since": since}, file)

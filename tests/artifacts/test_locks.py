@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
+from rf_exp.artifacts.locks import hold_folder
 from rf_exp.stages.artifacts import owned
 
 HOLD = """
     import sys, time
     from pathlib import Path
-    from rf_exp.stages.locks import locked
+    from rf_exp.artifacts.locks import locked
     with locked(Path(sys.argv[1]), "it"):
         print("held", flush=True)
         time.sleep(600)
@@ -58,3 +59,14 @@ def test_who_does_not_wait_says_nothing_and_writes_its_name(tmp_path: Path, caps
         with owned(tmp_path / "artifact"):
             assert f'"pid": {os.getpid()}' in (tmp_path / ".artifact.lock").read_text()
     assert capsys.readouterr().out == ""
+
+
+def test_a_folder_is_held_by_one_at_a_time(tmp_path: Path) -> None:
+    held = hold_folder(tmp_path)
+    assert held is not None and hold_folder(tmp_path) is None
+    os.close(held)
+    again = hold_folder(tmp_path)
+    assert again is not None
+    os.close(again)
+    with pytest.raises(FileNotFoundError):
+        hold_folder(tmp_path / "nothing")

@@ -1,0 +1,52 @@
+"""Rows in, tables out: the paper's tables with its figures beside ours. Pure functions.
+
+A cell counts every attempt it has, failed ones too, and only those of the newest version of the
+success criteria; what was left out is named in a note. Beside every success rate and episode length stand
+the violations of the same attempts.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from rf_exp.ablation.rows import Results
+from rf_exp.ablation.suite import Suite
+from rf_exp.ablation.tables.baseline import benchmark
+from rf_exp.ablation.tables.cells import CLEAN, MISSING, Cell, Length, Rate, Text, Violations, escape_latex
+from rf_exp.ablation.tables.expert import ablation_length, ablation_success
+from rf_exp.ablation.tables.notes import learnt_from
+from rf_exp.ablation.tables.overview import comparison, tasks
+from rf_exp.ablation.tables.policies import architectures, shield
+from rf_exp.ablation.tables.selection import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes
+from rf_exp.ablation.tables.table import Column, Line, Table, title_of
+
+__all__ = [
+    "BASELINE_ARCH",
+    "BASELINE_CONSTRAINTS",
+    "CLEAN",
+    "MISSING",
+    "TABLES",
+    "Cell",
+    "Column",
+    "Length",
+    "Line",
+    "Rate",
+    "Table",
+    "Text",
+    "Violations",
+    "build",
+    "core_minutes",
+    "escape_latex",
+    "title_of",
+]
+
+TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
+    builder.__name__: builder
+    for builder in (tasks, comparison, benchmark, architectures, shield, ablation_success, ablation_length)
+}
+
+
+def build(results: Results, suite: Suite) -> dict[str, Table]:
+    """Every table, by name, for a suite of tasks."""
+    tables = {name: builder(results, suite) for name, builder in TABLES.items()}
+    notes = learnt_from(results)
+    return {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}

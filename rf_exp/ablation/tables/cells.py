@@ -1,0 +1,200 @@
+"""What stands in a table: a rate, a length, a share of violations, or a text. Each formats itself."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rf_exp.ablation.statistics import Estimate
+
+MISSING = "missing"
+CLEAN = "without a violation"  # generation: at the first attempt
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Text:
+    """Words, or a number that is not compared."""
+
+    unit: ClassVar = "text"
+    value: str
+
+    def markdown(self) -> str:
+        return self.value
+
+    def latex(self) -> str:
+        return escape_latex(self.value)
+
+    def csv(self) -> dict[str, object]:
+        return {"status": "text", "value": self.value, "n": 0}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What all figures have. `value` None means: nothing was measured yet, or `instead` tells what was."""
+
+    unit: ClassVar[str]
+    value: float | None = None
+    n: int = 0  # attempts behind it; behind a length successes
+    interval: Interval | None = None  # 95 %
+    note: str = ""
+    version: str = ""  # of the success criteria
+    instead: str = ""  # what stands in its place, such as `no success`
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        """In the unit of the cell: `97.5 %`, `80.7`; without its sign `97.5`."""
+        raise NotImplementedError
+
+    @property
+    def figure(self) -> str:
+        """Ours alone: `97.5 %`, `80.7`, `missing`."""
+        return (self.instead or MISSING) if self.value is None else self.number(self.value)
+
+    @property
+    def missing(self) -> bool:
+        return self.value is None and not self.instead
+
+    @property
+    def details(self) -> list[str]:
+        """What belongs to the figure: first its interval, with the size of the sample."""
+        size = f"n={self.n}" if self.n else ""
+        spread = " ".join(filter(None, [self._range, size]))
+        return [spread] if spread else []
+
+    @property
+    def _range(self) -> str:
+        return bracketed(self.interval, self.number) if self.interval else ""
+
+    def markdown(self) -> str:
+        return "".join(f"**{text}**" if strong else text for text, strong in self._spans())
+
+    def latex(self) -> str:
+        return "".join(
+            rf"\textbf{{{escape_latex(text)}}}" if strong else escape_latex(text)
+            for text, strong in self._spans()
+        )
+
+    def csv(self) -> dict[str, object]:
+        """The numbers as they are: rates in [0, 1], lengths in control steps."""
+        low, high = self.interval or (None, None)
+        status = MISSING if self.missing else "measured"
+        said = {"status": status, "value": self.instead or self.value, "low": low, "high": high, "n": self.n}
+        return {**said, "version": self.version, "note": self.note}
+
+    def _spans(self) -> list[tuple[str, bool]]:
+        """(text, whether it is emphasised) for the figure and all that belongs to it."""
+        if self.value is None:
+            return [(self.figure, False)]
+        return [(self.figure, True), *((f", {text}", False) for text in self.details)]
+
+
+@dataclass(frozen=True)
+class Rate(Figure):
+    """A share of attempts that succeeded, in [0, 1], beside the paper's."""
+
+    unit: ClassVar = "rate"
+    paper: float | None = None
+    success_paper: float | None = None  # by the paper's own criterion
+    clean: Estimate | None = None  # strict success without a violation on the way
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return percent(value, sign)
+
+    @property
+    def details(self) -> list[str]:
+        loose = self.success_paper
+        by_paper = [] if loose in (None, self.value) else [f"paper's criterion {percent(loose)}"]
+        return [*super().details, *by_paper]
+
+    @property
+    def clean_figure(self) -> tuple[str, str]:
+        """The rate without a violation and its interval; empty without it."""
+        if self.clean is None:
+            return "", ""
+        return percent(self.clean.value), bracketed(self.clean.interval, percent)
+
+    @property
+    def unmended(self) -> Estimate | None:
+        """The rate without a violation, where it is another than the rate."""
+        return self.clean if self.clean is not None and self.clean.value != self.value else None
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The figure with its interval, where there is one."""
+        if self.value is None or self.interval is None:
+            return None
+        return Estimate(self.value, *self.interval, self.n)
+
+    def csv(self) -> dict[str, object]:
+        clean = self.clean
+        rate, low, high = (clean.value, *clean.interval) if clean else (None, None, None)
+        said = {"success_paper": self.success_paper, "paper": self.paper}
+        return {**super().csv(), **said, "clean": rate, "clean_low": low, "clean_high": high}
+
+    def _spans(self) -> list[tuple[str, bool]]:
+        value, *further = super()._spans()
+        if self.clean is None or self.value is None:
+            return [value, *further]
+        rate, interval = self.clean_figure
+        return [
+            value,
+            *further[:1],
+            (f", {CLEAN} ", False),
+            (rate, True),
+            (f" {interval}", False),
+            *further[1:],
+        ]
+
+
+@dataclass(frozen=True)
+class Length(Figure):
+    """Mean control steps of the successes, beside the paper's."""
+
+    unit: ClassVar = "steps"
+    paper: float | None = None
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return f"{value:.1f}" if value < 1000 else f"{value:.0f}"
+
+    def csv(self) -> dict[str, object]:
+        return {**super().csv(), "paper": self.paper}
+
+
+@dataclass(frozen=True)
+class Violations(Figure):
+    """The share of attempts with a violation, in [0, 1]; of the same sample as the figure before it."""
+
+    unit: ClassVar = "violations"
+    mean_violations: float | None = None  # of an attempt
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return percent(value, sign)
+
+    @property
+    def details(self) -> list[str]:
+        average = "" if self.mean_violations is None else f"mean {self.mean_violations:.2f}"
+        return [text for text in (self._range, average) if text]
+
+    def csv(self) -> dict[str, object]:
+        return {**super().csv(), "mean_violations": self.mean_violations}
+
+
+Cell = Rate | Length | Violations | Text
+
+
+def percent(value: float, sign: bool = True) -> str:
+    return f"{100 * value:.1f}" + (" %" if sign else "")
+
+
+def bracketed(interval: Interval, number: Callable[..., str]) -> str:
+    """`[93.1, 99.1]`."""
+    return f"[{', '.join(number(end, sign=False) for end in interval)}]"
+
+
+def escape_latex(text: str) -> str:
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special |= {character: "\\" + character for character in "&%$#_{}"}
+    return "".join(special.get(character, character) for character in text)

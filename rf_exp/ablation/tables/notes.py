@@ -1,0 +1,101 @@
+"""What has to be said below a table: what it leaves out, what cannot be compared, how far rows are apart."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+
+from rf_exp.ablation.rows import EvaluationRow, Results
+from rf_exp.ablation.statistics import Estimate, difference
+from rf_exp.ablation.tables.cells import Cell, Text
+from rf_exp.ablation.tables.selection import BASELINE_CONSTRAINTS, COORDINATED_ARCH
+from rf_exp.ablation.tables.table import Column, Line
+
+ROLLOUT_VIOLATIONS = (
+    "Violations: share of the rollouts in which arms touched each other, and the mean number of control "
+    "steps of a rollout in which they did."
+)
+PROPOSAL_VIOLATIONS = (
+    "Violations: share of {of} with a proposal that ended in a violation, and the mean number of such "
+    "proposals; each row checks only the constraints it has."
+)
+
+
+def learnt_from(results: Results) -> tuple[str, ...]:
+    """What has to be said of rows that stand beside the paper's figures and were made otherwise."""
+    notes = []
+    if n := sum(row.disturbance_rad > 0 for row in results.generation):
+        notes.append(
+            f"{n} seeds of disturbed demonstrations do not measure the expert: they count in a column of "
+            "their own, and not in the ablation."
+        )
+    if told := sorted({row.recipe for row in results.evaluation if row.observation == "state"}):
+        notes.append(
+            f"Policies of recipe {', '.join(told)} are told the true poses of all things: an oracle."
+        )
+    by_strength: dict[float, set[str]] = {}
+    for row in results.evaluation:
+        if row.disturbance_rad:
+            by_strength.setdefault(row.disturbance_rad, set()).add(row.recipe)
+    notes += [
+        f"Recipe {', '.join(sorted(who))} learns from demonstrations whose execution was disturbed, by "
+        f"{strength:g} rad."
+        for strength, who in sorted(by_strength.items())
+    ]
+    return tuple(notes)
+
+
+def shielded(results: Results) -> tuple[str, ...]:
+    """Where shielded rollouts are."""
+    n = sum(row.shield for row in results.evaluation)
+    return (f"{n} shielded rollouts are in a table of their own, `shield`.",) if n else ()
+
+
+def coordinated(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
+    """What has to be said where rollouts were told more than cameras show."""
+    if not any(row.arch == COORDINATED_ARCH for row in rows):
+        return ()
+    return (
+        f"{COORDINATED_ARCH} is separate_local, told by RoboBrain and RoboChecker which subgoal each "
+        "agent is at and when it waits, from a plan made in the true state of the scene.",
+    )
+
+
+def left_out(results: Results) -> tuple[str, ...]:
+    """Policies that learnt from weaker data stay out of the paper's tables, but not unsaid."""
+    counts = Counter(r.constraints for r in results.evaluation if r.constraints != BASELINE_CONSTRAINTS)
+    return tuple(
+        f"{n} rollouts of policies that learnt from `{name}` data are not in this table."
+        for name, n in sorted(counts.items())
+    )
+
+
+def gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> list[str]:
+    """Differences to a reference in percentage points, with Newcombe's interval, as one note."""
+    base = rates[reference]
+    if base is None:
+        return []
+    parts = []
+    for key, other in rates.items():
+        if key != reference and other:
+            gap = difference(other, base)
+            low, high = 100 * gap.low, 100 * gap.high
+            parts.append(f"{key} {100 * gap.value:+.1f} points [{low:+.1f}, {high:+.1f}]")
+    return [f"{label}, against {reference}: {'; '.join(parts)}."] if parts else []
+
+
+def mixed_versions(lines: Sequence[Line], by_column: Sequence[Column] = ()) -> tuple[str, ...]:
+    """Cells of one task that were judged by different criteria cannot be compared: say so.
+
+    A task is a row, or with `by_column` a column.
+    """
+    cells: dict[str, list[Cell]]
+    if by_column:
+        compared = [(i, column) for i, column in enumerate(by_column) if column.compared]
+        cells = {column.title: [line.cells[i] for line in lines] for i, column in compared}
+    else:
+        cells = {line.title: list(line.cells) for line in lines}
+    notes = []
+    for task, group in cells.items():
+        versions = sorted({cell.version for cell in group if not isinstance(cell, Text)} - {""})
+        if len(versions) > 1:
+            notes.append(f"{task}: cells of criteria versions {', '.join(versions)} cannot be compared.")
+    return tuple(notes)

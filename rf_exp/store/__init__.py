@@ -1,0 +1,27 @@
+"""The replay buffer: one Zarr 3 folder of demonstrations, written episode by episode.
+
+    data/qpos (T, N, 9) f32      measured joints: rad for the arm, metres for the two fingers
+    data/qvel (T, N, 9) f32      their velocities
+    data/action (T, N, 8) f32    joint targets in rad + gripper command, as intended
+    data/executed (T, N, 8) f32  what the arms were told, in a store of disturbed demonstrations
+    data/rgb_<camera> (T, H, W, 3) u8
+    data/pose_<object> (T, 7) f32  position in m and quaternion w, x, y, z, world frame
+    data/subgoal (T, N) i16      what each agent is about: an index of its texts in the certificate's
+                                 `subgoals`; -1 where that is not known
+    meta/episode_ends (E,) i64   row after the last of each episode
+    meta/seed (E,) i64, meta/certificate (E,) JSON text
+
+An episode counts once `episode_ends` names it, and that is written last: whatever happens before
+leaves surplus rows that readers ignore and the next writer cuts off. Every file is replaced
+atomically, so a killed process never damages what was stored.
+
+Pictures are compressed with plain zstd, 8 frames a chunk. The cameras stand still, so most of a
+frame repeats the one before it, and zstd sees that when frames share a chunk; Blosc cuts chunks
+into blocks too small for it.
+"""
+
+from rf_exp.store.damaged import Damaged
+from rf_exp.store.layout import empty_like
+from rf_exp.store.writer import Store
+
+__all__ = ["Damaged", "Store", "empty_like"]

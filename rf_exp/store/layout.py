@@ -1,0 +1,87 @@
+"""Which arrays a store has, and how they lie in files."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import ZstdCodec
+
+from rf_exp.artifacts.files import whole
+
+FORMAT = 1
+PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
+STATE_CHUNK, META_CHUNK = 1024, 256  # rows
+JOINTS, COMMANDS = 9, 8  # values an agent in qpos and qvel, in action
+POSE = 7  # values of an object
+ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always means damage
+
+
+def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], Any]]:
+    """Array name -> (shape of one row, dtype), the whole layout of a store."""
+    agents, picture = attributes["agents"], (attributes["height"], attributes["width"], 3)
+    executed = {"data/executed": ((agents, COMMANDS), "float32")} if attributes.get("disturbed") else {}
+    subgoal = {"data/subgoal": ((agents,), "int16")} if "objects" in attributes else {}
+    return {
+        "data/qpos": ((agents, JOINTS), "float32"),
+        "data/qvel": ((agents, JOINTS), "float32"),
+        "data/action": ((agents, COMMANDS), "float32"),
+        **executed,
+        **subgoal,
+        **{f"data/pose_{name}": ((POSE,), "float32") for name in attributes.get("objects", ())},
+        **{f"data/rgb_{camera}": (picture, "uint8") for camera in attributes["cameras"]},
+        "meta/seed": ((), "int64"),
+        "meta/certificate": ((), np.dtypes.StringDType()),
+        "meta/episode_ends": ((), "int64"),
+    }
+
+
+def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
+    """A new store without episodes, with all attributes of another, also those that say who made it.
+
+    Raises OSError where nothing can be created there.
+    """
+    with whole(path) as draft:
+        group = zarr.create_group(draft, attributes=dict(attributes))
+        for name, (shape, dtype) in layout(attributes).items():
+            picture = name.startswith("data/rgb_")
+            rows = PICTURE_CHUNK if picture else META_CHUNK if name.startswith("meta/") else STATE_CHUNK
+            group.create_array(
+                name,
+                shape=(0, *shape),
+                dtype=dtype,
+                chunks=(rows, *shape),
+                shards=(PICTURE_SHARD, *shape) if picture else None,
+                filters=None,
+                compressors=ZstdCodec(level=3, checksum=True),
+            )
+
+
+def array_of(group: zarr.Group, name: str) -> zarr.Array[Any]:
+    array = group[name]
+    assert isinstance(array, zarr.Array)
+    return array
+
+
+def rows_a_file(array: zarr.Array[Any]) -> int:
+    return (array.shards or array.chunks)[0]
+
+
+def file_of(array: zarr.Array[Any], row: int) -> str:
+    """The file of an array that holds a row, below the folder of the array."""
+    return array.metadata.encode_chunk_key((row // rows_a_file(array), *[0] * (array.ndim - 1)))
+
+
+def view(array: zarr.Array[Any], rows: int) -> zarr.Array[Any]:
+    """The array as if it had that many rows; the stored shape stays."""
+    shaped = array.metadata.update_shape((rows, *array.shape[1:]))
+    return zarr.Array(zarr.AsyncArray(shaped, array.store_path, ALWAYS_WRITE))  # pyright: ignore
+
+
+def write(array: zarr.Array[Any], start: int, values: NDArray[Any]) -> None:
+    """Put rows behind `start`, and only then let the stored shape include them."""
+    end = start + len(values)
+    view(array, end)[start:end] = values
+    array.resize((end, *array.shape[1:]))
