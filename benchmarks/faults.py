@@ -25,11 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp.constraints import RoboChecker
 from rf_exp.constraints.spatial import CONTACT_N
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Plan, Settings
+from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.errors import choices
 from rf_exp.processes import in_order
 from rf_exp.sim.pool import simulator
@@ -76,14 +75,14 @@ class Faulty:
 class _Decided(Exception):
     """The first proposal has been judged: a plan to execute, or a violation for the brain."""
 
-    def __init__(self, found: Plan | Violation) -> None:
+    def __init__(self, found: Planned | Violation) -> None:
         self.found = found
 
 
 class FirstJudgement(Nobody):
     """Ends the episode as soon as its first proposal has been judged."""
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+    def planned(self, plan: Planned) -> None:
         raise _Decided(plan)
 
     def rejected(self, violation: Violation) -> None:
@@ -94,7 +93,7 @@ def clean(task: Task, seed: int) -> Clean:
     settings, began = Settings(task, FULL, ScriptedSpec()), time.perf_counter()
     try:
         EpisodeMaker(settings, simulator(task, BLIND), settings.make_brain(seed), FirstJudgement()).make(seed)
-        found: Plan | Violation | None = None
+        found: Planned | Violation | None = None
     except _Decided as decided:
         found = decided.found
     assert found is not None, f"{task.name}, seed {seed}: the scripted brain proposes nothing"

@@ -32,9 +32,8 @@ from omegaconf import OmegaConf
 from scipy.optimize import brentq
 
 from rf_exp.ablation.statistics import wilson
-from rf_exp.constraints import Bodies, occupancy
+from rf_exp.constraints import Bodies, Paths, Plan, occupancy
 from rf_exp.constraints.clearance import Swept, folded, nearest
-from rf_exp.constraints.evidence import Plan
 from rf_exp.constraints.spatial import AvoidAgents, touching
 from rf_exp.constraints.world import AGENT_MARGIN_M
 from rf_exp.processes import in_order
@@ -43,7 +42,7 @@ from rf_exp.tasks import ObjectSpec, Task
 from rf_exp.tasks.base import FINGERS_OPEN_M, REST_QPOS
 from rf_exp.tasks.configuration import load_task
 from rf_exp.transforms import Matrix, inverse
-from rf_exp.types import Row, Scene, Segment, Subgoal, Trajectory
+from rf_exp.types import Row, Scene, Schedule, Segment, Subgoal, Trajectory
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 TEAMS = ("lift_barrier", "three_robots_stack_cube", "take_photo")  # of two, three and four arms
@@ -86,7 +85,8 @@ class State:
         """What the checker gets: everybody stands still for one control step."""
         standing = zip(self.task.agents, self.qpos, self.loads, self.grips, strict=True)
         trajectories = tuple(_still(*each) for each in standing)
-        return Plan(self.task, Row("full"), self.scene(), trajectories)
+        schedule = Schedule(np.arange(2)[:, None].repeat(len(trajectories), axis=1), 1)
+        return Plan(Paths(self.task, Row("full"), self.scene(), trajectories), schedule)
 
     def pairs(self) -> tuple[tuple[int, int], ...]:
         return tuple(combinations(self.task.agents, 2))

@@ -10,13 +10,15 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from rf_exp.command import guarded
+from rf_exp.constraints import RoboChecker
 from rf_exp.datagen.brain import FaultySpec
-from rf_exp.datagen.planning import Plan, Settings
+from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
 from rf_exp.statements import Proposal
 from rf_exp.types import Pictures, Row, Schedule
 from tests.conftest import read_task
+from tests.scenes import start_scene
 from tests.test_viz import TWO
 
 FULL = Row("full")
@@ -66,12 +68,17 @@ def test_pictures_and_recording_lie_beside_the_page(page):
     assert not list(page.parent.glob(".*"))  # no draft is left
 
 
+LIFT = read_task("lift_barrier")
+
+
 def test_subgoals_that_begin_together_are_one_phase():
     def begin(wait_steps: int) -> list[tuple[float, list[int]]]:
         """Agent 2 begins after `wait_steps`, agent 1 at once."""
         second = np.clip(np.arange(51) - wait_steps, 0, 20)
         schedule = Schedule(np.column_stack([np.minimum(np.arange(51), 30), second]), 30)
-        plan = Plan(Proposal((), ()), None, TWO, schedule, TWO)  # pyright: ignore[reportArgumentType]
+        checker = RoboChecker(LIFT, Proposal((), ()), Row("logical"))
+        checked = checker.check(checker.paths(TWO, start_scene(LIFT, 0)), schedule)
+        plan = Planned(Proposal((), ()), checker, TWO, checked)
         return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan, 2.0)]
 
     assert begin(0) == begin(10) == [(2.0, [1, 2])]

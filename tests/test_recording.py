@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.constraints import Bodies, RoboChecker
+from rf_exp.constraints import Bodies
 from rf_exp.constraints.depth import look
 from rf_exp.constraints.evidence import Evidence
 from rf_exp.constraints.occupancy import centres_m
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
-from rf_exp.datagen.planning import Plan, Settings
+from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
 from rf_exp.sim.simulator import Limited, Simulator
@@ -25,13 +25,13 @@ FULL = Row("full")
 class Witness(EpisodeRecorder):
     """A recorder that remembers what it was told."""
 
-    plans: list[tuple[int, Plan, RoboChecker]]
+    plans: list[tuple[int, Planned]]
     seen: Scene
     ended: int
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
-        self.plans.append((self.seen.step + 1 if self.plans else 0, plan, checker))
-        super().planned(plan, checker)
+    def planned(self, plan: Planned) -> None:
+        self.plans.append((self.seen.step + 1 if self.plans else 0, plan))
+        super().planned(plan)
 
     def stepped(self, scene, action, pictures) -> None:
         self.seen = scene
@@ -77,7 +77,7 @@ def test_the_lane_of_an_agent_is_its_schedule(episode):
         for step in range(outcome.steps):
             state = changes.get(step, state)
             shown.append(state)
-        [(begin, plan, _)] = recorder.plans
+        [(begin, plan)] = recorder.plans
         moves = np.diff(plan.schedule.positions[:, agent - 1]) > 0
         told = [state not in ("", "waits") for state in shown[begin:-1]]  # in the last one it is stopped
         assert len(told) > 100
@@ -89,13 +89,13 @@ def test_the_lane_of_an_agent_is_its_schedule(episode):
 
 def test_everything_that_was_checked_is_there_with_its_value(episode):
     content, recorder, _ = episode
-    [(_, plan, checker)] = recorder.plans
+    [(_, plan)] = recorder.plans
     [document] = content.column("/plan/checks", "TextDocument:text")[-1]
-    for check, evidence in checker.evidence:
+    for check, evidence in zip(plan.checked.checks, plan.checked.evidence, strict=True):
         assert f"`{check!r}`" in document
         assert evidence.reason in document
     assert "| holds | `VD(Agent_1, steak, perpendicular)` | 0 deg | 10 deg |" in document
-    assert f"all {len(checker.evidence)} checks hold" in document
+    assert f"all {len(plan.checked.evidence)} checks hold" in document
     [proposal] = content.column("/plan/proposals", "TextDocument:text")[-1]
     assert all(constraint.sentence in proposal for constraint in plan.proposal.constraints)
 
@@ -122,7 +122,7 @@ def test_a_violation_is_marked_at_the_hand_of_its_agent(episode):
 
 def test_the_diagram_shows_the_positions_of_every_step(episode):
     content, recorder, outcome = episode
-    [(_, plan, checker)] = recorder.plans
+    [(_, plan)] = recorder.plans
     assert len(content.column("/plan/diagrams", "EncodedImage:blob")) == 1
     places = np.array(content.column("/plan/diagrams/now", "Points2D:positions"))[:, 0]
     ran = plan.schedule.positions[1 : 1 + len(places)]
@@ -131,11 +131,10 @@ def test_the_diagram_shows_the_positions_of_every_step(episode):
     )
     assert len(places) == outcome.steps
     # The schedule keeps out of what its diagram forbids.
-    [(pair, ordered)] = orders(checker, plan.trajectories).items()
-    assert checker.plan is not None
+    [(pair, ordered)] = orders(plan.checker, plan.trajectories).items()
     assert pair == (1, 2)
     assert ordered.any()
-    assert not (ordered | checker.plan.diagrams[pair])[tuple(plan.schedule.positions.T)].any()
+    assert not (ordered | plan.checked.plan.paths.diagrams[pair])[tuple(plan.schedule.positions.T)].any()
 
 
 def test_occupancy_moves_with_the_arm_and_with_what_it_holds(episode):

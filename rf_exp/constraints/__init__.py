@@ -3,10 +3,13 @@
 Geometry and time only: no simulator, no learning. Start at `checker`.
 """
 
-from rf_exp.constraints.checker import CheckCode, Checker, RoboChecker, compile
+from rf_exp.constraints.checked import CheckedPlan
+from rf_exp.constraints.checker import CheckCode, RoboChecker, compile
 from rf_exp.constraints.compile import check_of
-from rf_exp.constraints.evidence import Check, Evidence, Plan
+from rf_exp.constraints.evidence import Check, Evidence
 from rf_exp.constraints.limits import slowed
+from rf_exp.constraints.monitor import Monitor
+from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import PolicyMonitor
 from rf_exp.constraints.timing import Delays, actions, intended, schedule, serial
 from rf_exp.constraints.world import Bodies
@@ -15,9 +18,11 @@ __all__ = [
     "Bodies",
     "Check",
     "CheckCode",
-    "Checker",
+    "CheckedPlan",
     "Delays",
     "Evidence",
+    "Monitor",
+    "Paths",
     "Plan",
     "PolicyMonitor",
     "RoboChecker",

@@ -7,38 +7,27 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
-import numpy as np
-
+from rf_exp.constraints.checked import CheckedPlan
 from rf_exp.constraints.compile import compiled
-from rf_exp.constraints.evidence import Check, Evidence, Plan, doing, violation
+from rf_exp.constraints.evidence import Check
 from rf_exp.constraints.limits import Distance, Speed
-from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents, AvoidObjects, StayOut
+from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, StayOut
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
 from rf_exp.constraints.timing import Delays, Rule, schedule, serial
-from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
-from rf_exp.errors import ArgumentError
-from rf_exp.statements import Proposal, Statement, agent_name
+from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
 from rf_exp.types import (
-    ARM_JOINTS,
-    COLLISION,
-    CONTROL_DT_S,
     Kind,
     Row,
     Scene,
     Schedule,
-    Segment,
     Trajectory,
     Violation,
 )
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
-
-TRACKING_RAD = 0.15  # beyond the lag
-REFLEX_N = 20.0  # on an arm; the collision reflex of a Panda is set to 20 N in its maker's examples
-LOST_STEPS = 4  # control steps without grip before something counts as lost
 
 
 @dataclass(frozen=True)
@@ -61,20 +50,18 @@ def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) ->
     return CheckCode(tuple(compiled(stated, task, proposal) for stated in constraints))
 
 
-class Checker:
-    """Schedules, checks and monitors one proposal under one row of the ablation.
+class RoboChecker:
+    """Compiles the constraints of a proposal; schedules and checks paths for it under a row of the ablation.
 
-    Where spatial constraints are on and the code is silent about an agent, clearance is checked for it
-    all the same.
+    It keeps nothing of what it has checked. Where spatial constraints are on and the code is silent about an
+    agent, clearance is checked for it all the same. Raises ArgumentError for a constraint that is not
+    understood or does not fit the proposal.
     """
 
-    def __init__(self, task: Task, code: CheckCode, row: Row, proposal: Proposal | None = None) -> None:
+    def __init__(self, task: Task, proposal: Proposal, row: Row) -> None:
         self._task, self._row, self._proposal = task, row, proposal
-        self.checks = (*code.of(row), *(_implied(task, code) if row.spatial else ()))
-        self.plan: Plan | None = None
-        self.evidence: list[tuple[Check, Evidence]] = []
-        self._lost: dict[int, int] = {}
-        self._missing = 0
+        self.code = compile(proposal.constraints, task, proposal)
+        self.checks = (*self.code.of(row), *(_implied(task, self.code) if row.spatial else ()))
 
     @property
     def rules(self) -> tuple[Rule, ...]:
@@ -119,168 +106,24 @@ class Checker:
         shared = (check.agents for check in self.checks if isinstance(check, ShareSpace))
         return frozenset(agent for agents in shared for agent in agents)
 
-    def schedule(
-        self, trajectories: Sequence[Trajectory], scene: Scene, delays: Delays | None = None
-    ) -> Schedule | Violation:
+    def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
+        """The trajectories of all agents from `scene` on, to be scheduled and checked."""
+        return Paths(self._task, self._row, scene, tuple(trajectories))
+
+    def schedule(self, paths: Paths, delays: Delays | None = None) -> Schedule | Violation:
         """When everybody moves: the shortest schedule with a model of time, turns without one."""
-        plan = self._prepare(trajectories, scene)
+        trajectories = paths.trajectories
         if not self._row.temporal:
-            order = self._proposal or Proposal(tuple(s.subgoal for t in trajectories for s in t.segments), ())
-            return serial(trajectories, order)
-        zones = [check.closing(plan) for check in self.checks if isinstance(check, StayOut | Distance)]
+            return serial(trajectories, self._proposal)
+        zones = [check.closing(paths) for check in self.checks if isinstance(check, StayOut | Distance)]
         rules = (*self.rules, *(closing for closing in zones if closing is not None))
-        timed = schedule(trajectories, plan.diagrams if self._row.spatial else {}, rules, delays)
-        return replace(timed, time_s=plan.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
+        timed = schedule(trajectories, paths.diagrams if self._row.spatial else {}, rules, delays)
+        return replace(timed, time_s=paths.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
 
-    def check(self, trajectories: Sequence[Trajectory], timed: Schedule, scene: Scene) -> list[Violation]:
-        """All checks on a plan before anything moves: the violations, earliest first."""
-        prepared = self._prepare(trajectories, scene)
-        self.plan = plan = _with_schedule(prepared, timed)
-        self._lost, self._missing = {}, 0
-        self.evidence = [(check, check.planned(plan)) for check in self.checks]
-        failed = [violation(check, evidence) for check, evidence in self.evidence if not evidence.ok]
-        return sorted(failed, key=lambda each: each.time_s)
-
-    def monitor(self, scene: Scene) -> Violation | None:
-        """All checks on the real state at one control step of the plan checked last."""
-        plan = self.plan
-        if plan is None:
-            raise ArgumentError("there is nothing to monitor yet; call check() with a plan first")
-        touched: dict[tuple[int, ...], Evidence | None] = {}
-        for check in self.checks:
-            if isinstance(check, AvoidAgents):  # one pair is often named by several constraints
-                key = check.agents if len(check.agents) > 1 else self._task.agents
-                if key in touched:
-                    continue
-                check = AvoidAgents(key, check.text)
-                evidence = touched[key] = check.measured(scene, plan)
-            else:
-                evidence = check.measured(scene, plan)
-            if evidence is not None and not evidence.ok:
-                return violation(check, evidence)
-        return self._struck(plan, scene) or self._dropped(plan, scene) or self._strayed(plan, scene)
-
-    def certificate(self) -> dict[str, Any]:
-        """What was checked before execution and with what result; plain JSON values."""
-        plan = self.plan
-        timed = plan.schedule if plan else None
-        return {
-            "row": self._row.name,
-            "margins_m": {"agents": AGENT_MARGIN_M, "objects": OBJECT_MARGIN_M},
-            "makespan_s": len(timed) * CONTROL_DT_S if timed else None,
-            "makespan_bound_s": timed.makespan_bound * CONTROL_DT_S if timed else None,
-            "checks": [
-                {
-                    "check": check.name,
-                    "kind": check.kind,
-                    "code": repr(check),
-                    "text": check.text,
-                    "ok": bool(evidence.ok),
-                    "value": float(evidence.value) if np.isfinite(evidence.value) else None,
-                    "bound": float(evidence.bound),
-                    "time_s": float(evidence.time_s),
-                    "reason": evidence.reason,
-                }
-                for check, evidence in self.evidence
-            ],
-        }
-
-    # the monitor's own watch
-
-    def _prepare(self, trajectories: Sequence[Trajectory], scene: Scene) -> Plan:
-        """The plan without a schedule; the same one for the same trajectories, with its diagrams."""
-        plan, given = self.plan, tuple(trajectories)
-        if (
-            plan is not None
-            and plan.scene is scene
-            and tuple(map(id, plan.trajectories)) == tuple(map(id, given))
-        ):
-            return plan
-        self.plan = Plan(self._task, self._row, scene, given)
-        return self.plan
-
-    def _struck(self, plan: Plan, scene: Scene) -> Violation | None:
-        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
-
-        def now(agent: int) -> Segment | None:
-            return plan.segment_at(agent, plan.position_now(agent, scene))
-
-        hits: list[tuple[float, tuple[int, ...], str]] = [
-            (force_n, (a, b), "hit each other") for a, b, force_n in scene.arm_contacts if force_n > REFLEX_N
-        ]
-        for (agent, name), force in scene.finger_forces.items():
-            force_n = float(np.linalg.norm(force))
-            if force_n > REFLEX_N and ((segment := now(agent)) is None or name not in segment.about):
-                hits.append((force_n, (agent,), f"pushes {name}"))
-        if not hits:
-            return None
-        force_n, agents, what = max(hits)
-        doings = ", and ".join(f"{agent_name(agent)}, {doing(now(agent))}" for agent in agents)
-        reason = f"{doings}, {what} with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
-        return Violation(COLLISION, "contact", agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
-
-    def _dropped(self, plan: Plan, scene: Scene) -> Violation | None:
-        """An agent no longer holds what it should carry."""
-        for trajectory in plan.trajectories:
-            agent = trajectory.agent
-            position = plan.position_now(agent, scene)
-            segment = plan.segment_at(agent, position) if position > 0 else None
-            carried = segment.carries if segment is not None else None
-            holds = carried is None or scene.held[agent - 1] == carried
-            self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
-            if self._lost[agent] >= LOST_STEPS and segment is not None:
-                reason = f"{agent_name(agent)}, {doing(segment)}, no longer holds {carried}"
-                value = self._lost[agent] * CONTROL_DT_S
-                bound = LOST_STEPS * CONTROL_DT_S
-                return Violation(
-                    "ValidateInteraction", "grip", (agent,), scene.step * CONTROL_DT_S, value, bound, reason
-                )
-        return None
-
-    def _strayed(self, plan: Plan, scene: Scene) -> Violation | None:
-        """A measured arm is not where any of its recent commands sent it."""
-        now = scene.step - plan.scene.step
-        for trajectory in plan.trajectories:
-            agent, positions = trajectory.agent, plan.positions(trajectory.agent)
-            recent = positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)]
-            path = trajectory.path()[:, :ARM_JOINTS]
-            targets = path[recent.min() : recent.max() + 1]
-            error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())
-            if error > TRACKING_RAD:
-                segment = plan.segment_at(agent, int(recent[-1]))
-                reason = (
-                    f"{agent_name(agent)}, {doing(segment)}, is {error:.2f} rad off its path "
-                    f"(allowed {TRACKING_RAD} rad): something is in its way"
-                )
-                now_s = scene.step * CONTROL_DT_S
-                return Violation("Tracking", "tracking", (agent,), now_s, error, TRACKING_RAD, reason)
-        return None
-
-
-class RoboChecker(Checker):
-    """The checker of a proposal, compiled from its own constraints.
-
-    `code` is the check code, or the Violation that says which constraint was not understood; then
-    nothing is checked but what the row implies. `begins_s` is when it is asked, on the clock of the episode.
-    """
-
-    def __init__(self, task: Task, proposal: Proposal, row: Row, begins_s: float = 0.0) -> None:
-        self.code: CheckCode | Violation
-        try:
-            self.code = code = compile(proposal.constraints, task, proposal)
-        except ArgumentError as error:
-            self.code = Violation("CheckCode", "answer", (), begins_s, 0.0, 0.0, str(error))
-            code = CheckCode(())
-        super().__init__(task, code, row, proposal)
-
-
-def _with_schedule(plan: Plan, timed: Schedule) -> Plan:
-    """The plan with its schedule; what has been computed about the paths is kept."""
-    scheduled = Plan(plan.task, plan.row, plan.scene, plan.trajectories, timed)
-    for name in ("bodies", "swept", "diagrams", "still", "blocked"):
-        if name in plan.__dict__:
-            scheduled.__dict__[name] = plan.__dict__[name]
-    return scheduled
+    def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
+        """All checks on a plan before anything moves."""
+        plan = Plan(paths, timed)
+        return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
 
 
 def _implied(task: Task, code: CheckCode) -> tuple[Check, ...]:

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.clearance import Mask, Swept, closer_than, nearest
-from rf_exp.constraints.evidence import Evidence, Plan, doing, names
+from rf_exp.constraints.evidence import Evidence, doing, names
+from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import Closing
 from rf_exp.constraints.timing import Demands
 from rf_exp.constraints.world import Bodies
@@ -40,27 +41,27 @@ class Distance:
     def __repr__(self) -> str:
         return f"VSO({names(self.agents)}, {self.parts} {self.at_least_m:g} m apart)"
 
-    def closing(self, plan: Plan) -> Closing:
+    def closing(self, paths: Paths) -> Closing:
         """What timing has to do about it."""
-        return Closing(self.agents, self._close(plan))
+        return Closing(self.agents, self._close(paths))
 
-    def _close(self, plan: Plan) -> Mask:
+    def _close(self, paths: Paths) -> Mask:
         """(P_i, P_j) the pairs of path positions at which they are too close."""
         if self.parts == "arms":
-            a, b = (_links(plan.swept[agent - 1]) for agent in self.agents)
+            a, b = (_links(paths.swept[agent - 1]) for agent in self.agents)
             return closer_than(a, b, self.at_least_m)
-        a_m, b_m = (_grippers_m(plan, agent) for agent in self.agents)
+        a_m, b_m = (_grippers_m(paths, agent) for agent in self.agents)
         return np.linalg.norm(a_m[:, None] - b_m[None], axis=-1) < self.at_least_m
 
     def planned(self, plan: Plan) -> Evidence:
         at = np.stack([plan.positions(agent) for agent in self.agents], axis=1)
         if self.parts == "arms":
-            a, b = (_links(plan.swept[agent - 1]) for agent in self.agents)
+            a, b = (_links(plan.paths.swept[agent - 1]) for agent in self.agents)
             gap = nearest(a, b, at)
             assert gap is not None  # links must always keep apart
             value, step = gap.distance_m, int(np.flatnonzero((at == gap.at).all(axis=1))[0])
         else:
-            a_m, b_m = (_grippers_m(plan, agent)[at[:, row]] for row, agent in enumerate(self.agents))
+            a_m, b_m = (_grippers_m(plan.paths, agent)[at[:, row]] for row, agent in enumerate(self.agents))
             apart_m = np.linalg.norm(a_m - b_m, axis=1)
             step = int(apart_m.argmin())
             value = float(apart_m[step])
@@ -89,9 +90,9 @@ class Distance:
         return Evidence(value >= bound_m, value, bound_m, reason, time_s)
 
 
-def _grippers_m(plan: Plan, agent: int) -> NDArray[np.float64]:
+def _grippers_m(paths: Paths, agent: int) -> NDArray[np.float64]:
     """(P, 3) the tool centre point of an agent at its path positions, world frame."""
-    return plan.bodies.arms[agent - 1].tcp(plan.trajectory(agent).path())[:, :3, 3]
+    return paths.bodies.arms[agent - 1].tcp(paths.trajectory(agent).path())[:, :3, 3]
 
 
 def _links(body: Swept) -> Swept:
@@ -181,7 +182,7 @@ class Height:
         return f"VSO({agent_name(self.agent)}, gripper {self.side} {self.limit_m:g} m)"
 
     def planned(self, plan: Plan) -> Evidence:
-        heights_m = _grippers_m(plan, self.agent)[:, 2]
+        heights_m = _grippers_m(plan.paths, self.agent)[:, 2]
         at = int(heights_m.argmax() if self.side == "below" else heights_m.argmin())
         what = doing(plan.segment_at(self.agent, at))
         return self._evidence(float(heights_m[at]), self.limit_m, plan.time_s(self.agent, at), what)

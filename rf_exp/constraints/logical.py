@@ -11,7 +11,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Evidence, Plan, names
+from rf_exp.constraints.evidence import Evidence, names
+from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.temporal import span
 from rf_exp.statements import Step, agent_name
 from rf_exp.tasks.assets import InteractionPoint

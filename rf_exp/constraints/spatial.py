@@ -15,7 +15,8 @@ import numpy as np
 import trimesh
 
 from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, nearest, overlap
-from rf_exp.constraints.evidence import Evidence, Plan, doing, names, violation
+from rf_exp.constraints.evidence import Evidence, doing, names, violation
+from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.temporal import span
 from rf_exp.constraints.timing import Demands
@@ -112,9 +113,9 @@ class AvoidAgents:
         least = Evidence(True, np.inf, AGENT_MARGIN_M, f"{names(self.agents)} has no other agent to avoid")
         for i, j in self.pairs(plan.task):
             at = np.stack([plan.positions(i), plan.positions(j)], axis=1)
-            hits = np.flatnonzero(plan.diagrams[i, j][at[:, 0], at[:, 1]])
+            hits = np.flatnonzero(plan.paths.diagrams[i, j][at[:, 0], at[:, 1]])
             cells = at[hits[:1]] if len(hits) else at
-            gap = nearest(plan.swept[i - 1], plan.swept[j - 1], cells)
+            gap = nearest(plan.paths.swept[i - 1], plan.paths.swept[j - 1], cells)
             assert gap is not None  # links must always keep apart
             if len(hits):
                 row, column = (int(position) for position in cells[0])
@@ -143,7 +144,7 @@ def _about(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
     """What an agent may touch by its plan, now or just before: a measured arm trails its commands."""
     positions, now = plan.positions(agent), scene.step - plan.scene.step
     recent = np.unique(positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)])
-    body = plan.swept[agent - 1]
+    body = plan.paths.swept[agent - 1]
     allowed = [*body.touches.items(), *body.rests.items()]
     return frozenset(name for name, mask in allowed if mask[recent].any())
 
@@ -165,9 +166,9 @@ class AvoidObjects:
     def planned(self, plan: Plan) -> Evidence:
         least = Evidence(True, np.inf, OBJECT_MARGIN_M, f"{names(self.agents)} has nothing to avoid")
         for agent in self.agents:
-            body, still = plan.swept[agent - 1], plan.still[agent - 1]
+            body, still = plan.paths.swept[agent - 1], plan.paths.still[agent - 1]
             positions = np.unique(plan.positions(agent))
-            hits = positions[plan.blocked[agent - 1][positions]]
+            hits = positions[plan.paths.blocked[agent - 1][positions]]
             if len(hits):
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
@@ -177,8 +178,8 @@ class AvoidObjects:
         return least
 
     def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
-        finer = plan.finer(agent)
-        rows = np.arange(len(finer))[plan.around(position)]
+        finer = plan.paths.finer(agent)
+        rows = np.arange(len(finer))[plan.paths.around(position)]
         gap = nearest(finer, still, np.stack([rows, 0 * rows], axis=1))
         low_m = float(lowest_m(body)[position])
         part, thing, value = ("arm", "the table", low_m)
@@ -232,26 +233,26 @@ class StayOut:
         box = trimesh.creation.box(high - low, transform((low + high) / 2))
         return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))
 
-    def _inside(self, plan: Plan, agent: int) -> Mask:
+    def _inside(self, paths: Paths, agent: int) -> Mask:
         """(P,) the path positions at which an agent, with what it carries, is in the zone."""
-        return closer_than(plan.swept[agent - 1], self._zone(), 0.0)[:, 0]
+        return closer_than(paths.swept[agent - 1], self._zone(), 0.0)[:, 0]
 
-    def _closed(self, plan: Plan) -> tuple[int, Mask]:
+    def _closed(self, paths: Paths) -> tuple[int, Mask]:
         """Whose path decides when the zone is closed, and at which of its positions (P,)."""
         if self.until is not None:
             other = self.until.agent
-            part = span(self.until, plan.trajectory(other))
+            part = span(self.until, paths.trajectory(other))
             ends = 0 if part is None else part[1]
-            return other, np.arange(len(plan.trajectory(other)) + 1) < ends
+            return other, np.arange(len(paths.trajectory(other)) + 1) < ends
         if isinstance(self.occupied_by, int):
-            return self.occupied_by, self._inside(plan, self.occupied_by)
+            return self.occupied_by, self._inside(paths, self.occupied_by)
         if self.occupied_by is not None:
-            return self._with_thing(plan, self.occupied_by)
-        return self.agent, np.ones(len(plan.trajectory(self.agent)) + 1, dtype=bool)
+            return self._with_thing(paths, self.occupied_by)
+        return self.agent, np.ones(len(paths.trajectory(self.agent)) + 1, dtype=bool)
 
-    def _with_thing(self, plan: Plan, name: str) -> tuple[int, Mask]:
+    def _with_thing(self, paths: Paths, name: str) -> tuple[int, Mask]:
         """As `_closed`, by an object: who moves it decides, or nobody."""
-        for agent, body in zip(plan.task.agents, plan.swept, strict=True):
+        for agent, body in zip(paths.task.agents, paths.swept, strict=True):
             if name in body.objects:
                 columns = [column for column, label in enumerate(body.labels) if label == name]
                 thing = Swept(
@@ -259,25 +260,25 @@ class StayOut:
                     body.poses[:, columns],
                 )  # fmt: skip
                 return agent, closer_than(thing, self._zone(), 0.0)[:, 0]
-        standing = bool(overlap(plan.bodies.standing([name]), self._zone()))
-        return self.agent, np.full(len(plan.trajectory(self.agent)) + 1, standing)
+        standing = bool(overlap(paths.bodies.standing([name]), self._zone()))
+        return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, standing)
 
-    def closing(self, plan: Plan) -> "Closing | None":
+    def closing(self, paths: Paths) -> "Closing | None":
         """What timing has to do about it; None where it can do nothing."""
-        other, closed = self._closed(plan)
+        other, closed = self._closed(paths)
         if other == self.agent:
             return None
-        mask = self._inside(plan, self.agent)[:, None] & closed[None, :]
+        mask = self._inside(paths, self.agent)[:, None] & closed[None, :]
         i, j = sorted((self.agent, other))
         return Closing((i, j), mask if i == self.agent else mask.T)
 
     def planned(self, plan: Plan) -> Evidence:
-        body, other = plan.swept[self.agent - 1], self._closed(plan)
+        body, other = plan.paths.swept[self.agent - 1], self._closed(plan.paths)
         own = plan.positions(self.agent)
         steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
         if not len(steps):
             return Evidence(True, np.inf, 0.0, f"nothing closes the zone to {agent_name(self.agent)}")
-        hits = steps[self._inside(plan, self.agent)[own[steps]]]
+        hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
         at = np.unique(own[hits[:1]] if len(hits) else own[steps])
         gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
         assert gap is not None  # a zone must always be kept out of
@@ -293,7 +294,7 @@ class StayOut:
 
     def _closed_now(self, scene: Scene, plan: Plan) -> bool:
         if self.until is not None:
-            other, closed = self._closed(plan)
+            other, closed = self._closed(plan.paths)
             return bool(closed[plan.position_now(other, scene)])
         if isinstance(self.occupied_by, int):
             return self._gap(scene, plan, self.occupied_by).distance_m <= 0

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from rf_exp.constraints.evidence import Evidence, Plan, names
+from rf_exp.constraints.evidence import Evidence, names
+from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.timing import Demands, subgoal_runs
 from rf_exp.statements import TOGETHER_S, Step
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Kind, Scene, Trajectory
@@ -178,8 +179,9 @@ class ShareSpace(_Temporal):
     def planned(self, plan: Plan) -> Evidence:
         if not plan.row.spatial:
             return Evidence(True, 0.0, 1.0, f"{names(self.agents)} may share space")
+        diagrams = plan.paths.diagrams
         overlap = max(
-            (float(mask.mean()) for pair, mask in plan.diagrams.items() if set(pair) <= set(self.agents)),
+            (float(mask.mean()) for pair, mask in diagrams.items() if set(pair) <= set(self.agents)),
             default=0.0,
         )
         return Evidence(

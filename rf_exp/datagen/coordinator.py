@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.brain import Question
-from rf_exp.datagen.planning import Plan, Planner, Settings
+from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
 
@@ -37,7 +37,7 @@ class Coordinator:
         self._rng = np.random.default_rng([seed, 1])  # as generation plans
         self._subgoals, self._names = Subgoals(len(settings.task.agents)), names
         self._done: tuple[Subgoal, ...] = ()
-        self._plan: Plan | None = None
+        self._plan: Planned | None = None
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
         self._next(scene)
 
@@ -47,7 +47,7 @@ class Coordinator:
         made = self._planner.plan(Question(self._task, scene, {}, self._done), scene, self._rng)
         agents = len(self._task.agents)
         self._asked_at, self._at = scene.step, np.zeros(agents, int)  # path position of each agent
-        if not isinstance(made, Plan):
+        if not isinstance(made, Planned):
             self._plan, self._numbers = None, [numbers[-1:] for numbers in self._numbers]
             return
         self._plan, self._positions = made, made.schedule.positions

@@ -13,12 +13,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Bodies, RoboChecker, actions, intended
+from rf_exp.constraints import Bodies, actions, intended
 from rf_exp.constraints.depth import look
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.motion import come_to_rest, disturb, let_off
-from rf_exp.datagen.planning import Plan, Planner, Settings
+from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
 from rf_exp.tasks import Judge
 from rf_exp.transforms import Matrix, quaternion
@@ -57,7 +57,7 @@ class Outcome:
 class Observer(Protocol):
     """Looks on while an episode is made, e.g. to record it. Must not change anything."""
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None: ...
+    def planned(self, plan: Planned) -> None: ...
 
     def rejected(self, violation: Violation) -> None: ...
 
@@ -69,7 +69,7 @@ class Observer(Protocol):
 class Nobody:
     """The observer that looks away."""
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+    def planned(self, plan: Planned) -> None:
         pass
 
     def rejected(self, violation: Violation) -> None:
@@ -137,12 +137,12 @@ class EpisodeMaker:
             result = self._plan(question, rng)
             if result is None:  # the brain has nothing left to do
                 break
-            if isinstance(result, Plan):
+            if isinstance(result, Planned):
                 scene, violation = self._execute(result, scene)
             else:
                 violation = result
             if violation is None:
-                feedback, done = (), done + (result.proposal.subgoals if isinstance(result, Plan) else ())
+                feedback, done = (), done + (result.proposal.subgoals if isinstance(result, Planned) else ())
                 continue
             reasons.append(violation.reason)
             feedback = (violation,)
@@ -166,47 +166,44 @@ class EpisodeMaker:
 
     # -- planning --------------------------------------------------------------------------------
 
-    def _plan(self, question: Question, rng: np.random.Generator) -> Plan | Violation | None:
+    def _plan(self, question: Question, rng: np.random.Generator) -> Planned | Violation | None:
         scene = self._as_commanded(self._looked_at(question.scene))
         plan = self._planner.plan(
             question, scene, rng, self._bumps if self._settings.disturbance_rad else None
         )
-        if not isinstance(plan, Plan):
+        if not isinstance(plan, Planned):
             return plan
-        plan, checker = self._disturbed(plan, scene), plan.checker
-        self._checker = checker
+        plan = self._disturbed(plan, scene)
         self._rounds.append(
             {
                 "proposal": json.loads(to_json(plan.proposal)),
-                "check_code": str(checker.code),
-                **checker.certificate(),
+                "check_code": str(plan.checker.code),
+                **plan.checked.certificate(),
             }
         )
-        self._observer.planned(plan, checker)
+        self._observer.planned(plan)
         return plan
 
-    def _disturbed(self, plan: Plan, scene: Scene) -> Plan:
+    def _disturbed(self, plan: Planned, scene: Scene) -> Planned:
         """The plan as it will be executed: disturbed, but for where its checks object to that.
 
-        The checker then knows the disturbed motion as the plan, and monitors that.
+        The disturbed motion is then the plan that was checked, and that is monitored.
         """
         strength_rad = self._settings.disturbance_rad
         if not strength_rad:
             return plan
         state, positions = self._bumps.bit_generator.state, plan.schedule.positions
-        checker = plan.checker
         calm: dict[int, set[int]] = {agent: set() for agent in self._settings.task.agents}
         for _ in range(_CALMER):
             self._bumps.bit_generator.state = state  # the same bumps, with fewer of them left
             executed = disturb(plan.trajectories, strength_rad, self._bumps, calm)
-            violations = checker.check(executed, plan.schedule, scene)
-            if not violations:
-                return replace(plan, executed=executed)
-            for each in violations:
+            checked = plan.checker.check(plan.checker.paths(executed, scene), plan.schedule)
+            if not checked.violations:
+                return replace(plan, checked=checked)
+            for each in checked.violations:
                 now = round(each.time_s / CONTROL_DT_S) - scene.step
                 for agent in each.agents or self._settings.task.agents:
                     calm[agent].add(int(positions[np.clip(now, 0, len(positions) - 1), agent - 1]))
-        checker.check(plan.trajectories, plan.schedule, scene)
         return plan
 
     def _looked_at(self, scene: Scene) -> Scene:
@@ -229,15 +226,15 @@ class EpisodeMaker:
 
     # -- execution -------------------------------------------------------------------------------
 
-    def _execute(self, plan: Plan, scene: Scene) -> tuple[Scene, Violation | None]:
+    def _execute(self, plan: Planned, scene: Scene) -> tuple[Scene, Violation | None]:
         start = np.stack([trajectory.path()[0] for trajectory in plan.trajectories])
         meant, commands = (
             np.concatenate([start[None], each])
             for each in (intended(plan.trajectories, plan.schedule), actions(plan.executed, plan.schedule))
         )
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
-        checked = self._checker.plan
-        watch = Knocks(checked) if checked is not None and self._settings.disturbance_rad else None
+        monitor = plan.checked.monitor()
+        watch = Knocks(plan.checked.plan) if self._settings.disturbance_rad else None
         for now in range(1, len(commands)):
             self._doing = doing[now]
             scene = self._step(scene, meant[now], commands[now])
@@ -245,7 +242,7 @@ class EpisodeMaker:
                 self._knocked = watch.knocked(scene)
             if self._verdict.success or self._knocked:
                 break
-            violation = self._checker.monitor(scene)
+            violation = monitor(scene)
             if violation is not None:
                 return self._stop(scene, commands, now, violation), violation
         return scene, None

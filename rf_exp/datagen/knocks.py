@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Plan
+from rf_exp.constraints import Plan
 from rf_exp.types import Scene
 
 KNOCKED_M = 0.005

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rf_exp.constraints import Bodies, Delays, RoboChecker, slowed
+from rf_exp.constraints import Bodies, CheckedPlan, Delays, Paths, RoboChecker, slowed
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
@@ -61,14 +61,21 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Plan:
+class Planned:
     """A proposal that has become motion and has passed its checks."""
 
     proposal: Proposal
-    checker: RoboChecker  # which has passed it, and monitors it
+    checker: RoboChecker  # which has passed it
     trajectories: tuple[Trajectory, ...]
-    schedule: Schedule
-    executed: tuple[Trajectory, ...]  # what the arms are sent along: the trajectories, or disturbed ones
+    checked: CheckedPlan  # what the arms are sent along: the trajectories, or disturbed ones
+
+    @property
+    def schedule(self) -> Schedule:
+        return self.checked.plan.schedule
+
+    @property
+    def executed(self) -> tuple[Trajectory, ...]:
+        return self.checked.plan.trajectories
 
 
 class Planner:
@@ -83,7 +90,7 @@ class Planner:
         scene: Scene,
         rng: np.random.Generator,
         pauses: np.random.Generator | None = None,
-    ) -> Plan | Violation | None:
+    ) -> Planned | Violation | None:
         """A plan from `scene` on, the first reason why there is none, or None: the brain is content.
 
         With `pauses` arms pause at random, where the settings have delays.
@@ -95,13 +102,14 @@ class Planner:
             return _refused("RoboBrain", "answer", (), scene, str(error))
         if not proposal.subgoals:
             return None
-        checker = RoboChecker(task, proposal, row, scene.step * CONTROL_DT_S)
-        if isinstance(checker.code, Violation):
-            return checker.code
+        try:
+            checker = RoboChecker(task, proposal, row)
+        except ArgumentError as error:
+            return _refused("CheckCode", "answer", (), scene, str(error))
         violation: Violation | None = None
         for way in _ways(row):
             result = self._motion(proposal, checker, scene, way, rng, pauses)
-            if isinstance(result, Plan):
+            if isinstance(result, Planned):
                 return result
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
             if violation is None or result.check != MOTION:
@@ -116,7 +124,7 @@ class Planner:
         way: "_Way",
         rng: np.random.Generator,
         pauses: np.random.Generator | None,
-    ) -> Plan | Violation:
+    ) -> Planned | Violation:
         """Trajectories and a schedule that pass all checks, or the first reason why not."""
         settings = self._settings
         obstacles = Obstacles(settings.task, scene, settings.row, proposal)
@@ -138,31 +146,31 @@ class Planner:
             return _refused(MOTION, error.cause, error.agents, scene, str(error))
         if checker.speeds_m_s:
             trajectories = slowed(trajectories, Bodies(settings.task, scene).arms, checker.speeds_m_s)
-        schedule = self._schedule(checker, trajectories, scene, pauses)
+        paths = checker.paths(trajectories, scene)
+        schedule = self._schedule(checker, paths, pauses)
         if isinstance(schedule, Violation):
             return schedule
-        violations = checker.check(trajectories, schedule, scene)
-        if violations:
-            return violations[0]
-        return Plan(proposal, checker, trajectories, schedule, executed=trajectories)
+        checked = checker.check(paths, schedule)
+        if checked.violations:
+            return checked.violations[0]
+        return Planned(proposal, checker, trajectories, checked)
 
     def _schedule(
         self,
         checker: RoboChecker,
-        trajectories: Sequence[Trajectory],
-        scene: Scene,
+        paths: Paths,
         pauses: np.random.Generator | None,
     ) -> Schedule | Violation:
         """With as much of the delays as can be had."""
         steps = round(self._settings.delay_s * CONTROL_HZ)
         if steps:
-            several = len(trajectories) > 1  # one arm alone waits for nobody
-            pausing = _pauses(trajectories, steps, pauses) if several and pauses is not None else {}
+            several = len(paths.trajectories) > 1  # one arm alone waits for nobody
+            pausing = _pauses(paths.trajectories, steps, pauses) if several and pauses is not None else {}
             for slack in (steps, steps // 2):
-                timed = checker.schedule(trajectories, scene, Delays(slack, pausing))
+                timed = checker.schedule(paths, Delays(slack, pausing))
                 if isinstance(timed, Schedule):
                     return timed
-        return checker.schedule(trajectories, scene)
+        return checker.schedule(paths)
 
 
 def _pauses(

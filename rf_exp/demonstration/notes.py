@@ -1,16 +1,18 @@
 """What is noted down while an episode is made: rounds, their phases, and what was checked."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import CheckCode, RoboChecker
+from rf_exp.constraints import CheckCode, CheckedPlan, compile
 from rf_exp.constraints.timing import subgoal_runs
 from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
 from rf_exp.datagen.episode import Observer
-from rf_exp.datagen.planning import Plan
+from rf_exp.datagen.planning import Planned
+from rf_exp.errors import ArgumentError
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
@@ -53,16 +55,16 @@ class Notes:
 
     def __init__(self, task: Task, row: Row) -> None:
         self._task, self._row = task, row
-        self._checker: RoboChecker | None = None
+        self._checked: CheckedPlan | None = None
         self.rounds: list[Round] = []
 
     # -- what the brain says -----------------------------------------------------------------------
 
     def asked(self, scene: Scene) -> None:
-        if self._checker is not None:  # what the last step of its plan has led to
-            self._measure(self._checker, scene, self.rounds[-1])
+        if self._checked is not None:  # what the last step of its plan has led to
+            self._measure(self._checked, scene, self.rounds[-1])
         self.rounds.append(Round(scene.step * CONTROL_DT_S))
-        self._checker = None
+        self._checked = None
 
     def answered(self, answer: str) -> None:
         self.rounds[-1].answer = answer
@@ -73,42 +75,41 @@ class Notes:
         if not proposal.subgoals:
             self.rounds.pop()  # there is nothing left to do
             return
-        code = RoboChecker(self._task, proposal, self._row).code
         self.rounds[-1].proposal = proposal
-        self.rounds[-1].code = code if isinstance(code, CheckCode) else None
+        with suppress(ArgumentError):  # not understood, as the loop says too
+            self.rounds[-1].code = compile(proposal.constraints, self._task, proposal)
 
     # -- what the generation loop tells an observer ------------------------------------------------
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
-        now, self._checker = self.rounds[-1], checker
-        now.results = check_results(checker)
+    def planned(self, plan: Planned) -> None:
+        now, self._checked = self.rounds[-1], plan.checked
+        now.results = check_results(plan.checked)
         now.phases = phases(plan, now.begins_s)
         now.figures["lanes"] = lanes(plan.trajectories, plan.schedule)
-        if checker.plan is not None and checker.plan.diagrams:
+        if found := plan.checked.plan.paths.diagrams:
             diagrams = coordination(
-                plan.trajectories, plan.schedule, checker.plan.diagrams, orders(checker, plan.trajectories)
+                plan.trajectories, plan.schedule, found, orders(plan.checker, plan.trajectories)
             )
             now.figures["diagrams"] = diagrams.picture
 
     def rejected(self, violation: Violation) -> None:
         self.rounds[-1].violation = violation
-        self._checker = None
+        self._checked = None
 
     def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, Picture]) -> None:
-        if self._checker is None:
+        if self._checked is None:
             return
         now = self.rounds[-1]
         now_s = scene.step * CONTROL_DT_S
         for phase in now.phases:
             if not phase.reached and now_s >= phase.begins_s - 1e-9:
                 phase.reached, phase.picture = True, pictures.get("global")
-        self._measure(self._checker, scene, now)
+        self._measure(self._checked, scene, now)
 
-    def _measure(self, checker: RoboChecker, scene: Scene, now: Round) -> None:
+    def _measure(self, checked: CheckedPlan, scene: Scene, now: Round) -> None:
         """The logical checks on the real state; of those that say more than once the worst."""
-        assert checker.plan is not None  # a plan that is executed has been checked
-        for check in checker.checks:
-            evidence = check.measured(scene, checker.plan) if check.kind == "logical" else None
+        for check in checked.checks:
+            evidence = check.measured(scene, checked.plan) if check.kind == "logical" else None
             if evidence is None:
                 continue
             known = now.measured.get(repr(check))
@@ -136,9 +137,9 @@ class Together:
     def __init__(self, *observers: Observer) -> None:
         self._observers = observers
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+    def planned(self, plan: Planned) -> None:
         for observer in self._observers:
-            observer.planned(plan, checker)
+            observer.planned(plan)
 
     def rejected(self, violation: Violation) -> None:
         for observer in self._observers:
@@ -149,7 +150,7 @@ class Together:
             observer.stepped(scene, action, pictures)
 
 
-def phases(plan: Plan, begins_s: float) -> tuple[Phase, ...]:
+def phases(plan: Planned, begins_s: float) -> tuple[Phase, ...]:
     """The subgoals of a plan in groups that begin together, in the order of their beginning.
 
     `begins_s` is when the plan begins, on the clock of the episode.

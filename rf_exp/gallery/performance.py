@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import RoboChecker
 from rf_exp.datagen.episode import EpisodeMaker
-from rf_exp.datagen.planning import Plan, Settings
+from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.errors import StageError
 from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.tasks import Judge
@@ -65,10 +64,10 @@ class Prompter:
         self.actions: list[NDArray[np.float64]] = []
         self.lines: list[tuple[Line, ...]] = []
         self.touching: list[int] = []  # agents that hold or push something
-        self._plan: Plan | None = None
+        self._plan: Planned | None = None
         self._since = 0
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+    def planned(self, plan: Planned) -> None:
         self._plan, self._since = plan, len(self.lines)
 
     def rejected(self, violation: Violation) -> None:
@@ -85,7 +84,7 @@ class Prompter:
         self.touching.append(len(held | {agent for agent, _ in scene.finger_forces}))
 
 
-def _line(plan: Plan, agent: int, step: int, held: str | None) -> Line:
+def _line(plan: Planned, agent: int, step: int, held: str | None) -> Line:
     """What an agent is about in the step of a schedule that ends at row `step`; it may only hold a thing."""
     trajectory = plan.trajectories[agent - 1]
     before, now = plan.schedule.positions[step - 1 : step + 1, agent - 1].tolist()

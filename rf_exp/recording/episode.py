@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import RoboChecker
+from rf_exp.constraints import CheckedPlan, RoboChecker
 from rf_exp.constraints.clearance import Mask
 from rf_exp.constraints.evidence import Check, Evidence
 from rf_exp.constraints.occupancy import centres_m
 from rf_exp.constraints.timing import Demands
-from rf_exp.datagen.planning import Plan
+from rf_exp.datagen.planning import Planned
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
@@ -26,25 +26,21 @@ class EpisodeRecorder(SceneRecorder):
 
     def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
         super().__init__(path, task, world, title, "plan")
-        self._plan: Plan | None = None
+        self._plan: Planned | None = None
         self._since = 0  # step at which the plan began
         self._doing: dict[int, tuple[str, str]] = {}  # agent -> subgoal, primitive
 
-    def planned(self, plan: Plan, checker: RoboChecker) -> None:
+    def planned(self, plan: Planned) -> None:
         """Proposal, check code, the evidence of every check, the diagrams, and what the cameras saw."""
         self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
         self._recorder.proposal(plan.proposal)
-        self._recorder.checked(check_results(checker))
-        if checker.plan is not None:
-            seen = checker.plan.scene.seen
-            if seen is not None:
-                self._recorder.occupancy(CAMERAS, centres_m(seen))
-            self._recorder.coordination(
-                plan.trajectories,
-                plan.schedule,
-                checker.plan.diagrams,
-                orders(checker, plan.trajectories),
-            )
+        self._recorder.checked(check_results(plan.checked))
+        paths = plan.checked.plan.paths
+        if paths.scene.seen is not None:
+            self._recorder.occupancy(CAMERAS, centres_m(paths.scene.seen))
+        self._recorder.coordination(
+            plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, plan.trajectories)
+        )
 
     def rejected(self, violation: Violation) -> None:
         """A violation, marked at the hands of the agents involved; it ends what was going on."""
@@ -61,7 +57,7 @@ class EpisodeRecorder(SceneRecorder):
         if self._plan is not None:
             self._follow(self._plan, scene.step - self._since + 1)
 
-    def _follow(self, plan: Plan, step: int) -> None:
+    def _follow(self, plan: Planned, step: int) -> None:
         """What each agent does in a control step of the plan, the first being 1."""
         positions = plan.schedule.positions
         now, before = positions[min(step, len(plan.schedule))], positions[min(step, len(plan.schedule)) - 1]
@@ -81,9 +77,9 @@ class EpisodeRecorder(SceneRecorder):
             self._recorder.motion(agent, subgoal, primitive)
 
 
-def check_results(checker: RoboChecker) -> tuple[CheckResult, ...]:
-    """The evidence of all checks on the plan checked last, ready to be shown."""
-    return tuple(check_result(check, evidence) for check, evidence in checker.evidence)
+def check_results(checked: CheckedPlan) -> tuple[CheckResult, ...]:
+    """The evidence of all checks on a plan, ready to be shown."""
+    return tuple(map(check_result, checked.checks, checked.evidence))
 
 
 def check_result(check: Check, evidence: Evidence) -> CheckResult:

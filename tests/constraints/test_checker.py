@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import CheckCode, Checker, RoboChecker, compile
-from rf_exp.constraints.checker import LOST_STEPS, REFLEX_N, TRACKING_RAD
+from rf_exp.constraints import CheckCode, Monitor, RoboChecker, compile
+from rf_exp.constraints.monitor import LOST_STEPS, REFLEX_N, TRACKING_RAD
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import (
     AvoidAgents,
@@ -45,10 +45,16 @@ def food():
     return scene, trajectories, Proposal(goals, said)
 
 
-def scheduled(checker: Checker, trajectories, scene) -> Schedule:
-    timed = checker.schedule(trajectories, scene)
+def scheduled(checker: RoboChecker, trajectories, scene) -> Schedule:
+    timed = checker.schedule(checker.paths(trajectories, scene))
     assert isinstance(timed, Schedule), timed
     return timed
+
+
+def monitored(checker: RoboChecker, trajectories, scene) -> Monitor:
+    return checker.check(
+        checker.paths(trajectories, scene), scheduled(checker, trajectories, scene)
+    ).monitor()
 
 
 def test_check_code_prints_like_the_paper(food):
@@ -80,7 +86,7 @@ def test_a_row_switches_its_checks_on(food, row, kinds):
     checker = RoboChecker(FOOD, proposal, row)
     assert {check.kind for check in checker.checks} == kinds
     timed = scheduled(checker, trajectories, scene)
-    assert checker.check(trajectories, timed, scene) == []
+    assert checker.check(checker.paths(trajectories, scene), timed).violations == []
     if not row.temporal:
         assert len(timed) == sum(map(len, trajectories))
     else:
@@ -108,17 +114,17 @@ def test_collisions_are_violations_only_where_space_counts():
     proposal = Proposal((), ())
     blind = RoboChecker(BAR, proposal, TEMPORAL)
     at_once = scheduled(blind, trajectories, scene)
-    assert len(at_once) == 40 and blind.check(trajectories, at_once, scene) == []
+    assert len(at_once) == 40 and blind.check(blind.paths(trajectories, scene), at_once).violations == []
     seeing = RoboChecker(BAR, proposal, FULL)
-    (violation,) = seeing.check(trajectories, at_once, scene)
+    (violation,) = seeing.check(seeing.paths(trajectories, scene), at_once).violations
     assert violation.check == "ValidateSpatialOccupancy" and violation.agents == (1, 2)
     in_time = scheduled(seeing, trajectories, scene)
     assert 40 < len(in_time) < 80
-    assert seeing.check(trajectories, in_time, scene) == []
+    assert seeing.check(seeing.paths(trajectories, scene), in_time).violations == []
     turns = RoboChecker(BAR, proposal, SPATIAL)
     timed = scheduled(turns, trajectories, scene)
     assert len(timed) == 80
-    assert turns.check(trajectories, timed, scene) == []
+    assert turns.check(turns.paths(trajectories, scene), timed).violations == []
 
 
 def test_a_parked_arm_in_the_way_asks_for_another_path():
@@ -127,7 +133,8 @@ def test_a_parked_arm_in_the_way_asks_for_another_path():
     qpos[1, :7] = REACHING
     scene = replace(scene, qpos=qpos)
     trajectories = walk(1, [REST, REACHING, REST], 20), idle(2, REACHING)
-    answer = RoboChecker(BAR, Proposal((), ()), FULL).schedule(trajectories, scene)
+    checker = RoboChecker(BAR, Proposal((), ()), FULL)
+    answer = checker.schedule(checker.paths(trajectories, scene))
     assert isinstance(answer, Violation)
     assert "where Agent_2 stands before and after its motion blocks Agent_1" in answer.reason
     assert "needs another path" in answer.reason
@@ -148,7 +155,8 @@ def test_violations_come_earliest_first_with_evidence(food):
     said = (ContactAt(1, "grasp", "steak", "center"), ContactAt(2, "grasp", "lid", "knob"))
     checker = RoboChecker(FOOD, Proposal((), said), LOGICAL)
     together = RoboChecker(FOOD, Proposal((), ()), TEMPORAL)
-    violations = checker.check((late, early), scheduled(together, (late, early), scene), scene)
+    timed = scheduled(together, (late, early), scene)
+    violations = checker.check(checker.paths((late, early), scene), timed).violations
     assert [v.agents for v in violations] == [(2,), (1,)]
     assert violations[0].check == "ValidateInteraction"
     assert violations[0].value == pytest.approx(0.05, abs=1e-3) and violations[0].bound == 0.01
@@ -158,17 +166,16 @@ def test_text_that_is_not_understood():
     said = (understood("Agent_1 must feel good.", FOOD.vocabulary, "logical", (1,)),)
     with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
         compile(said, BAR, Proposal((), said))
-    code = RoboChecker(BAR, Proposal((), said), FULL).code
-    assert isinstance(code, Violation)
-    assert code.check == "CheckCode" and "Agent_1 must feel good." in code.reason
+    with pytest.raises(ArgumentError, match=r"'Agent_1 must feel good\.' is not understood"):
+        RoboChecker(BAR, Proposal((), said), FULL)
 
 
 def test_the_certificate_is_json_with_every_check(food):
     scene, trajectories, proposal = food
     checker = RoboChecker(FOOD, proposal, FULL)
     timed = scheduled(checker, trajectories, scene)
-    checker.check(trajectories, timed, scene)
-    certificate = json.loads(json.dumps(checker.certificate()))
+    checked = checker.check(checker.paths(trajectories, scene), timed)
+    certificate = json.loads(json.dumps(checked.certificate()))
     assert certificate["row"] == "full"
     assert certificate["makespan_s"] == pytest.approx(len(timed) / 20)
     assert certificate["makespan_bound_s"] <= certificate["makespan_s"]
@@ -188,7 +195,8 @@ def running(food):
     scene, trajectories, proposal = food
     checker = RoboChecker(FOOD, proposal, FULL)
     timed = scheduled(checker, trajectories, scene)
-    assert checker.check(trajectories, timed, scene) == []
+    checked = checker.check(checker.paths(trajectories, scene), timed)
+    assert checked.violations == []
     paths = [trajectory.path() for trajectory in trajectories]
 
     def at(step: int, lag: int = 2, **changes):
@@ -205,20 +213,20 @@ def running(food):
                 begin = end
         return replace(scene, step=scene.step + step, qpos=qpos, poses=poses, held=tuple(held), **changes)
 
-    return checker, timed, at
+    return checked.monitor(), timed, at
 
 
 def test_an_undisturbed_run_has_no_violation(running):
-    checker, timed, at = running
-    assert [v for step in range(len(timed) + 1) if (v := checker.monitor(at(step))) is not None] == []
+    monitor, timed, at = running
+    assert [v for step in range(len(timed) + 1) if (v := monitor(at(step))) is not None] == []
 
 
 def test_a_lost_object_is_noticed_after_a_moment(running):
-    checker, timed, at = running
+    monitor, timed, at = running
     seen = []
     for step in range(len(timed) + 1):
         scene = at(step)
-        seen.append(checker.monitor(replace(scene, held=(None, scene.held[1]))))
+        seen.append(monitor(replace(scene, held=(None, scene.held[1]))))
     violations = [v for v in seen if v is not None]
     first = violations[0]
     assert first.check == "ValidateInteraction" and first.agents == (1,)
@@ -228,42 +236,42 @@ def test_a_lost_object_is_noticed_after_a_moment(running):
 
 
 def test_a_slip_of_one_step_is_forgiven(running):
-    checker, timed, at = running
+    monitor, timed, at = running
     starts = next(step for step in range(len(timed)) if at(step).held[1] == "lid")
     for step in range(starts, len(timed)):
         scene = at(step)
         slipped = step % 3 == 0
-        assert checker.monitor(replace(scene, held=(scene.held[0], None)) if slipped else scene) is None
+        assert monitor(replace(scene, held=(scene.held[0], None)) if slipped else scene) is None
 
 
 def test_an_arm_off_its_path_is_noticed(running):
-    checker, _, at = running
+    monitor, _, at = running
     scene = at(10)
     qpos = scene.qpos.copy()
     qpos[1, 4] += 2 * TRACKING_RAD
-    violation = checker.monitor(replace(scene, qpos=qpos))
+    violation = monitor(replace(scene, qpos=qpos))
     assert violation is not None
     assert (violation.check, violation.agents, violation.bound) == ("Tracking", (2,), TRACKING_RAD)
     assert "rad off its path (allowed 0.15 rad): something is in its way" in violation.reason
 
 
 def test_contact_between_arms_is_noticed_where_space_counts(running, food):
-    checker, _, at = running
+    monitor, _, at = running
     pushed = replace(at(10), arm_contacts=((1, 2, 12.0),))
-    violation = checker.monitor(pushed)
+    violation = monitor(pushed)
     assert violation is not None and violation.check == "ValidateSpatialOccupancy"
     assert violation.reason == "Agent_1 and Agent_2 touch each other with 12 N"
     scene, trajectories, proposal = food
     blind = RoboChecker(FOOD, proposal, TEMPORAL)
-    blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
-    assert blind.monitor(replace(scene, arm_contacts=((1, 2, 12.0),))) is None
+    monitor = monitored(blind, trajectories, scene)
+    assert monitor(replace(scene, arm_contacts=((1, 2, 12.0),))) is None
 
 
 def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
     scene, trajectories, proposal = food
     blind = RoboChecker(FOOD, proposal, LOGICAL)
-    blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
-    violation = blind.monitor(replace(scene, arm_contacts=((1, 2, REFLEX_N + 1.0),)))
+    monitor = monitored(blind, trajectories, scene)
+    violation = monitor(replace(scene, arm_contacts=((1, 2, REFLEX_N + 1.0),)))
     assert violation is not None
     assert (violation.check, violation.agents, violation.bound) == ("Collision", (1, 2), REFLEX_N)
     assert violation.reason == (
@@ -275,36 +283,28 @@ def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
 def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food):
     scene, trajectories, proposal = food
     blind = RoboChecker(FOOD, proposal, LOGICAL)
-    blind.check(trajectories, scheduled(blind, trajectories, scene), scene)
+    monitor = monitored(blind, trajectories, scene)
     hard = np.array([0.0, 0.0, -REFLEX_N - 1.0])
-    assert blind.monitor(replace(scene, finger_forces={(1, "steak"): hard, (2, "pot"): 0.9 * hard})) is None
-    violation = blind.monitor(replace(scene, finger_forces={(1, "steak"): 2 * hard, (2, "pot"): hard}))
+    assert monitor(replace(scene, finger_forces={(1, "steak"): hard, (2, "pot"): 0.9 * hard})) is None
+    violation = monitor(replace(scene, finger_forces={(1, "steak"): 2 * hard, (2, "pot"): hard}))
     assert violation is not None and (violation.check, violation.agents) == ("Collision", (2,))
     assert violation.reason == (
         "Agent_2, to grasp lid at knob (move), pushes pot with 21 N (arms stop at 20 N)"
     )
 
 
-def test_monitoring_without_a_plan_is_an_error_that_says_so():
-    with pytest.raises(ArgumentError, match=r"nothing to monitor yet; call check\(\) with a plan first"):
-        Checker(BAR, CheckCode(()), FULL).monitor(scene_of(BAR))
-
-
 def test_times_are_on_the_clock_of_the_episode():
-    """Of plans that begin at 2.0 s: what is planned, what finds no schedule, what is not understood."""
+    """Of plans that begin at 2.0 s: what is planned, and what finds no schedule."""
     scene, late = scene_of(BAR), scene_of(BAR, step=40)
     trajectories = walk(1, [REST, REACHING, REST], 20), walk(2, [REST, REACHING, REST], 20)
     first = {}
     for now in (scene, late):
         blind, seeing = (RoboChecker(BAR, Proposal((), ()), row) for row in (TEMPORAL, FULL))
-        (near,) = seeing.check(trajectories, scheduled(blind, trajectories, now), now)
+        checked = seeing.check(seeing.paths(trajectories, now), scheduled(blind, trajectories, now))
+        (near,) = checked.violations
         stuck = (walk(1, [REST, REACHING], 20), walk(2, [REST, REACHING], 20))
-        refused = seeing.schedule(stuck, now)
+        refused = seeing.schedule(seeing.paths(stuck, now))
         assert isinstance(refused, Violation) and refused.cause == "space" and refused.agents == (1, 2)
-        nonsense = Proposal((), (understood("Agent_1 must be nice.", BAR.vocabulary, "spatial", (1,)),))
-        unread = RoboChecker(BAR, nonsense, FULL, now.step / 20).code
-        assert isinstance(unread, Violation) and unread.cause == "answer"
-        first[now.step] = np.array([near.time_s, refused.time_s, unread.time_s])
-        evidence = seeing.evidence[-1][1]
-        assert evidence.time_s >= now.step / 20
+        first[now.step] = np.array([near.time_s, refused.time_s])
+        assert checked.evidence[-1].time_s >= now.step / 20
     np.testing.assert_allclose(first[40] - first[0], 2.0)

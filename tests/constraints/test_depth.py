@@ -170,9 +170,9 @@ def test_a_box_that_only_the_cameras_know_is_a_violation():
 
     def violations(**changes):
         scene, checker = scene_of(alone, **changes), RoboChecker(alone, Proposal((), ()), Row("full"))
-        timed = checker.schedule(trajectories, scene)
+        timed = checker.schedule(checker.paths(trajectories, scene))
         assert isinstance(timed, Schedule)
-        return checker.check(trajectories, timed, scene)
+        return checker.check(checker.paths(trajectories, scene), timed).violations
 
     assert violations() == []
     [found] = violations(seen=box)

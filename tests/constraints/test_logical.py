@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints.evidence import Plan
+from rf_exp.constraints import Paths, Plan
 from rf_exp.constraints.logical import (
     ORIENTATIONS,
     ConsistentHeight,
@@ -26,7 +26,7 @@ FULL, TIMELESS = Row("full"), Row("logical_spatial", temporal=False)
 def plan_of(task, scene, *trajectories, row=FULL) -> Plan:
     timed = schedule(trajectories)
     assert isinstance(timed, Schedule)
-    return Plan(task, row, scene, trajectories, timed)
+    return Plan(Paths(task, row, scene, trajectories), timed)
 
 
 @pytest.fixture(scope="module")
@@ -207,8 +207,8 @@ def test_without_a_model_of_time_only_the_end_counts():
     plan = lifting((0.15, 0.15), row=TIMELESS, joined=None)
     alone = np.array([[k, 0] for k in range(21)] + [[20, k] for k in range(1, 21)])
     turns = Schedule(alone, 20)
-    assert ConsistentHeight((1, 2)).planned(Plan(BAR, TIMELESS, plan.scene, plan.trajectories, turns)).ok
-    timed = ConsistentHeight((1, 2)).planned(Plan(BAR, FULL, plan.scene, plan.trajectories, turns))
+    assert ConsistentHeight((1, 2)).planned(Plan(plan.paths, turns)).ok
+    timed = ConsistentHeight((1, 2)).planned(Plan(replace(plan.paths, row=FULL), turns))
     assert not timed.ok and timed.value == pytest.approx(0.15, abs=2e-3)
 
 
@@ -239,14 +239,13 @@ def test_the_height_is_that_of_what_they_carry_together():
     short = {"qpos": other.qpos[-1:], "gripper": other.gripper[-1:]}
     back = replace(other, carries=None, tcp_from_object=None, **short)
     alone = replace(first, start_qpos=first.segments[0].qpos[-1], segments=(other, back, *first.segments))
-    plan = replace(together, trajectories=(alone, second), schedule=None)
-    for agent, begin in ((1, 21), (2, 0)):
-        assert _carried(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
+    paths = replace(together.paths, trajectories=(alone, second))
     timed = schedule((alone, second))
     assert isinstance(timed, Schedule)
+    plan = Plan(paths, timed)
+    for agent, begin in ((1, 21), (2, 0)):
+        assert _carried(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
     late = timed.positions.copy()
     late[:, 1] = np.clip(np.arange(len(late)) - 21, 0, 20)  # Agent_2 lifts when Agent_1 does
-    evidence = ConsistentHeight((1, 2)).planned(
-        Plan(task, FULL, plan.scene, plan.trajectories, Schedule(late, 41))
-    )
+    evidence = ConsistentHeight((1, 2)).planned(Plan(plan.paths, Schedule(late, 41)))
     assert evidence.ok and evidence.value < 2e-3

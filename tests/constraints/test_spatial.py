@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rf_exp.constraints import Paths, Plan
 from rf_exp.constraints.clearance import nearest
-from rf_exp.constraints.evidence import Plan
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, PolicyMonitor, StayOut, touching
 from rf_exp.constraints.timing import schedule
 from rf_exp.constraints.world import Bodies
@@ -26,7 +26,7 @@ def together(trajectories) -> Schedule:
 
 
 def plan_of(task, scene, trajectories, timed=None) -> Plan:
-    return Plan(task, FULL, scene, trajectories, timed or together(trajectories))
+    return Plan(Paths(task, FULL, scene, trajectories), timed or together(trajectories))
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +45,13 @@ def test_arms_that_meet_are_named_with_time_and_links(crossing):
 
 def test_taking_turns_is_proven_clear_with_its_distance(crossing):
     there_and_back = tuple(walk(agent, [REST, REACHING, REST], 20) for agent in (1, 2))
-    plan = Plan(BAR, FULL, crossing.scene, there_and_back)
-    timed = schedule(there_and_back, plan.diagrams)
+    paths = Paths(BAR, FULL, crossing.scene, there_and_back)
+    timed = schedule(there_and_back, paths.diagrams)
     assert isinstance(timed, Schedule)
     assert 40 < len(timed) < 80  # overlapping, but not blindly
     evidence = AvoidAgents((1, 2)).planned(plan_of(BAR, crossing.scene, there_and_back, timed))
     assert evidence.ok and evidence.value >= evidence.bound
-    bodies = [plan.bodies.along(trajectory) for trajectory in there_and_back]
+    bodies = [paths.bodies.along(trajectory) for trajectory in there_and_back]
     least = nearest(*bodies, at=timed.positions)
     assert least is not None and least.distance_m == pytest.approx(evidence.value)
 

@@ -4,8 +4,9 @@ import sys
 
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen.brain import BadAnswer, from_json
+from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
-from rf_exp.types import Row, Violation
+from rf_exp.types import Row
 
 FULL = Row("full")
 
@@ -39,9 +40,9 @@ class Guard:
         self.on = True
         try:
             proposal = from_json(text, task)
-            code = RoboChecker(task, proposal, FULL).code
-            reason = code.reason if isinstance(code, Violation) else "understood"
-        except BadAnswer as error:
+            RoboChecker(task, proposal, FULL)
+            reason = "understood"
+        except (BadAnswer, ArgumentError) as error:
             reason = str(error)
         finally:
             self.on = False

@@ -23,7 +23,7 @@ class Watcher(Nobody):
         self.rejected_at, self.reasons, self.steps = [], [], 0
         self.planned_at = []
 
-    def planned(self, plan, checker):
+    def planned(self, plan):
         self.planned_at.append(self.steps)
 
     def rejected(self, violation):

@@ -328,8 +328,8 @@ def test_restating_that_fails_leaves_the_constraint_and_the_checker_says_so(sent
     server.replies = [completion(unclear(lift_barrier)), completion(sentences)]
     proposal = from_json(ask(openai_spec(server.url), lift_barrier), lift_barrier)
     assert proposal == from_json(unclear(lift_barrier), lift_barrier)
-    code = RoboChecker(lift_barrier, proposal, FULL).code
-    assert isinstance(code, Violation) and "seize the left tip" in code.reason
+    with pytest.raises(ArgumentError, match="seize the left tip"):
+        RoboChecker(lift_barrier, proposal, FULL)
 
 
 # -- hostile and malformed replies -------------------------------------------------------------------

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints.evidence import Plan
+from rf_exp.constraints import Paths, Plan
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.knocks import KNOCKED_M, Knocks
@@ -177,7 +177,7 @@ def test_only_what_nobody_handles_can_be_knocked() -> None:
         pose[0, 3] += by_m
         return replace(start, step=step, poses={**start.poses, blue: pose})
 
-    watch = Knocks(Plan(read_task("stack_cube"), FULL, start, (path,), schedule))
+    watch = Knocks(Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule))
     assert watch.knocked(moved(1, KNOCKED_M / 2)) == ""
     assert watch.knocked(moved(2, 2 * KNOCKED_M)) == f"a disturbed arm has moved {blue} by 10 mm"
     assert watch.knocked(moved(5, 4 * KNOCKED_M)) == ""  # the fingers close on it

@@ -47,7 +47,7 @@ class Watcher(Nobody):
     def __init__(self):
         self.rejections, self.plans, self.begins, self.steps = [], [], [], 0
 
-    def planned(self, plan, checker):
+    def planned(self, plan):
         self.plans.append(plan)
         self.begins.append(self.steps)
 

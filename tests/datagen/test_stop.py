@@ -24,7 +24,7 @@ class Plans(Nobody):
     def __init__(self):
         self.plans, self.rejections = [], []
 
-    def planned(self, plan, checker):
+    def planned(self, plan):
         self.plans.append(plan)
 
     def rejected(self, violation):

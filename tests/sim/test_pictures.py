@@ -88,7 +88,7 @@ class Moments(Nobody):
         self.actions: list[np.ndarray] = []
         self.found: dict[int, set[tuple[int, str]]] = {}  # step -> agents at work, each with its object
 
-    def planned(self, plan, checker) -> None:
+    def planned(self, plan) -> None:
         for trajectory in plan.trajectories:
             positions = plan.schedule.positions[:, trajectory.agent - 1]
             for segment, begin, end in zip(

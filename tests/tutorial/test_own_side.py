@@ -26,29 +26,32 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
     told = run(
         """
         from dataclasses import replace
-        from tests.tutorial.keep_low import KeepLow
-        from rf_exp.constraints import RoboChecker
+        import numpy as np
+        from tests.tutorial.own_side import OwnSide
+        from rf_exp.constraints import RoboChecker, serial
         from rf_exp.datagen.brain.questions import constraint_forms
         from rf_exp.statements import Proposal, read
-        from rf_exp.types import Row, Schedule
-        from tests.constraints.robots import REACHING, REST, idle, real, scene_of, walk
+        from rf_exp.types import Row
+        from tests.constraints.robots import REST, idle, real, scene_of, walk
 
         task = real("lift_barrier")
-        said = read("Agent_1 must keep its gripper below 0.25 m", task.vocabulary)
-        assert said == KeepLow(1, 0.25) and read(said.sentence, task.vocabulary) == said
-        assert KeepLow.samples[0].sentence in constraint_forms()
+        said = read("Agent_1 must stay on its side of the table", task.vocabulary)
+        assert said == OwnSide(1) and read(said.sentence, task.vocabulary) == said
+        assert OwnSide.samples[0].sentence in constraint_forms()
         checker = RoboChecker(task, Proposal((), (said,)), Row("full"))
-        scene, trajectories = scene_of(task), (walk(1, [REST, REACHING], 20), idle(2))
-        timed = checker.schedule(trajectories, scene)
-        assert isinstance(timed, Schedule)
-        (violation,) = checker.check(trajectories, timed, scene)
+        scene = scene_of(task)
+        across = np.array([0.0, 1.1, 0.0, -0.8, 0.0, 1.9, 0.785])  # stretched out over the middle
+        trajectories = walk(1, [REST, across], 20), idle(2)
+        checked = checker.check(checker.paths(trajectories, scene), serial(trajectories, Proposal((), ())))
+        (violation,) = (each for each in checked.violations if each.cause == "space" and each.agents == (1,))
         print(violation.reason)
         qpos = scene.qpos.copy()
-        qpos[0, :7] = REACHING
-        assert checker.monitor(replace(scene, qpos=qpos)).reason.startswith("the gripper of Agent_1 is")
+        qpos[0, :7] = across
+        assert checked.monitor()(scene) is None
+        assert checked.monitor()(replace(scene, qpos=qpos)).reason == violation.reason
         """
     )
-    assert told.startswith("the gripper of Agent_1 is 0.") and "m up (allowed 0.25 m)" in told
+    assert told.startswith("the gripper of Agent_1 is 0.") and "on the side of another agent" in told
 
 
 def test_a_new_verb_has_its_form_and_its_words():

@@ -1,0 +1,100 @@
+"""The monitor of a plan: its checks on the real state, and a watch of its own, at every control step."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rf_exp.constraints.evidence import Check, Evidence, doing, violation
+from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents
+from rf_exp.statements import agent_name
+from rf_exp.types import ARM_JOINTS, COLLISION, CONTROL_DT_S, Scene, Segment, Violation
+
+TRACKING_RAD = 0.15  # beyond the lag
+REFLEX_N = 20.0  # on an arm; the collision reflex of a Panda is set to 20 N in its maker's examples
+LOST_STEPS = 4  # control steps without grip before something counts as lost
+
+
+class Monitor:
+    """Watches one execution of a plan."""
+
+    def __init__(self, plan: Plan, checks: Sequence[Check]) -> None:
+        self._plan, self._checks = plan, checks
+        self._lost: dict[int, int] = {}  # agent -> control steps for which it has not held what it should
+
+    def __call__(self, scene: Scene) -> Violation | None:
+        """All checks on the real state at one control step."""
+        plan = self._plan
+        touched: dict[tuple[int, ...], Evidence | None] = {}
+        for check in self._checks:
+            if isinstance(check, AvoidAgents):  # one pair is often named by several constraints
+                key = check.agents if len(check.agents) > 1 else plan.task.agents
+                if key in touched:
+                    continue
+                check = AvoidAgents(key, check.text)
+                evidence = touched[key] = check.measured(scene, plan)
+            else:
+                evidence = check.measured(scene, plan)
+            if evidence is not None and not evidence.ok:
+                return violation(check, evidence)
+        return self._struck(scene) or self._dropped(scene) or self._strayed(scene)
+
+    def _struck(self, scene: Scene) -> Violation | None:
+        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
+        plan = self._plan
+
+        def now(agent: int) -> Segment | None:
+            return plan.segment_at(agent, plan.position_now(agent, scene))
+
+        hits: list[tuple[float, tuple[int, ...], str]] = [
+            (force_n, (a, b), "hit each other") for a, b, force_n in scene.arm_contacts if force_n > REFLEX_N
+        ]
+        for (agent, name), force in scene.finger_forces.items():
+            force_n = float(np.linalg.norm(force))
+            if force_n > REFLEX_N and ((segment := now(agent)) is None or name not in segment.about):
+                hits.append((force_n, (agent,), f"pushes {name}"))
+        if not hits:
+            return None
+        force_n, agents, what = max(hits)
+        doings = ", and ".join(f"{agent_name(agent)}, {doing(now(agent))}" for agent in agents)
+        reason = f"{doings}, {what} with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
+        return Violation(COLLISION, "contact", agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
+
+    def _dropped(self, scene: Scene) -> Violation | None:
+        """An agent no longer holds what it should carry."""
+        plan = self._plan
+        for trajectory in plan.trajectories:
+            agent = trajectory.agent
+            position = plan.position_now(agent, scene)
+            segment = plan.segment_at(agent, position) if position > 0 else None
+            carried = segment.carries if segment is not None else None
+            holds = carried is None or scene.held[agent - 1] == carried
+            self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
+            if self._lost[agent] >= LOST_STEPS and segment is not None:
+                reason = f"{agent_name(agent)}, {doing(segment)}, no longer holds {carried}"
+                value = self._lost[agent] * CONTROL_DT_S
+                bound = LOST_STEPS * CONTROL_DT_S
+                return Violation(
+                    "ValidateInteraction", "grip", (agent,), scene.step * CONTROL_DT_S, value, bound, reason
+                )
+        return None
+
+    def _strayed(self, scene: Scene) -> Violation | None:
+        """A measured arm is not where any of its recent commands sent it."""
+        plan = self._plan
+        now = scene.step - plan.scene.step
+        for trajectory in plan.trajectories:
+            agent, positions = trajectory.agent, plan.positions(trajectory.agent)
+            recent = positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)]
+            path = trajectory.path()[:, :ARM_JOINTS]
+            targets = path[recent.min() : recent.max() + 1]
+            error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())
+            if error > TRACKING_RAD:
+                segment = plan.segment_at(agent, int(recent[-1]))
+                reason = (
+                    f"{agent_name(agent)}, {doing(segment)}, is {error:.2f} rad off its path "
+                    f"(allowed {TRACKING_RAD} rad): something is in its way"
+                )
+                now_s = scene.step * CONTROL_DT_S
+                return Violation("Tracking", "tracking", (agent,), now_s, error, TRACKING_RAD, reason)
+        return None

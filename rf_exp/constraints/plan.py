@@ -1,0 +1,166 @@
+"""What is about to be executed: the paths of all agents, and with a schedule a plan."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.clearance import Mask, Swept, closer_than
+from rf_exp.constraints.seen import Seen, together
+from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.tasks import Task
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Row, Scene, Schedule, Segment, Trajectory
+
+FINER = 8  # steps of the second look in one control step
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Where agents are about to go from `scene` on, without when: what schedules are made for."""
+
+    task: Task
+    row: Row
+    scene: Scene
+    trajectories: tuple[Trajectory, ...]  # one an agent, in the order of the agents
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        return Bodies(self.task, self.scene, self.trajectories)
+
+    @cached_property
+    def swept(self) -> tuple[Swept, ...]:
+        """Every agent along its trajectory with what it moves."""
+        return tuple(self.bodies.along(trajectory) for trajectory in self.trajectories)
+
+    @cached_property
+    def diagrams(self) -> Mapping[tuple[int, int], Mask]:
+        """Coordination diagrams (P_i, P_j) of all pairs of agents i < j: True = too close."""
+        agents = self.task.agents
+        return {
+            (i, j): closer_than(self.swept[i - 1], self.swept[j - 1], AGENT_MARGIN_M)
+            for i in agents
+            for j in agents
+            if i < j
+        }
+
+    @cached_property
+    def still(self) -> tuple[Swept, ...]:
+        """For each agent what nobody moves: the objects, or as far as cameras have looked what they see."""
+        if self.scene.seen is None:
+            return (self.bodies.standing(),) * len(self.trajectories)
+        seen, moved, found = Seen(self.bodies), self.bodies.moved, []
+        for trajectory in self.trajectories:
+            about = {name for segment in trajectory.segments for name in segment.about}
+            about &= set(self.task.objects)
+            boxes, exactly = seen.obstacles(trajectory.agent, about | moved)
+            found.append(together(self.bodies.standing(sorted(exactly - moved)), boxes))
+        return tuple(found)
+
+    @cached_property
+    def blocked(self) -> tuple[Mask, ...]:
+        """(P,) for each agent: too close to something that nobody moves, or in the table.
+
+        Between two positions a fast arm may move further than a gap is wide, so what the bound on the
+        motion flags gets a second look at a path of finer steps.
+        """
+        found = []
+        for trajectory, body, still in zip(self.trajectories, self.swept, self.still, strict=True):
+            near = closer_than(body, still, OBJECT_MARGIN_M)[:, 0]
+            if near.any():
+                close = closer_than(self.finer(trajectory.agent), still, OBJECT_MARGIN_M)[:, 0]
+                near = np.array([close[self.around(at)].any() for at in range(len(near))])
+            found.append(near | self.bodies.below_table(body))
+        return tuple(found)
+
+    def finer(self, agent: int) -> Swept:
+        """An agent along its trajectory with FINER positions for each one."""
+        return self.bodies.along(_finer(self.trajectory(agent)))
+
+    @staticmethod
+    def around(position: int) -> slice:
+        """The finer positions that are nearest to a path position."""
+        return slice(max(0, FINER * position - FINER // 2), FINER * position + FINER // 2 + 1)
+
+    def trajectory(self, agent: int) -> Trajectory:
+        return self.trajectories[agent - 1]
+
+    @property
+    def begins_s(self) -> float:
+        """When the plan begins, on the clock of the episode."""
+        return self.scene.step * CONTROL_DT_S
+
+    def segment_at(self, agent: int, position: int) -> Segment | None:
+        """The segment that ends at or after a path position; None without segments."""
+        trajectory = self.trajectory(agent)
+        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+            if position <= end:
+                return segment
+        return trajectory.segments[-1] if trajectory.segments else None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Paths with a schedule, who is where at which control step: the frame of every check."""
+
+    paths: Paths
+    schedule: Schedule
+
+    @property
+    def task(self) -> Task:
+        return self.paths.task
+
+    @property
+    def row(self) -> Row:
+        return self.paths.row
+
+    @property
+    def scene(self) -> Scene:
+        """From which it begins."""
+        return self.paths.scene
+
+    @property
+    def trajectories(self) -> tuple[Trajectory, ...]:
+        return self.paths.trajectories
+
+    def trajectory(self, agent: int) -> Trajectory:
+        return self.paths.trajectory(agent)
+
+    @property
+    def bodies(self) -> Bodies:
+        return self.paths.bodies
+
+    @property
+    def begins_s(self) -> float:
+        """When the plan begins, on the clock of the episode."""
+        return self.paths.begins_s
+
+    def positions(self, agent: int) -> NDArray[np.int64]:
+        """(T + 1,) path position of an agent at each control step."""
+        return self.schedule.positions[:, agent - 1]
+
+    def position_now(self, agent: int, scene: Scene) -> int:
+        """Path position that the agent was sent to in the step before this scene was measured."""
+        positions = self.positions(agent)
+        return int(positions[np.clip(scene.step - self.scene.step, 0, len(positions) - 1)])
+
+    def time_s(self, agent: int, position: int) -> float:
+        """When an agent first is at a path position, on the clock of the episode."""
+        return self.begins_s + float(np.searchsorted(self.positions(agent), position)) * CONTROL_DT_S
+
+    def segment_at(self, agent: int, position: int) -> Segment | None:
+        """The segment that ends at or after a path position; None without segments."""
+        return self.paths.segment_at(agent, position)
+
+
+def _finer(trajectory: Trajectory) -> Trajectory:
+    """The same motion with FINER path positions for each one, straight in joints and gripper."""
+    path, start = trajectory.path(), 0
+    segments = []
+    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+        at = np.arange(FINER * start + 1, FINER * end + 1) / FINER
+        finer = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+        segments.append(replace(segment, qpos=finer[:, :ARM_JOINTS], gripper=finer[:, ARM_JOINTS]))
+        start = end
+    return replace(trajectory, segments=tuple(segments))
