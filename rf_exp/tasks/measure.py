@@ -1,6 +1,7 @@
 """Named measurements on a scene, so that success criteria read in words."""
 
 from collections.abc import Iterable, Mapping
+from math import acos, degrees, hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,12 @@ def risen_m(scene: Scene, start: Scene, name: str) -> float:
 
 def distance_xy_m(a: Matrix, b: Matrix) -> float:
     """Distance of two origins on the table."""
-    return float(np.linalg.norm(a[:2, 3] - b[:2, 3]))
+    return hypot(*(a[:2, 3] - b[:2, 3]).tolist())
 
 
 def tilt_deg(pose: Matrix) -> float:
     """Angle between the object's z axis and the vertical."""
-    return float(np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0))))
+    return degrees(acos(min(max(float(pose[2, 2]), -1.0), 1.0)))
 
 
 def still(scene: Scene, name: str, below_m_s: float) -> Measured:

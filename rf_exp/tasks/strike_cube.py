@@ -1,6 +1,6 @@
 """Strike Cube: one arm takes the hammer by its handle and strikes the cube."""
 
-import numpy as np
+from math import degrees, dist
 
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
@@ -38,14 +38,14 @@ def _head(scene: Scene, task: Task) -> Matrix:
 def _gap_m(scene: Scene, task: Task) -> float:
     """From the face of the hammer to the middle of the cube's top."""
     top = scene.poses["cube"] @ task.asset("cube").points["top"].object_from_tcp
-    return float(np.linalg.norm(_head(scene, task)[:3, 3] - top[:3, 3]))
+    return dist(_head(scene, task)[:3, 3], top[:3, 3])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The held hammer stands on the cube with its face down, and the cube is where it was."""
     limits = task.success
-    slipped_m = float(np.linalg.norm(scene.poses["cube"][:3, 3] - start.poses["cube"][:3, 3]))
-    off_deg = float(np.degrees(angle_between_rad(_head(scene, task)[:3, 2], DOWN)))
+    slipped_m = dist(scene.poses["cube"][:3, 3], start.poses["cube"][:3, 3])
+    off_deg = degrees(angle_between_rad(_head(scene, task)[:3, 2], DOWN))
     return {
         "hammer held": holders(scene, "hammer") == (ARM,),
         "face on the cube": below(_gap_m(scene, task), limits["struck_m"], "m"),
