@@ -86,8 +86,8 @@ class EpisodeCore:
             raise ResetNeeded(
                 "no episode is under way; call reset() before the first step, and after the last"
             )
-        command = checked(action, self._low.shape, "action").clip(self._low, self._high)
-        self._see(self._world.step(command.astype(float)))
+        command = shaped(action, self._low.shape, "action").clip(self._low, self._high)
+        self._see(self._world.step(command.astype(float)))  # which refuses what is not finite
 
     def _see(self, scene: Scene) -> None:
         assert self._judge is not None
@@ -135,8 +135,8 @@ class EpisodeCore:
         self._world = None
 
 
-def checked(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:
-    """An action as an array. Raises ArgumentError unless it has this shape and is finite."""
+def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:
+    """An action as an array. Raises ArgumentError for what is no array of this shape."""
     expected = f"expected finite numbers of shape {shape}: joint targets in rad, gripper in [-1, 1]"
     try:
         array = np.asarray(action, dtype=np.float32)
@@ -144,8 +144,6 @@ def checked(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.flo
         raise ArgumentError(f"{what} is {action!r}; {expected}") from error
     if array.shape != shape:
         raise ArgumentError(f"{what} of shape {array.shape}; {expected}")
-    if not np.isfinite(array).all():
-        raise ArgumentError(f"{what} with values that are not finite; {expected}")
     return array
 
 

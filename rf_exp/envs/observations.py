@@ -164,17 +164,21 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
     """
     own = np.array([agent - 1, *(other - 1 for other in task.agents if other != agent)])
     rows = {"joints": own[:1], "full": own}.get(seen.state)
-    names: dict[str, str] = {}
-    for kind in ("rgb", "depth", "segmentation"):
-        names |= {f"{kind}_global": f"{kind}_global", f"{kind}_agent{agent}": f"{kind}_local"}
-    names |= {f"pose_{name}": f"pose_{name}" for name in task.objects}
+    local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in ("rgb", "depth", "segmentation")}
+    arrays = [key for key in space(seen, task, agent) if key not in ("qpos", "qvel", "language")]
+    copied = [(key, local.get(key, key)) for key in arrays]
 
     def take(whole: Observation) -> Observation:
-        shown = {} if rows is None else {key: whole[key].take(rows, axis=0) for key in ("qpos", "qvel")}
+        shown: Observation = {}
+        if rows is not None:
+            shown = {key: whole[key].take(rows, axis=0) for key in ("qpos", "qvel")}
         if seen.state == "joints":
             shown = {key: value[0] for key, value in shown.items()}
-        shown |= {names[key]: value.copy() for key, value in whole.items() if key in names}
-        return shown | ({"language": whole["language"]} if seen.language else {})
+        for key, name in copied:
+            shown[key] = whole[name].copy()
+        if seen.language:
+            shown["language"] = whole["language"]
+        return shown
 
     return take
 

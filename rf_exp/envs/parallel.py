@@ -9,7 +9,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, checked
+from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, shaped
 from rf_exp.envs.observations import (
     Observation,
     Observations,
@@ -101,7 +101,7 @@ class ParallelArmsEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
             core.step([actions[name] for name in self.agents])
         except ArgumentError:
             for name in agents:  # the one that is wrong
-                checked(actions[name], (SIZE,), f"action of {name}")
+                shaped(actions[name], (SIZE,), f"action of {name}")
             raise
         if core.success or core.truncated:
             self.agents = []

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from rf_exp.envs.observations import Observations
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import CONFIGURED, read_task
@@ -63,7 +64,9 @@ def _register(name: str, task: str) -> str:
     return environment_id(name)
 
 
-def parallel_env(task: "str | Path | Task", **options: Any) -> "ParallelArmsEnv":
+def parallel_env(
+    task: "str | Path | Task", observations: Observations | None = None, **options: Any
+) -> "ParallelArmsEnv":
     """The PettingZoo environment of a task: its name, the path of its YAML file, or itself.
 
     `options` are those of `ParallelArmsEnv`. Raises StageError where PettingZoo is not installed.
@@ -74,4 +77,4 @@ def parallel_env(task: "str | Path | Task", **options: Any) -> "ParallelArmsEnv"
         if error.name != "pettingzoo":
             raise
         raise StageError("PettingZoo is not installed; run: pip install 'rf_exp[envs]'") from error
-    return ParallelArmsEnv(task, **options)
+    return ParallelArmsEnv(task, observations, **options)

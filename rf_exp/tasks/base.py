@@ -268,7 +268,8 @@ class Judge:
         self._task, self._start, self._steps = task, start, 0
         self._module = task.module
         self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
-        self._reached = frozenset(name for name in task.objects if self._in_reach(start, name))
+        places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
+        self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
 
     def __call__(self, scene: Scene) -> Verdict:
         conditions: Mapping[str, Condition] = self._module.conditions(scene, self._start, self._task)
@@ -286,17 +287,16 @@ class Judge:
         """What no arm can get at any more, and what fell out of a hand."""
         lost = {}
         for name in self._task.objects:
-            height_m = float(scene.poses[name][2, 3])
+            x_m, y_m, height_m = scene.poses[name][:3, 3].tolist()
             if name in scene.held:
                 self._let_go_m[name] = height_m
             if height_m < -OFF_M:
                 lost[name] = "off the table"
-            elif name in self._reached and not self._in_reach(scene, name):
+            elif name in self._reached and not self._in_reach(x_m, y_m):
                 lost[name] = "out of reach"
             elif self._let_go_m.get(name, height_m) - height_m > DROP_M:
                 lost[name] = "dropped"
         return lost
 
-    def _in_reach(self, scene: Scene, name: str) -> bool:
-        x_m, y_m = scene.poses[name][:2, 3].tolist()
+    def _in_reach(self, x_m: float, y_m: float) -> bool:
         return any(hypot(x_m - robot.x_m, y_m - robot.y_m) < REACH_M for robot in self._task.robots)

@@ -12,12 +12,12 @@ from rf_exp.types import Condition, Measured, Scene
 
 def above(value: float, bound: float, unit: str) -> Measured:
     """Whether a value is above its bound."""
-    return Measured(bool(value > bound), float(value), float(bound), unit, above=True)
+    return Measured(bool(value > bound), float(value), float(bound), unit, True)
 
 
 def below(value: float, bound: float, unit: str) -> Measured:
     """Whether a value is below its bound."""
-    return Measured(bool(value < bound), float(value), float(bound), unit, above=False)
+    return Measured(bool(value < bound), float(value), float(bound), unit, False)
 
 
 def every(conditions: Iterable[Measured]) -> Measured:
@@ -70,7 +70,7 @@ def stacked(
     a, b = scene.poses[top], scene.poses[bottom]
     beside, off = distance_xy_m(a, b), abs(float(a[2, 3] - b[2, 3]) - height_m)
     parts = ((beside, beside_m), (off, above_m))
-    return every(Measured(value <= bound, value, bound, "m", above=False) for value, bound in parts)
+    return every(Measured(value <= bound, value, bound, "m", False) for value, bound in parts)
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:
