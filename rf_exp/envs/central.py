@@ -13,7 +13,7 @@ from rf_exp.envs.observations import Observation, Observations, action_space, la
 from rf_exp.tasks import Task
 
 
-class CentralEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class CentralEnv(gymnasium.Env[Observation, NDArray[np.floating]]):
     """A task for one controller of all N arms; `gymnasium.make("rf_exp/<task>-v1")` makes it.
 
     Actions (N, 8) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
@@ -62,7 +62,7 @@ class CentralEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.core.reset(seed, self.np_random)
         return self.core.observe(), self.core.info()
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.floating]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One control step, 50 ms: observation, reward, terminated, truncated, info."""
         core = self.core
         core.step(action)
