@@ -125,6 +125,7 @@ class Eyes:
     def __init__(self, seen: Observations, world: Simulator) -> None:
         self._seen, self._world, self._task = seen, world, world.task
         self._cameras = Pictures(cameras=seen.cameras).of(len(world.task.agents))
+        self._poses = [(f"pose_{name}", name) for name in world.task.objects]
 
     def __call__(self, scene: Scene) -> Observation:
         """What there is to see; all arrays are new ones."""
@@ -132,8 +133,8 @@ class Eyes:
         if seen.state != "none":
             shown["qpos"], shown["qvel"] = scene.qpos.astype(np.float32), scene.qvel.astype(np.float32)
         if seen.state == "full":
-            for name, pose in scene.poses.items():
-                shown[f"pose_{name}"] = np.array(position_and_quaternion(pose), np.float32)
+            for key, name in self._poses:
+                shown[key] = np.array(position_and_quaternion(scene.poses[name]), np.float32)
         if seen.pictures:
             shown |= _named("rgb", self._world.pictures(self._cameras))
         if seen.depth:

@@ -95,7 +95,7 @@ class ParallelArmsEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
         Raises ArgumentError unless there is an action for each agent.
         """
         agents, core = self.possible_agents, self.core
-        if self.agents and set(actions) != set(agents):
+        if self.agents and actions.keys() != self._own.keys():
             raise ArgumentError(f"actions of {sorted(actions)}; expected one of each of {agents}")
         try:
             core.step([actions[name] for name in self.agents])

@@ -2,6 +2,8 @@
 
 from math import degrees, dist
 
+import numpy as np
+
 from rf_exp.tasks import say
 from rf_exp.tasks.base import Task
 from rf_exp.tasks.measure import below, every, holders, upright
@@ -13,7 +15,7 @@ PLAN_VERSION = "1"
 
 ARM = 1
 LIFT_M = 0.06  # off the table, before the hammer swings over the cube
-DOWN = (0.0, 0.0, -1.0)
+DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def plan(scene: Scene, task: Task) -> Proposal:

@@ -85,7 +85,7 @@ def test_both_faces_give_the_same_episode() -> None:
         np.testing.assert_array_equal(own["agent2"]["qpos"], observed["qpos"][[1, 0]])
         for name in single.task.objects:
             np.testing.assert_array_equal(own["agent2"][f"pose_{name}"], observed[f"pose_{name}"])
-        action = action + np.float32(0.05) * rng.standard_normal(action.shape).astype(np.float32)
+        action = (action + 0.05 * rng.standard_normal(action.shape)).astype(np.float32)
         observed, reward, _, _, info = single.step(action)
         own, rewards, _, _, infos = several.step({"agent1": action[0], "agent2": action[1]})
         assert infos == {"agent1": info, "agent2": info} and set(rewards.values()) == {reward}

@@ -51,7 +51,7 @@ def test_options_that_are_not_possible(make: Callable[[], Any], says: str) -> No
     ],
 )
 def test_actions_that_are_none(action: Any, says: str) -> None:
-    env = CentralEnv("lift_barrier")
+    env: Any = CentralEnv("lift_barrier")
     env.reset(seed=0)
     with pytest.raises(ArgumentError, match=says):
         env.step(action)
