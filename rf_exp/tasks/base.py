@@ -266,7 +266,7 @@ class Judge:
 
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
-        self._module = task.module
+        self._module, self._bases = task.module, [(robot.x_m, robot.y_m) for robot in task.robots]
         self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
         places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
         self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
@@ -299,4 +299,4 @@ class Judge:
         return lost
 
     def _in_reach(self, x_m: float, y_m: float) -> bool:
-        return any(hypot(x_m - robot.x_m, y_m - robot.y_m) < REACH_M for robot in self._task.robots)
+        return any(hypot(x_m - base_x, y_m - base_y) < REACH_M for base_x, base_y in self._bases)

@@ -67,15 +67,16 @@ def stacked(
     scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float
 ) -> Measured:
     """Whether `top` is `height_m` above `bottom`, to within `above_m`, and at most `beside_m` beside it."""
-    a, b = scene.poses[top], scene.poses[bottom]
-    beside, off = distance_xy_m(a, b), abs(float(a[2, 3] - b[2, 3]) - height_m)
-    parts = ((beside, beside_m), (off, above_m))
-    return every(Measured(value <= bound, value, bound, "m", False) for value, bound in parts)
+    x_m, y_m, z_m = (scene.poses[top][:3, 3] - scene.poses[bottom][:3, 3]).tolist()
+    beside, off = hypot(x_m, y_m), abs(z_m - height_m)
+    if beside > beside_m:
+        return Measured(False, beside, beside_m, "m", False)
+    return Measured(off <= above_m, off, above_m, "m", False)
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:
     """Whether nobody holds any of the objects."""
-    return not any(holders(scene, name) for name in names)
+    return not any(name in scene.held for name in names)
 
 
 def pushed_n(scene: Scene, agent: int, name: str, direction: NDArray[np.float64]) -> float:

@@ -116,9 +116,8 @@ def test_an_episode_is_cut_off_after_the_step_limit() -> None:
     assert CentralEnv("pick_meat").task.step_limit == read_task("pick_meat").step_limit == 150
     several = parallel_env("lift_barrier", step_limit=1)
     several.reset(seed=0)
-    _, _, ended, cut_off, _ = several.step(
-        {agent: several.action_space(agent).sample() for agent in several.agents}
-    )
+    actions = {agent: several.action_space(agent).sample() for agent in several.agents}
+    _, _, ended, cut_off, _ = several.step(actions)
     assert not several.agents and not any(ended.values()) and all(cut_off.values())
 
 
@@ -129,9 +128,11 @@ def test_actions_are_the_panda_s_joints_and_what_is_beyond_is_clipped() -> None:
     np.testing.assert_allclose(env.action_space.low, [[*low, -1]] * 2, rtol=1e-6)
     np.testing.assert_allclose(env.action_space.high, [[*high, 1]] * 2, rtol=1e-6)
     env.reset(seed=0)
-    beyond = env.step(np.full((2, 8), 9.0))[0]
+    beyond = env.step(np.full((2, 8), 9.0, np.float32))[0]
     env.reset(seed=0)
-    np.testing.assert_array_equal(beyond["qpos"], env.step(env.action_space.high)[0]["qpos"])
+    np.testing.assert_array_equal(
+        beyond["qpos"], env.step(env.action_space.high.astype(np.float32))[0]["qpos"]
+    )
 
 
 @pytest.mark.parametrize("overlaps", [False, True])
