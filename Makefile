@@ -67,4 +67,4 @@ bench: setup ## every figure that the documents claim
 
 clean: ## remove the environment and caches; outputs/ stays
 	rm -rf .venv build *.egg-info .pytest_cache .hypothesis .ruff_cache .import_linter_cache
-	find rf_exp tests benchmarks -name __pycache__ -prune -exec rm -rf {} +
+	find rf_exp tests benchmarks examples -name __pycache__ -prune -exec rm -rf {} +

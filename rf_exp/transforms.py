@@ -3,6 +3,8 @@
 Positions in metres, angles in radians unless a name says `_deg`, quaternions wxyz.
 """
 
+from math import atan2, hypot
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -45,6 +47,26 @@ def quaternion(matrix: Matrix) -> NDArray[np.float64]:
     return Rotation.from_matrix(matrix[..., :3, :3]).as_quat(scalar_first=True)
 
 
+def position_and_quaternion(matrix: Matrix) -> list[float]:
+    """The position and the unit quaternion (x, y, z, w, x, y, z) of one (4, 4), that of `quaternion`.
+
+    A tenth of the time of `quaternion`, which is for many.
+    """
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = matrix.tolist()
+    trace = a + e + i
+    largest = max(a, e, i, trace)  # the best conditioned of four ways
+    if trace == largest:
+        turn = (1 + trace, h - f, c - g, d - b)
+    elif a == largest:
+        turn = (h - f, 1 - trace + 2 * a, b + d, c + g)
+    elif e == largest:
+        turn = (c - g, b + d, 1 - trace + 2 * e, f + h)
+    else:
+        turn = (d - b, c + g, f + h, 1 - trace + 2 * i)
+    norm = hypot(*turn)
+    return [x, y, z, *(part / norm for part in turn)]
+
+
 def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., 4, 4) of positions in m with quaternions w, x, y, z (..., 7)."""
     matrices = np.zeros((*poses.shape[:-1], 4, 4))
@@ -70,8 +92,9 @@ def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def angle_between_rad(a: ArrayLike, b: ArrayLike) -> float:
     """The angle between two directions (3,), in [0, pi]."""
-    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
+    (ax, ay, az), (bx, by, bz) = np.asarray(a, dtype=float).tolist(), np.asarray(b, dtype=float).tolist()
+    sine = hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+    return atan2(sine, ax * bx + ay * by + az * bz)
 
 
 def rotation_angle_rad(a: Matrix, b: Matrix) -> float:

@@ -52,25 +52,29 @@ def _frames() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return joints, np.stack([model.frames[i].placement.homogeneous for i in ids])
 
 
-def _joint_poses(qpos: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(..., 10, 4, 4) base_from_joint; index 0 is the base. Vectorised over leading axes."""
+@cache
+def _chain() -> tuple[tuple[int, ...], tuple[NDArray[np.float64], ...]]:
+    """Parent of every joint, and parent_from_joint (4, 4) at zero; asking Pinocchio each time is slow."""
     model = _model()
-    poses = np.empty((*qpos.shape[:-1], 10, 4, 4))
+    return tuple(model.parents), tuple(placement.homogeneous for placement in model.jointPlacements)
+
+
+def _joint_poses(qpos: NDArray[np.floating], last: int = 9) -> NDArray[np.float64]:
+    """(..., last + 1, 4, 4) base_from_joint; index 0 is the base. Vectorised over leading axes."""
+    parents, placements = _chain()
+    motions = np.zeros((*qpos.shape[:-1], 10, 4, 4))
+    motions[..., range(4), range(4)] = 1.0
+    arm = motions[..., 1 : ARM_JOINTS + 1, :, :]  # revolute, each about its own z
+    arm[..., 0, 0] = arm[..., 1, 1] = np.cos(qpos[..., :ARM_JOINTS])
+    arm[..., 1, 0] = np.sin(qpos[..., :ARM_JOINTS])
+    arm[..., 0, 1] = -arm[..., 1, 0]
+    if last > ARM_JOINTS:  # fingers slide along their y, towards opposite sides
+        motions[..., 8, 1, 3], motions[..., 9, 1, 3] = qpos[..., 7], -qpos[..., 8]
+    poses = np.empty((*qpos.shape[:-1], last + 1, 4, 4))
     poses[..., 0, :, :] = np.eye(4)
-    for joint in range(1, 10):
-        value = qpos[..., joint - 1]
-        motion = np.zeros((*qpos.shape[:-1], 4, 4))
-        motion[..., 3, 3] = motion[..., 2, 2] = 1.0
-        if joint <= ARM_JOINTS:  # revolute about its own z
-            motion[..., 0, 0] = motion[..., 1, 1] = np.cos(value)
-            motion[..., 1, 0] = np.sin(value)
-            motion[..., 0, 1] = -motion[..., 1, 0]
-        else:  # fingers slide along their y, towards opposite sides
-            motion[..., 0, 0] = motion[..., 1, 1] = 1.0
-            motion[..., 1, 3] = value if joint == 8 else -value
-        parent = poses[..., model.parents[joint], :, :]
-        placement = model.jointPlacements[joint].homogeneous
-        poses[..., joint, :, :] = parent @ placement @ motion
+    for joint in range(1, last + 1):
+        parent = poses[..., parents[joint], :, :]
+        poses[..., joint, :, :] = parent @ placements[joint] @ motions[..., joint, :, :]
     return poses
 
 
@@ -83,9 +87,8 @@ def link_poses(qpos: NDArray[np.float64]) -> NDArray[np.float64]:
 def tcp_pose(qpos: NDArray[np.floating]) -> NDArray[np.float64]:
     """base_from_tcp (..., 4, 4) for arm joints (..., 7) rad; z out of the hand, y along the fingers."""
     joints, placements = _frames()
-    qpos = np.asarray(qpos, dtype=float)
-    padded = np.concatenate([qpos[..., :ARM_JOINTS], np.zeros((*qpos.shape[:-1], 2))], axis=-1)
-    return _joint_poses(padded)[..., joints[-1], :, :] @ placements[-1]
+    last = int(joints[-1])  # of the arm: fingers do not move it
+    return _joint_poses(np.asarray(qpos, dtype=float), last)[..., last, :, :] @ placements[-1]
 
 
 @cache

@@ -129,13 +129,15 @@ class Simulator:
         """
         return {name: picture[..., :3].copy() for name, picture in self._drawn("Color", cameras).items()}
 
-    def segmentation(self) -> dict[str, NDArray[np.int32]]:
+    def segmentation(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.int32]]:
         """Camera -> (H, W) number of the body seen at each pixel, see `bodies`; 0 is nothing."""
-        return {name: image[..., 3].astype(np.int32) for name, image in self._drawn(GEOMETRY).items()}
+        images = self._drawn(GEOMETRY, cameras)
+        return {name: image[..., 3].astype(np.int32) for name, image in images.items()}
 
-    def depth(self) -> dict[str, NDArray[np.float32]]:
+    def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]:
         """Camera -> (H, W) metres along the viewing direction, to the millimetre; 0 is nothing."""
-        return {name: np.float32(-0.001) * image[..., 2] for name, image in self._drawn(GEOMETRY).items()}
+        images = self._drawn(GEOMETRY, cameras)
+        return {name: np.float32(-0.001) * image[..., 2] for name, image in images.items()}
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
         """Numbers that `segmentation` uses: each object, `table`, and `agent<k>` with all of its links."""

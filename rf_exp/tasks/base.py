@@ -16,6 +16,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import import_module
 from itertools import combinations
+from math import hypot
 from types import ModuleType
 from typing import Any
 
@@ -136,9 +137,12 @@ class Task:
     cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
     success: Mapping[str, float]  # thresholds that the module reads, units in their names
     randomisation: Randomisation = Randomisation()
+    step_limit: int = 600  # control steps after which an attempt in an environment is over
     code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
 
     def __post_init__(self) -> None:
+        if self.step_limit < 1:
+            raise ArgumentError(f"step_limit is {self.step_limit}; expected at least 1 control step")
         object.__setattr__(self, "robots", tuple(self.robots))
         expected = {"global", *(f"agent{k}" for k in range(1, len(self.robots) + 1))}
         if set(self.cameras) != expected:
@@ -287,16 +291,18 @@ class Judge:
 
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
+        self._module, self._bases = task.module, [(robot.x_m, robot.y_m) for robot in task.robots]
         self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
-        self._reached = frozenset(name for name in task.objects if self._in_reach(start, name))
+        places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
+        self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
 
     def __call__(self, scene: Scene) -> Verdict:
-        conditions: Mapping[str, Condition] = self._task.module.conditions(scene, self._start, self._task)
+        conditions: Mapping[str, Condition] = self._module.conditions(scene, self._start, self._task)
         evidence = {name: bool(holds) for name, holds in conditions.items()}
         self._steps = self._steps + 1 if all(evidence.values()) else 0
         return Verdict(
             self._steps >= int(self._task.success["hold_steps"]),
-            bool(self._task.module.paper(scene, self._start, self._task)),
+            bool(self._module.paper(scene, self._start, self._task)),
             evidence,
             {name: found for name, found in conditions.items() if isinstance(found, Measured)},
             self._lost(scene),
@@ -306,17 +312,16 @@ class Judge:
         """What no arm can get at any more, and what fell out of a hand."""
         lost = {}
         for name in self._task.objects:
-            height_m = float(scene.poses[name][2, 3])
+            x_m, y_m, height_m = scene.poses[name][:3, 3].tolist()
             if name in scene.held:
                 self._let_go_m[name] = height_m
             if height_m < -OFF_M:
                 lost[name] = "off the table"
-            elif name in self._reached and not self._in_reach(scene, name):
+            elif name in self._reached and not self._in_reach(x_m, y_m):
                 lost[name] = "out of reach"
             elif self._let_go_m.get(name, height_m) - height_m > DROP_M:
                 lost[name] = "dropped"
         return lost
 
-    def _in_reach(self, scene: Scene, name: str) -> bool:
-        place = scene.poses[name][:2, 3]
-        return any(np.hypot(*(place - (robot.x_m, robot.y_m))) < REACH_M for robot in self._task.robots)
+    def _in_reach(self, x_m: float, y_m: float) -> bool:
+        return any(hypot(x_m - base_x, y_m - base_y) < REACH_M for base_x, base_y in self._bases)

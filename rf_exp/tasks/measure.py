@@ -1,6 +1,7 @@
 """Named measurements on a scene, so that success criteria read in words."""
 
 from collections.abc import Iterable, Mapping
+from math import acos, degrees, hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,12 @@ from rf_exp.types import Condition, Measured, Scene
 
 def above(value: float, bound: float, unit: str) -> Measured:
     """Whether a value is above its bound."""
-    return Measured(bool(value > bound), float(value), float(bound), unit, above=True)
+    return Measured(bool(value > bound), float(value), float(bound), unit, True)
 
 
 def below(value: float, bound: float, unit: str) -> Measured:
     """Whether a value is below its bound."""
-    return Measured(bool(value < bound), float(value), float(bound), unit, above=False)
+    return Measured(bool(value < bound), float(value), float(bound), unit, False)
 
 
 def every(conditions: Iterable[Measured]) -> Measured:
@@ -39,12 +40,12 @@ def risen_m(scene: Scene, start: Scene, name: str) -> float:
 
 def distance_xy_m(a: Matrix, b: Matrix) -> float:
     """Distance of two origins on the table."""
-    return float(np.linalg.norm(a[:2, 3] - b[:2, 3]))
+    return hypot(*(a[:2, 3] - b[:2, 3]).tolist())
 
 
 def tilt_deg(pose: Matrix) -> float:
     """Angle between the object's z axis and the vertical."""
-    return float(np.degrees(np.arccos(np.clip(pose[2, 2], -1.0, 1.0))))
+    return degrees(acos(min(max(float(pose[2, 2]), -1.0), 1.0)))
 
 
 def still(scene: Scene, name: str, below_m_s: float) -> Measured:
@@ -66,15 +67,16 @@ def stacked(
     scene: Scene, top: str, bottom: str, height_m: float, beside_m: float, above_m: float
 ) -> Measured:
     """Whether `top` is `height_m` above `bottom`, to within `above_m`, and at most `beside_m` beside it."""
-    a, b = scene.poses[top], scene.poses[bottom]
-    beside, off = distance_xy_m(a, b), abs(float(a[2, 3] - b[2, 3]) - height_m)
-    parts = ((beside, beside_m), (off, above_m))
-    return every(Measured(value <= bound, value, bound, "m", above=False) for value, bound in parts)
+    x_m, y_m, z_m = (scene.poses[top][:3, 3] - scene.poses[bottom][:3, 3]).tolist()
+    beside, off = hypot(x_m, y_m), abs(z_m - height_m)
+    if beside > beside_m:
+        return Measured(False, beside, beside_m, "m", False)
+    return Measured(off <= above_m, off, above_m, "m", False)
 
 
 def released(scene: Scene, names: Iterable[str]) -> bool:
     """Whether nobody holds any of the objects."""
-    return not any(holders(scene, name) for name in names)
+    return not any(name in scene.held for name in names)
 
 
 def pushed_n(scene: Scene, agent: int, name: str, direction: NDArray[np.float64]) -> float:

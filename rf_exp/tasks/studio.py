@@ -95,4 +95,5 @@ def _lens(scene: Scene, task: Task) -> Matrix:
 
 def _middle_m(task: Task) -> float:
     """Height of the steak's middle above its origin."""
-    return float(task.asset("steak").bounds_m[:, 2].mean())
+    low_m, high_m = task.asset("steak").bounds_m[:, 2].tolist()
+    return (low_m + high_m) / 2

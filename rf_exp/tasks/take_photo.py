@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rf_exp.robots import Panda
+from rf_exp.robots import tcp_pose
 from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
 from rf_exp.tasks import studio
 from rf_exp.tasks.base import Task
@@ -40,7 +40,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
     """world_from_tcp of an agent."""
-    return Panda(task.robots[agent - 1].world_from_base).tcp(scene.qpos[agent - 1])
+    return task.robots[agent - 1].world_from_base @ tcp_pose(scene.qpos[agent - 1])
 
 
 def _shutter(scene: Scene, task: Task) -> Matrix:
@@ -50,12 +50,12 @@ def _shutter(scene: Scene, task: Task) -> Matrix:
 
 def _pressed(scene: Scene, task: Task) -> bool:
     """Whether the photographer's fingers are on the shutter and push it the way it goes."""
-    limits, hand, shutter = task.success, _hand(scene, task, PHOTOGRAPHER), _shutter(scene, task)
+    limits, shutter = task.success, _shutter(scene, task)
+    if pushed_n(scene, PHOTOGRAPHER, "camera", shutter[:3, 2]) <= limits["press_n"]:
+        return False
+    hand = _hand(scene, task, PHOTOGRAPHER)
     beside = np.linalg.norm(hand[:3, 3] - shutter[:3, 3]) < limits["press_m"]
-    along = np.degrees(angle_between_rad(hand[:3, 2], shutter[:3, 2])) < limits["press_deg"]
-    return bool(
-        beside and along and pushed_n(scene, PHOTOGRAPHER, "camera", shutter[:3, 2]) > limits["press_n"]
-    )
+    return bool(beside and np.degrees(angle_between_rad(hand[:3, 2], shutter[:3, 2])) < limits["press_deg"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
@@ -66,7 +66,10 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
     limits = task.success
+    if not studio.paper(scene, task):
+        return False
     off = np.abs(_hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]).max()
+    if off >= limits["paper_shutter_m"]:
+        return False
     steak = _hand(scene, task, studio.MODEL)[:3, 3] - scene.poses["steak"][:3, 3]
-    close = off < limits["paper_shutter_m"] and np.linalg.norm(steak) < limits["paper_steak_m"]
-    return studio.paper(scene, task) and bool(close)
+    return bool(np.linalg.norm(steak) < limits["paper_steak_m"])

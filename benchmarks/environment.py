@@ -1,0 +1,108 @@
+"""What a step of an environment costs beside the simulator's own, for every task, in one run.
+
+    python benchmarks/environment.py [--tasks lift_barrier,place_food] [--repeats 5] [--pictures] [--overlaps]
+
+The commands of an expert's episode go to the environment that `gymnasium.make` gives, and to PettingZoo's,
+step by step in turn. Within each step the simulator is on a clock of its own: what is left is judging,
+observing and what surrounds them. The same commands are the same work, so each step counts with its least
+times of all repeats. With `--pictures` all cameras take pictures, whose drawing is the simulator's; with
+`--overlaps` the environments look for overlaps of arms, as evaluation does. A line for each task; the last
+one is JSON: how many times the simulator's own time a step takes, for each task and the worst.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.datagen.generate import make_episode
+from rf_exp.datagen.planning import Settings
+from rf_exp.envs import Observations, parallel_env
+from rf_exp.envs.registration import configured, environment_id, find_task
+from rf_exp.sim import Simulator
+from rf_exp.types import Pictures, Row
+
+SEED = 0
+FACES = ("gymnasium", "pettingzoo")
+
+
+class Clock:
+    """How long the simulator has been at work."""
+
+    def __init__(self) -> None:
+        self.ms = 0.0
+
+    def on(self, work: Callable[..., Any]) -> Callable[..., Any]:
+        """The same work, on this clock."""
+
+        def timed(*arguments: Any) -> Any:
+            began = time.perf_counter()
+            result = work(*arguments)
+            self.ms += 1e3 * (time.perf_counter() - began)
+            return result
+
+        return timed
+
+
+def expert(name: str) -> NDArray[np.float32]:
+    """(T, N, 8) the commands of the expert in the scene of the seed."""
+    settings = Settings(find_task(name), Row("full"), ScriptedSpec())
+    episode = make_episode(settings, Pictures(render=False), SEED).episode
+    assert episode is not None, f"the expert fails in {name}, seed {SEED}"
+    return episode.commanded
+
+
+def steps_ms(name: str, clock: Clock, repeats: int, options: dict[str, Any]) -> NDArray[np.float64]:
+    """(faces, 2) mean ms of a step: the simulator's own, and all the rest."""
+    commands = expert(name)
+    single, several = gymnasium.make(environment_id(name), **options), parallel_env(name, **options)
+    agents = several.possible_agents
+    of_agents = [dict(zip(agents, command, strict=True)) for command in commands]
+    times_ms = np.empty((len(FACES), 2, repeats, len(commands)))
+    for repeat in range(repeats):
+        single.reset(seed=SEED)
+        several.reset(seed=SEED)
+        for k, told in enumerate(zip(commands, of_agents, strict=True)):
+            for face, environment in enumerate((single, several)):
+                clock.ms, began = 0.0, time.perf_counter()
+                environment.step(told[face])
+                rest_ms = 1e3 * (time.perf_counter() - began) - clock.ms
+                times_ms[face, :, repeat, k] = clock.ms, rest_ms
+        assert several.core.success, f"{name}: played again, the episode does not succeed"
+    single.close()
+    several.close()
+    return times_ms.min(axis=2).mean(axis=2)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--tasks", default=",".join(configured()))
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--pictures", action="store_true")
+    parser.add_argument("--overlaps", action="store_true")
+    given = parser.parse_args()
+    clock = Clock()
+    Simulator.step = clock.on(Simulator.step)  # before any environment is made
+    Simulator.pictures = clock.on(Simulator.pictures)
+    options = {"observations": Observations(pictures=given.pictures), "overlaps": given.overlaps}
+    ratios: dict[str, dict[str, float]] = {face: {} for face in FACES}
+    for name in given.tasks.split(","):
+        said = []
+        for face, (own_ms, rest_ms) in zip(FACES, steps_ms(name, clock, given.repeats, options), strict=True):
+            ratios[face][name] = round(1 + rest_ms / own_ms, 3)
+            said.append(f"{face} {own_ms:.2f} ms and {rest_ms:.3f} ms, {ratios[face][name]:.3f}")
+        print(f"{name}: {'; '.join(said)}", flush=True)
+    worst = {f"{face}_worst": max(of.values()) for face, of in ratios.items()}
+    print(json.dumps({"benchmark": "environment", **worst, **ratios}))
+
+
+if __name__ == "__main__":
+    main()

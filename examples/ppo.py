@@ -1,0 +1,41 @@
+"""A short training with PPO of stable-baselines3, for one controller of all arms.
+
+    pip install stable-baselines3    # in an environment that has rf_exp
+    python examples/ppo.py [--task pick_meat] [--steps 4096] [--envs 2]
+
+It shows how things fit together. The reward is sparse: minutes of PPO from nothing do not reach it.
+"""
+
+import argparse
+
+import gymnasium
+import numpy as np
+from stable_baselines3 import PPO  # pyright: ignore[reportMissingImports]
+from stable_baselines3.common.env_util import make_vec_env  # pyright: ignore[reportMissingImports]
+from stable_baselines3.common.evaluation import evaluate_policy  # pyright: ignore[reportMissingImports]
+
+import rf_exp.envs  # registers the tasks
+
+
+def unit(env: gymnasium.Env) -> gymnasium.Env:
+    """Actions in [-1, 1], as PPO begins with them: stretched over the range of every joint."""
+    return gymnasium.wrappers.RescaleAction(env, np.float32(-1.0), np.float32(1.0))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
+    parser.add_argument("--task", default="pick_meat")
+    parser.add_argument("--steps", type=int, default=4096)
+    parser.add_argument("--envs", type=int, default=2)
+    given = parser.parse_args()
+    name = rf_exp.envs.environment_id(given.task)
+    env = make_vec_env(name, given.envs, seed=0, wrapper_class=unit)
+    model = PPO("MultiInputPolicy", env, n_steps=min(256, given.steps // given.envs), seed=0, verbose=1)
+    model.learn(given.steps)
+    reward, _ = evaluate_policy(model, env, n_eval_episodes=4)
+    print(f"{given.task}: mean reward {reward:g} after {model.num_timesteps} control steps")
+    env.close()
+
+
+if __name__ == "__main__":
+    main()

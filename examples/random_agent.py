@@ -1,0 +1,44 @@
+"""Agents that act at random, one for each arm: how PettingZoo's face is used.
+
+    python examples/random_agent.py [--task lift_barrier] [--episodes 3] [--steps 100]
+
+Absolute joint targets drawn from all that is possible would throw the arms about; these walk at random.
+"""
+
+import argparse
+
+import numpy as np
+
+from rf_exp.envs import Observations, parallel_env
+
+STRIDE = np.array([0.03] * 7 + [0.2], np.float32)  # rad, gripper: standard deviation of a step
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
+    parser.add_argument("--task", default="lift_barrier")
+    parser.add_argument("--episodes", type=int, default=3)
+    parser.add_argument("--steps", type=int, help="control steps of an episode; the task's own unless given")
+    given = parser.parse_args()
+    env = parallel_env(given.task, Observations(state="joints"), step_limit=given.steps)
+    rng = np.random.default_rng(0)
+    for episode in range(given.episodes):
+        observed, infos = env.reset(seed=episode)
+        actions = {agent: np.append(observed[agent]["qpos"][:7], 1.0) for agent in env.agents}
+        total = 0.0
+        while env.agents:
+            for agent in env.agents:
+                space = env.action_space(agent)
+                actions[agent] = np.clip(
+                    actions[agent] + STRIDE * rng.standard_normal(8), space.low, space.high
+                )
+            observed, rewards, _terminated, _truncated, infos = env.step(actions)
+            total += rewards["agent1"]
+        info = infos["agent1"]
+        missing = [name for name, holds in info["conditions"].items() if not holds]
+        print(f"scene {info['seed']}: reward {total:g}, {info['violations']} violations, not {missing}")
+    env.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,13 @@
+"""The tasks as environments for others: Gymnasium, one controller of all arms, and PettingZoo, an agent each.
+
+Importing this package registers `rf_exp/<task>-v1` with Gymnasium for every task of conf/task. Both faces
+stand on `core.EpisodeCore`, and both are told by `Observations` what they see. See docs/environments.md.
+"""
+
+from rf_exp.envs.core import ResetNeeded
+from rf_exp.envs.observations import Observations
+from rf_exp.envs.registration import environment_id, parallel_env, register, register_configured
+
+register_configured()
+
+__all__ = ["Observations", "ResetNeeded", "environment_id", "parallel_env", "register"]

@@ -1,0 +1,77 @@
+"""The Gymnasium face: one controller of all arms."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from rf_exp.envs.core import METADATA, EpisodeCore
+from rf_exp.envs.observations import Observation, Observations, action_space, labels, space
+from rf_exp.tasks import Task
+
+
+class CentralEnv(gymnasium.Env[Observation, NDArray[np.floating]]):
+    """A task for one controller of all N arms; `gymnasium.make("rf_exp/<task>-v1")` makes it.
+
+    Actions (N, 8) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
+    arm, beyond their limits clipped. Observations: a dictionary as `Observations` says, with (N, 9) joints
+    in rad and m, (N, 9) velocities, (7,) positions in m and quaternions (w, x, y, z) in the world. Reward: 1
+    for success by the strict criterion, which ends the episode, else 0. Arguments and errors are those of
+    `EpisodeCore`.
+    """
+
+    metadata = METADATA
+
+    def __init__(
+        self,
+        task: str | Path | Task,
+        observations: Observations | None = None,
+        *,
+        step_limit: int | None = None,
+        overlaps: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        self.core = EpisodeCore(
+            task, observations, step_limit=step_limit, overlaps=overlaps, render_mode=render_mode
+        )
+        self.render_mode = render_mode
+        self.action_space: spaces.Box = action_space(len(self.task.agents))
+        self.observation_space: spaces.Dict = space(self.core.observations, self.task)
+
+    @property
+    def task(self) -> Task:
+        """What is simulated."""
+        return self.core.task
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the numbers in a segmentation mean."""
+        return labels(self.task)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """The scene of exactly this seed, as in the rest of the suite; else the next from `np_random`.
+
+        `info["seed"]` tells which. There are no `options`. Raises ArgumentError for seeds from 2**32 on.
+        """
+        super().reset(seed=seed)
+        self.core.reset(seed, self.np_random)
+        return self.core.observe(), self.core.info()
+
+    def step(self, action: NDArray[np.floating]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One control step, 50 ms: observation, reward, terminated, truncated, info."""
+        core = self.core
+        core.step(action)
+        return core.observe(), core.reward, core.success, core.truncated, core.info()
+
+    def render(self) -> NDArray[np.uint8]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """(H, W, 3) RGB of the camera `global`."""
+        return self.core.render()
+
+    def close(self) -> None:
+        """Frees the simulator; may be called again."""
+        self.core.close()

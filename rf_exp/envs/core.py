@@ -1,0 +1,155 @@
+"""Episodes of a task, step by step: what both faces of the environments stand on."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rf_exp.constraints import PolicyMonitor
+from rf_exp.constraints.spatial import pressing
+from rf_exp.envs.observations import Eyes, Observation, Observations, action_space
+from rf_exp.envs.registration import find_task
+from rf_exp.errors import ArgumentError, RfError, choices
+from rf_exp.experiment import EVALUATION_SEED
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Judge, Task
+from rf_exp.types import CONTROL_HZ, Scene
+
+RENDER_MODES = ("rgb_array",)
+METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}
+SIZE = 8  # of an action: joint targets and gripper
+
+
+class ResetNeeded(RfError, gymnasium.error.ResetNeeded):
+    """There is no episode to step in."""
+
+
+class EpisodeCore:
+    """One task in simulation, one episode after the other.
+
+    `task` is a name of conf/task, the path of a YAML file, or a Task. An episode ends with success by the
+    strict criterion, or after `step_limit` control steps (20 a second), those of the task unless given.
+    A violation is a control step in which two arms press on one another; with `overlaps` also one in which
+    their exact volumes overlap, as evaluation counts it, which costs up to as much again as the step. Raises
+    ArgumentError for what is not possible, and StageError where pictures are asked for and cannot be drawn.
+    """
+
+    def __init__(
+        self,
+        task: str | Path | Task,
+        observations: Observations | None = None,
+        *,
+        step_limit: int | None = None,
+        overlaps: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        observations = Observations() if observations is None else observations
+        if not isinstance(observations, Observations):
+            raise ArgumentError(f"observations is {observations!r}; expected a rf_exp.envs.Observations")
+        if render_mode not in (None, *RENDER_MODES):
+            raise choices("render_mode", render_mode, (None, *RENDER_MODES))
+        found = find_task(task)
+        self.task = found if step_limit is None else replace(found, step_limit=step_limit)
+        self.observations, self._render_mode = observations, render_mode
+        size = {"width_px": observations.width, "height_px": observations.height}
+        draws = observations.draws or render_mode is not None
+        self._world: Simulator | None = Simulator(self.task, **size, render=draws)
+        self._eyes = Eyes(observations, self._world)
+        self._monitor = _monitor(self.task, overlaps)
+        space = action_space(len(self.task.agents))
+        self._low, self._high = space.low, space.high
+        self._judge: Judge | None = None  # of the episode, while there is one
+
+    def reset(self, seed: int | None, rng: np.random.Generator) -> None:
+        """Begins the episode of a seed; without one it is drawn, below those that evaluation begins with."""
+        if self._world is None:
+            raise ResetNeeded("the environment is closed; make another one")
+        self.seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
+        self.scene = self._world.reset(self.seed)
+        self._judge = Judge(self.task, self.scene)
+        self.success = self.success_paper = self.truncated = False
+        self.violations = 0
+        self._see(self.scene)
+
+    def step(self, action: ArrayLike) -> None:
+        """One control step (50 ms): (N, 8) joint targets in rad, grippers; clipped to the action space.
+
+        Raises ArgumentError for another shape and for values that are not finite, ResetNeeded where there
+        is no episode.
+        """
+        if self._world is None or self._judge is None or self.success or self.truncated:
+            raise ResetNeeded(
+                "no episode is under way; call reset() before the first step, and after the last"
+            )
+        command = shaped(action, self._low.shape, "action").clip(self._low, self._high)
+        self._see(self._world.step(command.astype(float)))  # which refuses what is not finite
+
+    def _see(self, scene: Scene) -> None:
+        assert self._judge is not None
+        self.scene, self._verdict = scene, self._judge(scene)
+        self.success = self._verdict.success
+        self.success_paper |= self._verdict.success_paper
+        self.truncated = not self.success and scene.step >= self.task.step_limit
+        found = self._monitor(scene)
+        self._violation = found.reason if found is not None else ""
+        self.violations += found is not None
+
+    @property
+    def reward(self) -> float:
+        """1 in the step that ends in success by the strict criterion, otherwise 0."""
+        return float(self.success)
+
+    def observe(self) -> Observation:
+        """What there is to see now, in new arrays."""
+        return self._eyes(self.scene)
+
+    def info(self) -> dict[str, Any]:
+        """What is known about the episode until now; new dictionaries with each call."""
+        return {
+            "seed": self.seed,
+            "success": self.success,  # by the strict criterion
+            "success_paper": self.success_paper,  # by the paper's, at some step until now
+            "conditions": dict(self._verdict.evidence),  # of the strict one, as they are now
+            "measured": {name: found.value for name, found in self._verdict.measured.items()},
+            "violation": self._violation,  # of this step, in words
+            "violations": self.violations,  # steps until now with one
+        }
+
+    def render(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB of the camera `global`. Raises ArgumentError without `render_mode`."""
+        if self._render_mode is None:
+            raise ArgumentError("render() was called without a render_mode; expected render_mode='rgb_array'")
+        if self._world is None or self._judge is None:
+            raise ResetNeeded("there is no episode to show; call reset() first")
+        return self._world.pictures(["global"])["global"]
+
+    def close(self) -> None:
+        """Frees the simulator; may be called again."""
+        if self._world is not None:
+            self._world.close()
+        self._world = None
+
+
+def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:
+    """An action as an array. Raises ArgumentError for what is no array of this shape."""
+    expected = f"expected finite numbers of shape {shape}: joint targets in rad, gripper in [-1, 1]"
+    try:
+        array = np.asarray(action, dtype=np.float32)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"{what} is {action!r}; {expected}") from error
+    if array.shape != shape:
+        raise ArgumentError(f"{what} of shape {array.shape}; {expected}")
+    return array
+
+
+def _monitor(task: Task, overlaps: bool) -> Callable[[Scene], Any]:
+    """What looks for a violation: its result has a reason, or is None."""
+    if overlaps:
+        return PolicyMonitor(task)
+    pairs = tuple(combinations(task.agents, 2))
+    return lambda scene: pressing(scene, pairs)

@@ -1,0 +1,195 @@
+"""What environments show, by configuration: spaces, and the arrays in them.
+
+Keys are those of the store: `qpos` and `qvel`, `pose_<object>`, `rgb_<camera>`; then `depth_<camera>`,
+`segmentation_<camera>` and `language`. An agent of its own sees through `global` and through its own camera,
+which is called `local` for every agent, so that all agents have one space.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.robots import limits_rad
+from rf_exp.sim import Simulator
+from rf_exp.sim.environment import FAR_M
+from rf_exp.tasks import Task
+from rf_exp.tasks.base import FINGERS_OPEN_M
+from rf_exp.transforms import position_and_quaternion
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, CameraChoice, Pictures, Scene
+
+State = Literal["full", "joints", "none"]
+OVERSHOOT = 0.1  # rad, m: so far beyond its limit a joint may be measured that something pushes
+TABLE = "table"  # with the room around it
+
+Observation = dict[str, Any]  # key -> array, or a string for `language`
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What an environment shows. Raises ArgumentError for values that are not possible.
+
+    `state`: `full` is all joints and the poses of all objects, `joints` what an arm measures of itself,
+    `none` neither. `pictures`, `depth` and `segmentation` are taken by `cameras`, as `width` x `height` px;
+    without them nothing is drawn, and no Vulkan device is needed.
+    """
+
+    state: State = "full"
+    pictures: bool = False  # (H, W, 3) uint8, RGB
+    depth: bool = False  # (H, W) float32, metres along the viewing direction, to the millimetre; 0 is nothing
+    segmentation: bool = False  # (H, W) uint8, numbers of `labels`
+    language: bool = False  # the task, in a sentence or two
+    cameras: CameraChoice = "all"  # all | local (those of the agents) | global
+    width: int = 320
+    height: int = 240
+
+    def __post_init__(self) -> None:
+        if self.state not in get_args(State):
+            raise choices("state", self.state, get_args(State))
+        Pictures(self.width, self.height, cameras=self.cameras)  # looks at its arguments
+        if self.state == "none" and not (self.draws or self.language):
+            raise ArgumentError(
+                "nothing is observed; expected state, pictures, depth, segmentation or language"
+            )
+
+    @property
+    def draws(self) -> bool:
+        """Whether a camera has to look."""
+        return self.pictures or self.depth or self.segmentation
+
+
+def labels(task: Task) -> tuple[str, ...]:
+    """What the numbers of a segmentation mean: 0 nothing, 1 table and room, objects, agents."""
+    return ("nothing", TABLE, *task.objects, *(f"agent{agent}" for agent in task.agents))
+
+
+def action_space(agents: int | None = None) -> spaces.Box:
+    """(8,) of one arm, or (agents, 8): joint targets within the Panda's limits in rad, gripper in [-1, 1]."""
+    low, high = limits_rad()
+    bounds = np.append(low, GRIPPER_CLOSED), np.append(high, GRIPPER_OPEN)
+    rows = () if agents is None else (agents, 1)
+    low, high = (
+        np.tile(each, rows).astype(np.float32) if rows else each.astype(np.float32) for each in bounds
+    )
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Dict:
+    """The space of what one controller of all arms sees, or one agent."""
+    rows = () if agent is not None and seen.state == "joints" else (len(task.agents),)
+    cameras = Pictures(cameras=seen.cameras).of(1 if agent is not None else len(task.agents))
+    names = [name.replace("agent1", "local") for name in cameras] if agent is not None else cameras
+    shown: dict[str, spaces.Space] = {}
+    if seen.state != "none":
+        shown |= {"qpos": _qpos_space(rows), "qvel": _unbounded((*rows, 9))}
+    if seen.state == "full":
+        shown |= {f"pose_{name}": _pose_space() for name in task.objects}
+    size = (seen.height, seen.width)
+    if seen.pictures:
+        shown |= {f"rgb_{name}": spaces.Box(0, 255, (*size, 3), np.uint8) for name in names}
+    if seen.depth:
+        shown |= {f"depth_{name}": spaces.Box(0.0, FAR_M, size, np.float32) for name in names}
+    if seen.segmentation:
+        last = len(labels(task)) - 1
+        shown |= {f"segmentation_{name}": spaces.Box(0, last, size, np.uint8) for name in names}
+    if seen.language:
+        count = len(task.description)
+        text = spaces.Text(count, min_length=count, charset=frozenset(task.description))
+        shown["language"] = text
+    return spaces.Dict(shown)
+
+
+def _qpos_space(rows: tuple[int, ...]) -> spaces.Box:
+    low, high = limits_rad()
+    bounds = np.append(low, [0.0, 0.0]) - OVERSHOOT, np.append(high, [FINGERS_OPEN_M] * 2) + OVERSHOOT
+    low, high = (np.broadcast_to(each, (*rows, 9)).astype(np.float32) for each in bounds)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
+def _pose_space() -> spaces.Box:
+    high = np.array([np.inf] * 3 + [1.0] * 4, np.float32)
+    return spaces.Box(-high, high, dtype=np.float32)
+
+
+def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
+    return spaces.Box(-np.inf, np.inf, shape, np.float32)
+
+
+class Eyes:
+    """Observes the present step of a simulator, for one controller of all arms."""
+
+    def __init__(self, seen: Observations, world: Simulator) -> None:
+        self._seen, self._world, self._task = seen, world, world.task
+        self._cameras = Pictures(cameras=seen.cameras).of(len(world.task.agents))
+        self._poses = [(f"pose_{name}", name) for name in world.task.objects]
+
+    def __call__(self, scene: Scene) -> Observation:
+        """What there is to see; all arrays are new ones."""
+        seen, shown = self._seen, Observation()
+        if seen.state != "none":
+            shown["qpos"], shown["qvel"] = scene.qpos.astype(np.float32), scene.qvel.astype(np.float32)
+        if seen.state == "full":
+            for key, name in self._poses:
+                shown[key] = np.array(position_and_quaternion(scene.poses[name]), np.float32)
+        if seen.pictures:
+            shown |= _named("rgb", self._world.pictures(self._cameras))
+        if seen.depth:
+            shown |= _named("depth", self._world.depth(self._cameras))
+        if seen.segmentation:
+            shown |= _named("segmentation", self._segmentation())
+        if seen.language:
+            shown["language"] = self._task.description
+        return shown
+
+    def _segmentation(self) -> dict[str, NDArray[np.uint8]]:
+        bodies = self._world.bodies()
+        images = self._world.segmentation(self._cameras)
+        number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
+        for label, name in enumerate(labels(self._task)):
+            number[list(bodies.get(name, ()))] = label
+        return {name: number[image] for name, image in images.items()}
+
+
+def _named(kind: str, images: Mapping[str, NDArray]) -> Observation:
+    return {f"{kind}_{name}": image for name, image in images.items()}
+
+
+def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observation], Observation]:
+    """Takes what one controller sees, and gives what this agent sees of it, in arrays of its own.
+
+    With state `full` the rows of joints are the agent's own first, then the others'.
+    """
+    own = np.array([agent - 1, *(other - 1 for other in task.agents if other != agent)])
+    rows = {"joints": own[:1], "full": own}.get(seen.state)
+    local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in ("rgb", "depth", "segmentation")}
+    arrays = [key for key in space(seen, task, agent) if key not in ("qpos", "qvel", "language")]
+    copied = [(key, local.get(key, key)) for key in arrays]
+
+    def take(whole: Observation) -> Observation:
+        shown: Observation = {}
+        if rows is not None:
+            shown = {key: whole[key].take(rows, axis=0) for key in ("qpos", "qvel")}
+        if seen.state == "joints":
+            shown = {key: value[0] for key, value in shown.items()}
+        for key, name in copied:
+            shown[key] = whole[name].copy()
+        if seen.language:
+            shown["language"] = whole["language"]
+        return shown
+
+    return take
+
+
+def state_vector(scene: Scene) -> NDArray[np.float32]:
+    """All joints, their velocities and the poses of all objects, one behind the other (N * 18 + K * 7,)."""
+    poses = [position_and_quaternion(pose) for pose in scene.poses.values()]
+    return np.concatenate([scene.qpos.ravel(), scene.qvel.ravel(), *poses]).astype(np.float32)
+
+
+def state_space(task: Task) -> spaces.Box:
+    """The space of `state_vector`."""
+    return _unbounded((18 * len(task.agents) + 7 * len(task.objects),))

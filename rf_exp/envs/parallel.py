@@ -1,0 +1,128 @@
+"""The PettingZoo face: an agent for each arm, all acting at once."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+
+from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, shaped
+from rf_exp.envs.observations import (
+    Observation,
+    Observations,
+    action_space,
+    labels,
+    of_agent,
+    space,
+    state_space,
+    state_vector,
+)
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import Task
+
+Of = dict[str, Any]  # agent -> something
+
+
+class ParallelArmsEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
+    """A task for the agents `agent1` to `agent<N>`; `rf_exp.envs.parallel_env("<task>")` makes it.
+
+    Each acts with (8,) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open],
+    beyond their limits clipped. Each observes as `Observations` says: with state `joints` its own (9,), with
+    `full` those of all arms (N, 9), its own in the first row, and the objects; and through two cameras,
+    `global` and its own, called `local`. All share the reward, 1 for success by the strict criterion, else 0,
+    and end together. Arguments and errors are those of `EpisodeCore`.
+    """
+
+    def __init__(
+        self,
+        task: str | Path | Task,
+        observations: Observations | None = None,
+        *,
+        step_limit: int | None = None,
+        overlaps: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        self.core = EpisodeCore(
+            task, observations, step_limit=step_limit, overlaps=overlaps, render_mode=render_mode
+        )
+        self.render_mode = render_mode
+        self.metadata = METADATA | {"name": f"rf_exp_{self.task.name}", "is_parallelizable": True}
+        numbers = {f"agent{agent}": agent for agent in self.task.agents}
+        seen = self.core.observations
+        self.possible_agents = list(numbers)
+        self.agents: list[str] = []
+        self.action_spaces: Of = {name: action_space() for name in numbers}
+        self.observation_spaces: Of = {name: space(seen, self.task, k) for name, k in numbers.items()}
+        self.state_space = state_space(self.task)
+        self._own = {name: of_agent(seen, self.task, agent) for name, agent in numbers.items()}
+        self._rng: np.random.Generator | None = None
+
+    @property
+    def task(self) -> Task:
+        """What is simulated."""
+        return self.core.task
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the numbers in a segmentation mean."""
+        return labels(self.task)
+
+    def observation_space(self, agent: str) -> spaces.Dict:
+        """Of an agent; the same for all, but each with random numbers of its own."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Box:
+        """Of an agent, (8,); the same for all, but each with random numbers of its own."""
+        return self.action_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Of, Of]:
+        """The scene of exactly this seed, as in the rest of the suite; else the next one drawn.
+
+        `info["seed"]` tells which. There are no `options`.
+        """
+        if seed is not None or self._rng is None:
+            self._rng, _ = seeding.np_random(seed)
+        self.core.reset(seed, self._rng)
+        self.agents = self.possible_agents[:]
+        return self._observed(), self._infos()
+
+    def step(self, actions: Of) -> tuple[Of, dict[str, float], dict[str, bool], dict[str, bool], Of]:
+        """One control step, 50 ms: what each agent observes, its reward, terminated, truncated, info.
+
+        Raises ArgumentError unless there is an action for each agent.
+        """
+        agents, core = self.possible_agents, self.core
+        if self.agents and actions.keys() != self._own.keys():
+            raise ArgumentError(f"actions of {sorted(actions)}; expected one of each of {agents}")
+        try:
+            core.step([actions[name] for name in self.agents])
+        except ArgumentError:
+            for name in agents:  # the one that is wrong
+                shaped(actions[name], (SIZE,), f"action of {name}")
+            raise
+        if core.success or core.truncated:
+            self.agents = []
+        ended = (dict.fromkeys(agents, core.success), dict.fromkeys(agents, core.truncated))
+        return self._observed(), dict.fromkeys(agents, core.reward), *ended, self._infos()
+
+    def _observed(self) -> Of:
+        whole = self.core.observe()
+        return {name: own(whole) for name, own in self._own.items()}
+
+    def _infos(self) -> Of:
+        return {name: self.core.info() for name in self.possible_agents}
+
+    def state(self) -> NDArray[np.float32]:
+        """All joints, velocities and poses of objects, whatever is observed: for a critic of all agents."""
+        return state_vector(self.core.scene)
+
+    def render(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB of the camera `global`."""
+        return self.core.render()
+
+    def close(self) -> None:
+        """Frees the simulator; may be called again."""
+        self.core.close()

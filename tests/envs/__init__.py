@@ -1,0 +1,1 @@
+"""The environments for others: their own checkers, what they promise, what they refuse."""

@@ -1,0 +1,41 @@
+"""Gymnasium's and PettingZoo's own checkers, for every task; what they warn of is a failure."""
+
+import gymnasium
+import pytest
+from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+from rf_exp.envs import Observations, environment_id, parallel_env
+from tests.conftest import TASKS
+
+# Positions and velocities have no bounds; that is no mistake.
+pytestmark = [
+    pytest.mark.filterwarnings("error"),
+    pytest.mark.filterwarnings("ignore:.*Box observation space m.* value is -?infinity"),
+]
+SMALL = Observations(pictures=True, depth=True, segmentation=True, language=True, width=32, height=24)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_gymnasium_accepts_every_task(name: str) -> None:
+    env = gymnasium.make(environment_id(name))
+    assert environment_id(name) == f"rf_exp/{name}-v1"
+    check_env(env.unwrapped, skip_render_check=True)  # which wants a Vulkan device
+    env.close()
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_pettingzoo_accepts_every_task(name: str) -> None:
+    parallel_api_test(parallel_env(name, step_limit=8), num_cycles=12)
+    parallel_seed_test(lambda: parallel_env(name), num_cycles=6)
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.parametrize("name", ["lift_barrier", "take_photo"])
+def test_both_accept_pictures_depth_segmentation_and_language(name: str) -> None:
+    env = gymnasium.make(environment_id(name), observations=SMALL, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    env.close()
+    parallel_api_test(parallel_env(name, SMALL, step_limit=4), num_cycles=6)
+    parallel_seed_test(lambda: parallel_env(name, SMALL), num_cycles=2)

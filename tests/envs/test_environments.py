@@ -1,0 +1,195 @@
+"""What the environments promise: the scenes of the suite, its verdicts, and the same from both faces."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.constraints import PolicyMonitor
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.datagen.generate import make_episode
+from rf_exp.datagen.planning import Settings
+from rf_exp.envs import Observations, environment_id, parallel_env, register
+from rf_exp.envs.central import CentralEnv
+from rf_exp.envs.core import EpisodeCore
+from rf_exp.experiment import EVALUATION_SEED
+from rf_exp.robots import limits_rad
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import CONFIGURED
+from rf_exp.types import Pictures, Row
+from tests.conftest import TASKS, experiment, read_task
+
+ROOT = Path(__file__).parents[2]
+BUTTON = ROOT / "tests/tutorial/conf/task/push_button.yaml"
+
+
+def held(env: CentralEnv) -> NDArray[np.float32]:
+    """The action that keeps the arms where they are."""
+    qpos = env.core.scene.qpos
+    return np.column_stack([qpos[:, :7], np.ones(len(qpos))]).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_the_tasks_are_those_of_the_command(name: str) -> None:
+    given = experiment(f"task={name}").tasks[0]
+    assert given == read_task(name)  # of which the environments are made
+    assert gymnasium.spec(environment_id(name)).kwargs == {"task": name}
+
+
+@pytest.mark.slow
+def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Task) -> None:
+    episode = make_episode(Settings(task, Row("full"), ScriptedSpec()), Pictures(render=False), 3).episode
+    assert episode is not None
+    env = CentralEnv(task)
+    observed, info = env.reset(seed=3)
+    assert info["seed"] == 3 and not info["success"] and not all(info["conditions"].values())
+    rewards = []
+    for row, command in enumerate(episode.commanded):
+        np.testing.assert_array_equal(observed["qpos"], episode.qpos[row])
+        np.testing.assert_array_equal(observed["qvel"], episode.qvel[row])
+        for name in task.objects:
+            np.testing.assert_allclose(observed[f"pose_{name}"], episode.poses[name][row], atol=1e-6)
+        assert command in env.action_space
+        observed, reward, terminated, truncated, info = env.step(command)
+        assert observed in env.observation_space and not truncated
+        rewards.append(reward)
+    assert terminated and rewards == [0.0] * (len(rewards) - 1) + [1.0]
+    assert info["success"] and all(info["conditions"].values()) and info["violations"] == 0
+    assert set(info["measured"]) <= set(info["conditions"])
+    env.close()
+
+
+def test_without_a_seed_scenes_follow_from_the_last_one_and_are_never_those_of_evaluation() -> None:
+    single, several = CentralEnv("pick_meat"), parallel_env("pick_meat")
+    runs = []
+    for _ in range(2):
+        seeds = [single.reset(seed=7)[1]["seed"], *(single.reset()[1]["seed"] for _ in range(3))]
+        runs.append(seeds)
+        _, infos = several.reset(seed=7)
+        runs.append([infos["agent1"]["seed"], *(several.reset()[1]["agent1"]["seed"] for _ in range(3))])
+    assert runs == [runs[0]] * 4 and runs[0][0] == 7
+    assert len(set(runs[0])) == 4 and max(runs[0]) < EVALUATION_SEED
+
+
+def test_both_faces_give_the_same_episode() -> None:
+    single, several = CentralEnv("place_food"), parallel_env("place_food")
+    observed, _ = single.reset(seed=1)
+    own, _ = several.reset(seed=1)
+    rng, action = np.random.default_rng(0), held(single)
+    for _ in range(10):
+        np.testing.assert_array_equal(own["agent1"]["qpos"], observed["qpos"])
+        np.testing.assert_array_equal(own["agent2"]["qpos"], observed["qpos"][[1, 0]])
+        for name in single.task.objects:
+            np.testing.assert_array_equal(own["agent2"][f"pose_{name}"], observed[f"pose_{name}"])
+        action = (action + 0.05 * rng.standard_normal(action.shape)).astype(np.float32)
+        observed, reward, _, _, info = single.step(action)
+        own, rewards, _, _, infos = several.step({"agent1": action[0], "agent2": action[1]})
+        assert infos == {"agent1": info, "agent2": info} and set(rewards.values()) == {reward}
+    state = several.state()
+    assert state in several.state_space
+    np.testing.assert_array_equal(state[:18], observed["qpos"].ravel())
+
+
+def test_an_agent_may_see_its_own_joints_alone_and_the_critic_sees_all() -> None:
+    env = parallel_env("take_photo", Observations(state="joints", language=True))
+    observed, _ = env.reset(seed=0)
+    for agent in env.agents:
+        assert {key: np.shape(value) for key, value in observed[agent].items()} == {
+            "qpos": (9,),
+            "qvel": (9,),
+            "language": (),
+        }
+        assert observed[agent] in env.observation_space(agent)
+        assert observed[agent]["language"] == env.task.description
+    assert env.state().shape == (4 * 18 + 7 * len(env.task.objects),)
+
+
+def test_an_episode_is_cut_off_after_the_step_limit() -> None:
+    env = CentralEnv("pick_meat", step_limit=3)
+    env.reset(seed=0)
+    ends = [env.step(held(env))[2:4] for _ in range(3)]
+    assert ends == [(False, False), (False, False), (False, True)]
+    assert CentralEnv("pick_meat").task.step_limit == read_task("pick_meat").step_limit == 150
+    several = parallel_env("lift_barrier", step_limit=1)
+    several.reset(seed=0)
+    actions = {agent: several.action_space(agent).sample() for agent in several.agents}
+    _, _, ended, cut_off, _ = several.step(actions)
+    assert not several.agents and not any(ended.values()) and all(cut_off.values())
+
+
+def test_actions_are_the_panda_s_joints_and_what_is_beyond_is_clipped() -> None:
+    env = CentralEnv("lift_barrier")
+    low, high = limits_rad()
+    assert env.action_space.shape == (2, 8) and env.action_space.dtype == np.float32
+    np.testing.assert_allclose(env.action_space.low, [[*low, -1]] * 2, rtol=1e-6)
+    np.testing.assert_allclose(env.action_space.high, [[*high, 1]] * 2, rtol=1e-6)
+    env.reset(seed=0)
+    beyond = env.step(np.full((2, 8), 9.0, np.float32))[0]
+    env.reset(seed=0)
+    np.testing.assert_array_equal(
+        beyond["qpos"], env.step(env.action_space.high.astype(np.float32))[0]["qpos"]
+    )
+
+
+@pytest.mark.parametrize("overlaps", [False, True])
+def test_arms_that_are_driven_into_one_another_are_violations(overlaps: bool) -> None:
+    core = EpisodeCore("lift_barrier", overlaps=overlaps)
+    core.reset(0, np.random.default_rng(0))
+    monitor, seen, touched = PolicyMonitor(core.task), 0, 0
+    target = np.zeros((2, 8))
+    target[:, :7] = (0.0, 1.2, 0.0, -0.6, 0.0, 1.8, 0.8)  # outstretched towards the other arm
+    for _ in range(60):
+        core.step(target)
+        seen += monitor(core.scene) is not None
+        touched += any(force_n > 1.0 for *_, force_n in core.scene.arm_contacts)
+    assert 0 < touched <= seen
+    info = core.info()
+    assert info["violations"] == (seen if overlaps else touched)
+    assert "Agent_1" in info["violation"] and "Agent_2" in info["violation"]
+    core.close()
+
+
+def test_a_task_outside_of_the_package() -> None:
+    assert register(BUTTON) == "rf_exp/push_button-v1"
+    env = gymnasium.make("rf_exp/push_button-v1")
+    observed, _ = env.reset(seed=0)
+    assert set(observed) == {"qpos", "qvel", "pose_button"}
+    env.close()
+    several = parallel_env(BUTTON)
+    assert several.possible_agents == ["agent1"] and several.task.name == "push_button"
+    several.close()
+
+
+def test_environments_in_processes_of_their_own() -> None:
+    envs = gymnasium.make_vec(environment_id("pick_meat"), num_envs=2, vectorization_mode="async")
+    observed, infos = envs.reset(seed=4)
+    assert observed["qpos"].shape == (2, 1, 9) and infos["seed"].tolist() == [4, 5]
+    envs.close()
+
+
+@pytest.mark.slow
+def test_nothing_of_rendering_is_touched_without_pictures() -> None:
+    """On a machine without Vulkan: the loader is pointed at nothing."""
+    code = (
+        "import gymnasium, rf_exp.envs\n"
+        "env = gymnasium.make('rf_exp/lift_barrier-v1')\n"
+        "env.reset(seed=0)\n"
+        "print(env.step(env.action_space.sample())[1])\n"
+    )
+    environment = {
+        "PATH": "",
+        "PYTHONPATH": str(ROOT),
+        "VK_DRIVER_FILES": "/nowhere",
+        "HOME": str(Path.home()),
+    }
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert run.returncode == 0 and run.stdout.split() == ["0.0"], run.stderr
+
+
+def test_every_configured_task_is_registered() -> None:
+    ids = {name for name in gymnasium.registry if name.startswith("rf_exp/")}
+    assert {environment_id(path.stem) for path in CONFIGURED.glob("*.yaml")} <= ids

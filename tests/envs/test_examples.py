@@ -1,0 +1,60 @@
+"""The examples run, in a short form, and docs/environments.md shows what works."""
+
+import re
+import shlex
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from rf_exp.envs.registration import configured
+
+ROOT = Path(__file__).parents[2]
+DOCUMENT = (ROOT / "docs/environments.md").read_text("utf-8")
+EXAMPLES = re.findall(r"^python (examples/\S+ [^#\n]+)", DOCUMENT, re.MULTILINE)
+
+pytestmark = pytest.mark.slow
+
+
+def run(*arguments: str) -> str:
+    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_document_shows_every_example() -> None:
+    shown = {command.split()[0] for command in EXAMPLES}
+    assert shown == {f"examples/{path.name}" for path in (ROOT / "examples").glob("*.py")}
+
+
+@pytest.mark.parametrize("command", EXAMPLES)
+def test_an_example_runs_as_the_document_says(command: str) -> None:
+    if "ppo" in command and find_spec("stable_baselines3") is None:
+        pytest.skip("stable-baselines3 is not installed; it is no part of the set-up")
+    said = run(*shlex.split(command)).splitlines()
+    if "expert" in command:
+        assert "reward 1.0, terminated True" in said[-1]
+    if "ppo" in command:
+        assert said[-1] == "pick_meat: mean reward 0 after 512 control steps"
+    if "random" in command:
+        assert said[-1].startswith("scene 0: reward 0, 0 violations, not ['held by both arms'")
+
+
+def test_an_example_has_about_forty_lines() -> None:
+    lengths = {path.name: path.read_text().count("\n") for path in (ROOT / "examples").glob("*.py")}
+    assert max(lengths.values()) <= 45, lengths
+
+
+@pytest.mark.render
+def test_the_python_in_the_document_runs() -> None:
+    """In its order, in one process, as somebody reads it."""
+    code = "".join(re.findall(r"^```python\n(.*?)^```$", DOCUMENT, re.MULTILINE | re.DOTALL))
+    said = run("-c", f"{code}\nprint(type(env.unwrapped).__name__, agents.possible_agents)")
+    assert said.split("\n")[-2] == "CentralEnv ['agent1']"
+
+
+def test_the_document_says_what_a_step_costs_in_every_task() -> None:
+    table = re.findall(r"^\| `(\w+)` \| \d \|", DOCUMENT, re.MULTILINE)
+    assert sorted(table) == list(configured())
