@@ -100,9 +100,11 @@ class Windows:
             told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
             episodes = zip(*map(store.by_episode, told_and_done), strict=True)
             memory = np.concatenate([remembered(*each) for each in episodes])
+        # Who is not told of subgoals may learn from a store that does not say.
+        numbers = numbered(store)[0] if senses.subgoals else store.subgoal[:].astype(np.int64)
         if senses.subgoals:
             free = np.concatenate([may_go(*each) for each in _episodes(store)])
-            memory = np.concatenate([memory, told(numbered(store)[0], free, senses.subgoals)], axis=-1)
+            memory = np.concatenate([memory, told(numbers, free, senses.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
             [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
@@ -121,7 +123,7 @@ class Windows:
             self.pixels = self._stack([each.pixels for each in found])
             self.points = self._stack([each.points for each in found])
             self.headings = self._stack([each.headings for each in found])
-            doing = numbered(store)[0][kept]
+            doing = numbers[kept]
             watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
             self.doing = self._stack([doing[:, columns] for columns in watched])
         late = np.concatenate([hesitates(*each[1:]) for each in _episodes(store)])[kept]

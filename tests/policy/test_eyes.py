@@ -50,6 +50,18 @@ def phases(train_config: TrainConfig) -> TrainConfig:
     return replace(train_config, eyes_steps=3, draft_steps=3, steps=3)
 
 
+def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
+    make_store, seeing: PolicyConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Heat maps need none; a policy that predicts its phase does."""
+    store: Store = make_store(2, 3)
+    view = views(ARCHS[0], 2)[0]
+    monkeypatch.setitem(vars(store), "subgoal", np.full_like(store.subgoal, -1))
+    assert len(Windows(store, view, replace(seeing, phases=False), CPU))
+    with pytest.raises(ArgumentError, match="does not say who was at which subgoal"):
+        Windows(store, view, replace(seeing, phases=True), CPU)
+
+
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig, arch: Arch) -> None:
     """Compared with a camera model and kinematics, episode by episode, in frames of every kind."""
