@@ -8,12 +8,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rf_exp.envs.core import METADATA, EpisodeCore
-from rf_exp.envs.observations import Observation, Observations, action_space, labels, space
+from rf_exp.envs.core import METADATA, EpisodeCore, Face
+from rf_exp.envs.observations import Observation, Observations, action_space, space
 from rf_exp.tasks import Task
 
 
-class CentralEnv(gymnasium.Env[Observation, NDArray[np.floating]]):
+class CentralEnv(Face, gymnasium.Env[Observation, NDArray[np.floating]]):
     """A task for one controller of all N arms; `gymnasium.make("rf_exp/<task>-v1")` makes it.
 
     Actions (N, 8) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
@@ -41,16 +41,6 @@ class CentralEnv(gymnasium.Env[Observation, NDArray[np.floating]]):
         self.action_space: spaces.Box = action_space(len(self.task.agents))
         self.observation_space: spaces.Dict = space(self.core.observations, self.task)
 
-    @property
-    def task(self) -> Task:
-        """What is simulated."""
-        return self.core.task
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What the numbers in a segmentation mean."""
-        return labels(self.task)
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
@@ -67,11 +57,3 @@ class CentralEnv(gymnasium.Env[Observation, NDArray[np.floating]]):
         core = self.core
         core.step(action)
         return core.observe(), core.reward, core.success, core.truncated, core.info()
-
-    def render(self) -> NDArray[np.uint8]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """(H, W, 3) RGB of the camera `global`."""
-        return self.core.render()
-
-    def close(self) -> None:
-        """Frees the simulator; may be called again."""
-        self.core.close()

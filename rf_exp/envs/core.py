@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.constraints.spatial import pressing
-from rf_exp.envs.observations import Eyes, Observation, Observations, action_space
+from rf_exp.envs.observations import Eyes, Observation, Observations, action_space, labels
 from rf_exp.envs.registration import find_task
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
@@ -133,6 +133,30 @@ class EpisodeCore:
         if self._world is not None:
             self._world.close()
         self._world = None
+
+
+class Face:
+    """What both faces show of the episodes they stand on."""
+
+    core: EpisodeCore
+
+    @property
+    def task(self) -> Task:
+        """What is simulated."""
+        return self.core.task
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the numbers in a segmentation mean."""
+        return labels(self.task)
+
+    def render(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB of the camera `global`."""
+        return self.core.render()
+
+    def close(self) -> None:
+        """Frees the simulator; may be called again."""
+        self.core.close()
 
 
 def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.float32]:

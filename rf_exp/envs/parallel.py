@@ -9,12 +9,11 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, shaped
+from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, Face, shaped
 from rf_exp.envs.observations import (
     Observation,
     Observations,
     action_space,
-    labels,
     of_agent,
     space,
     state_space,
@@ -26,7 +25,7 @@ from rf_exp.tasks import Task
 Of = dict[str, Any]  # agent -> something
 
 
-class ParallelArmsEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
+class ParallelArmsEnv(Face, ParallelEnv[str, Observation, NDArray[np.float32]]):
     """A task for the agents `agent1` to `agent<N>`; `rf_exp.envs.parallel_env("<task>")` makes it.
 
     Each acts with (8,) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open],
@@ -59,16 +58,6 @@ class ParallelArmsEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
         self.state_space = state_space(self.task)
         self._own = {name: of_agent(seen, self.task, agent) for name, agent in numbers.items()}
         self._rng: np.random.Generator | None = None
-
-    @property
-    def task(self) -> Task:
-        """What is simulated."""
-        return self.core.task
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What the numbers in a segmentation mean."""
-        return labels(self.task)
 
     def observation_space(self, agent: str) -> spaces.Dict:
         """Of an agent; the same for all, but each with random numbers of its own."""
@@ -118,11 +107,3 @@ class ParallelArmsEnv(ParallelEnv[str, Observation, NDArray[np.float32]]):
     def state(self) -> NDArray[np.float32]:
         """All joints, velocities and poses of objects, whatever is observed: for a critic of all agents."""
         return state_vector(self.core.scene)
-
-    def render(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB of the camera `global`."""
-        return self.core.render()
-
-    def close(self) -> None:
-        """Frees the simulator; may be called again."""
-        self.core.close()

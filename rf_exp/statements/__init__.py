@@ -4,7 +4,7 @@ Plans, planners and checks take statements. Sentences are for models and people:
 one, `read` reads one.
 """
 
-from rf_exp.statements.base import Form, Proposal, Statement, kinds
+from rf_exp.statements.base import Form, OfAgent, OfAgents, Proposal, Statement, kinds
 from rf_exp.statements.events import Event, LiesOn, Step
 from rf_exp.statements.limits import KeepApart, KeepHeight, KeepLevel, SpeedLimit
 from rf_exp.statements.logical import WORK, ContactAt, Direction, PlaceAt, SameHeight, grasping
@@ -36,6 +36,8 @@ __all__ = [
     "KeepLevel",
     "KeepOut",
     "LiesOn",
+    "OfAgent",
+    "OfAgents",
     "PlaceAt",
     "Proposal",
     "SameHeight",

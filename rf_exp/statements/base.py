@@ -71,6 +71,28 @@ class Statement(ABC):
         return self
 
 
+@dataclass(frozen=True)
+class OfAgent(Statement):
+    """A statement about one agent."""
+
+    agent: int
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.agent,)
+
+
+@dataclass(frozen=True)
+class OfAgents(Statement):
+    """A statement about several agents."""
+
+    who: tuple[int, ...]
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return self.who
+
+
 def kinds() -> Iterator[type[Statement]]:
     """All kinds of statements that are known."""
     return iter(_KINDS)

@@ -53,3 +53,10 @@ class LiesOn:
 
 
 Event = Step | LiesOn
+
+
+def named(event: Event) -> tuple[tuple[str, str | None], ...]:
+    """The objects of an event, as `Statement.names` has them."""
+    if isinstance(event, Step):
+        return ((event.object, None),) if event.object else ()
+    return tuple((name, None) for name in (event.object, event.surface) if name != TABLE)

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from rf_exp.statements.base import Form, Statement
-from rf_exp.statements.logical import listed
+from rf_exp.statements.base import Form, OfAgent, OfAgents, Statement
 from rf_exp.statements.notation import Words, number
-from rf_exp.statements.vocabulary import agent_name
+from rf_exp.statements.vocabulary import agent_name, listed
 from rf_exp.types import Kind
 
 SLOWEST_M_S = 0.01  # a slower plan would take for ever
@@ -14,7 +13,7 @@ LEVEL_DEG = 10.0  # what level means when no angle is given
 
 
 @dataclass(frozen=True)
-class KeepApart(Statement):
+class KeepApart(OfAgents):
     """The grippers or the arms of two agents stay at least so far apart."""
 
     kind: ClassVar[Kind] = "spatial"
@@ -22,10 +21,6 @@ class KeepApart(Statement):
     who: tuple[int, int]
     at_least_m: float
     parts: Literal["grippers", "arms"] = "grippers"
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return self.who
 
     @property
     def sentence(self) -> str:
@@ -101,18 +96,13 @@ class KeepLevel(Statement):
 
 
 @dataclass(frozen=True)
-class KeepHeight(Statement):
+class KeepHeight(OfAgent):
     """The gripper of an agent stays below, or above, a height over the table."""
 
     kind: ClassVar[Kind] = "spatial"
 
-    agent: int
     limit_m: float
     side: Literal["below", "above"] = "below"
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def sentence(self) -> str:
@@ -138,17 +128,12 @@ class KeepHeight(Statement):
 
 
 @dataclass(frozen=True)
-class SpeedLimit(Statement):
+class SpeedLimit(OfAgent):
     """The gripper of an agent moves no faster than so much. Its motion is planned that slow."""
 
     kind: ClassVar[Kind] = "temporal"
 
-    agent: int
     at_most_m_s: float
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def sentence(self) -> str:

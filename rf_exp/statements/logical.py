@@ -4,37 +4,26 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rf_exp.statements.base import Form, Statement
-from rf_exp.statements.events import Step
+from rf_exp.statements.base import Form, OfAgent, OfAgents, Statement
+from rf_exp.statements.events import Step, named
 from rf_exp.statements.notation import Words
 from rf_exp.statements.verbs import CONTACT_KINDS, VERBS
-from rf_exp.statements.vocabulary import agent_name
+from rf_exp.statements.vocabulary import agent_name, listed
 from rf_exp.types import Kind, Subgoal
 
 WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
 _WHEN = r"(?: (?:when|while) {doing}(?: {object phase}| it)?)?"
 
 
-def listed(agents: tuple[int, ...]) -> str:
-    """`Agent_1 and Agent_2`, or `Agent_1, Agent_2 and Agent_3`."""
-    *first, last = map(agent_name, agents)
-    return f"{', '.join(first)} and {last}"
-
-
 @dataclass(frozen=True)
-class ContactAt(Statement):
+class ContactAt(OfAgent):
     """Interaction position: the gripper of an agent meets an object at an annotated point."""
 
     kind: ClassVar[Kind] = "logical"
 
-    agent: int
     verb: str  # one that meets a point: grasp, press
     object: str
     point: str
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def names(self) -> tuple[tuple[str, str | None], ...]:
@@ -67,19 +56,14 @@ class ContactAt(Statement):
 
 
 @dataclass(frozen=True)
-class PlaceAt(Statement):
+class PlaceAt(OfAgent):
     """Where an agent puts an object: at an annotated point of another one."""
 
     kind: ClassVar[Kind] = "logical"
 
-    agent: int
     object: str
     target: str
     point: str
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def names(self) -> tuple[tuple[str, str | None], ...]:
@@ -107,19 +91,14 @@ class PlaceAt(Statement):
 
 
 @dataclass(frozen=True)
-class Direction(Statement):
+class Direction(OfAgent):
     """Interaction direction: how the gripper of an agent is turned, at contact or while it does something."""
 
     kind: ClassVar[Kind] = "logical"
 
-    agent: int
     object: str
     direction: str = "perpendicular"  # perpendicular (as annotated) | vertical | horizontal | level
     verb: str | None = None  # what it does then; contact with the object unless given
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def names(self) -> tuple[tuple[str, str | None], ...]:
@@ -155,22 +134,17 @@ class Direction(Statement):
 
 
 @dataclass(frozen=True)
-class SameHeight(Statement):
+class SameHeight(OfAgents):
     """Agents that carry one thing together raise it by the same height; all the while or in one phase."""
 
     kind: ClassVar[Kind] = "logical"
 
-    who: tuple[int, ...]
     verb: str | None = None
     object: str | None = None
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        return self.who
-
-    @property
     def names(self) -> tuple[tuple[str, str | None], ...]:
-        return ((self.object, None),) if self.object else ()
+        return named(self.phase[0])
 
     @property
     def sentence(self) -> str:

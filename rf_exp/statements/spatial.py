@@ -4,26 +4,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rf_exp.statements.base import Form, Statement
-from rf_exp.statements.events import Event, Step
-from rf_exp.statements.logical import listed
+from rf_exp.statements.base import Form, OfAgent, OfAgents, Statement
+from rf_exp.statements.events import Event, Step, named
 from rf_exp.statements.notation import Vector, Words, vector
-from rf_exp.statements.temporal import named
-from rf_exp.statements.vocabulary import agent_name
+from rf_exp.statements.vocabulary import agent_name, listed
 from rf_exp.types import Kind
 
 
 @dataclass(frozen=True)
-class AvoidAgents(Statement):
+class AvoidAgents(OfAgents):
     """One agent touches no other, or several do not touch one another."""
 
     kind: ClassVar[Kind] = "spatial"
-
-    who: tuple[int, ...]
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return self.who
 
     @property
     def sentence(self) -> str:
@@ -63,16 +55,10 @@ class AvoidAgents(Statement):
 
 
 @dataclass(frozen=True)
-class AvoidObjects(Statement):
+class AvoidObjects(OfAgent):
     """An agent touches nothing but what its subgoals are about."""
 
     kind: ClassVar[Kind] = "spatial"
-
-    agent: int
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def sentence(self) -> str:

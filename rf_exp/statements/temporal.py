@@ -3,21 +3,13 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rf_exp.statements.base import Form, Statement
-from rf_exp.statements.events import Event, LiesOn, Step
-from rf_exp.statements.logical import listed
+from rf_exp.statements.base import Form, OfAgents, Statement
+from rf_exp.statements.events import Event, LiesOn, Step, named
 from rf_exp.statements.notation import TOGETHER_S, Words, number
-from rf_exp.statements.vocabulary import TABLE, agent_name
+from rf_exp.statements.vocabulary import agent_name, listed
 from rf_exp.types import Kind
 
 _AT_LEAST = r"(?:for )?(?:at least )?{s}"
-
-
-def named(event: Event) -> tuple[tuple[str, str | None], ...]:
-    """The objects of an event, as `Statement.names` has them."""
-    if isinstance(event, Step):
-        return ((event.object, None),) if event.object else ()
-    return tuple((name, None) for name in (event.object, event.surface) if name != TABLE)
 
 
 @dataclass(frozen=True)
@@ -104,19 +96,14 @@ class Before(Statement):
 
 
 @dataclass(frozen=True)
-class Together(Statement):
+class Together(OfAgents):
     """Agents begin the same thing, or all that they do, at most `within_s` apart."""
 
     kind: ClassVar[Kind] = "temporal"
 
-    who: tuple[int, ...]
     verb: str | None = None
     object: str | None = None
     within_s: float = TOGETHER_S
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return self.who
 
     @property
     def names(self) -> tuple[tuple[str, str | None], ...]:
@@ -183,16 +170,10 @@ class Deadline(Statement):
 
 
 @dataclass(frozen=True)
-class ShareSpace(Statement):
+class ShareSpace(OfAgents):
     """Agents may use the same space at different times."""
 
     kind: ClassVar[Kind] = "temporal"
-
-    who: tuple[int, ...]
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return self.who
 
     @property
     def sentence(self) -> str:

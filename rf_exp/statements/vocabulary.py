@@ -13,6 +13,12 @@ def agent_name(agent: int) -> str:
     return f"Agent_{agent}"
 
 
+def listed(agents: tuple[int, ...]) -> str:
+    """`Agent_1 and Agent_2`, or `Agent_1, Agent_2 and Agent_3`."""
+    *first, last = map(agent_name, agents)
+    return f"{', '.join(first)} and {last}"
+
+
 @dataclass(frozen=True)
 class Vocabulary:
     """The names of one task."""

@@ -7,21 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import Check, Evidence, Plan, check_of
-from rf_exp.statements import Form, Statement, agent_name
+from rf_exp.statements import Form, OfAgent, agent_name
 from rf_exp.types import CONTROL_DT_S, Kind, Scene
 
 
 @dataclass(frozen=True)
-class OwnSide(Statement):
+class OwnSide(OfAgent):
     """The gripper of an agent stays nearer to its own base than to any other one."""
 
     kind: ClassVar[Kind] = "spatial"
-
-    agent: int
-
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
 
     @property
     def sentence(self) -> str:
