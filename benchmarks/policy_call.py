@@ -69,7 +69,11 @@ def trained(folder: Path, calls: int) -> dict[str, object]:
             began = [time.perf_counter()]
             features = policy.look(picture)[0][:, None].expand(-1, steps, -1)
             began.append(time.perf_counter())
-            known, _ = policy.in_phase(features, proprio, context)
+            chances = policy.chances(features, proprio, context)
+            if chances is None:
+                known = context
+            else:
+                known = policy.in_phase(context, chances[..., :-1].argmax(dim=2), chances[..., -1] > 0.5)
             began.append(time.perf_counter())
             policy.act(features, proprio, known, [generator])
             began.append(time.perf_counter())

@@ -16,7 +16,7 @@ PREDICTIONS = ("epsilon", "sample", "v_prediction")
 OBSERVATIONS = ("pictures", "state")
 LOSSES = ("mse", "l1")
 # Of a policy; they change no weight.
-ACTING = ("action_steps", "ensemble", "hold_rad", "sampler", "inference_diffusion_steps")
+ACTING = ("action_steps", "ensemble", "hold_rad", "patience", "sampler", "inference_diffusion_steps")
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 5
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
@@ -52,6 +52,9 @@ class PolicyConfig:
     # Of all predictions of a control step the k-th oldest weighs exp(-ensemble k); None: the newest alone.
     ensemble: float | None = None
     hold_rad: float = 0.0  # a chunk whose joints all stay so near to where they are moves nothing
+    # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
+    # 0: it waits until one look says more than a half. See patience.py.
+    patience: float = 0.0
     train_diffusion_steps: int = 100
     inference_diffusion_steps: int = 100  # 0: the draft alone
     sampler: str = "ddpm"  # ddpm | ddim
@@ -83,6 +86,7 @@ class PolicyConfig:
         looks = self.encoder != "heatmaps" or (self.context and self.crop == 1.0)
         _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
         _require(self.hold_rad >= 0, "hold_rad", self.hold_rad, "0 or above")
+        _require(self.patience >= 0, "patience", self.patience, "0 or above")
         _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
         refines = not self.draft or self.prediction == "sample"
         _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
@@ -112,7 +116,7 @@ class PolicyConfig:
     @property
     def identity(self) -> dict[str, Any]:
         """All fields, but for those that came later, where they change nothing."""
-        return without(asdict(self), ensemble=None)
+        return without(asdict(self), ensemble=None, patience=0.0)
 
     def cropped(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of what the encoder sees of such a picture, pixels."""

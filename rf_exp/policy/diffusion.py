@@ -179,19 +179,23 @@ class DiffusionPolicy(nn.Module):
         return functional.pad(context[..., : -self._told], (0, self._told))
 
     @torch.inference_mode()
-    def in_phase(self, features: Tensor, proprio: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Of raw features (B, O, F), proprioception (B, O, P) and context (B, O, C): with the phase, where it
-        is predicted, the context; and who of the own agents may go on (B, n), all where no phase is known.
+    def chances(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor | None:
+        """Of raw features (B, O, F), proprioception (B, O, P) and context (B, O, C): how likely each own
+        agent is at each subgoal and, in the last column, that it may go on (B, n, K + 1). None if it does
+        not say.
         """
         if self.phase is None:
-            return context, context.new_ones(len(context), self._agents, dtype=torch.bool)
-        context = self._without_phase(context)
-        found = self.phase(self.observation(features, proprio, context)).unflatten(1, (self._agents, -1))
-        subgoal = functional.one_hot(found[..., :-1].argmax(dim=2), found.shape[2] - 1)
-        free = found[..., -1:] > 0
-        phase = torch.cat([subgoal, free], dim=2).flatten(1).to(context.dtype)
+            return None
+        found = self.phase(self.observation(features, proprio, self._without_phase(context)))
+        found = found.unflatten(1, (self._agents, -1))
+        return torch.cat([found[..., :-1].softmax(dim=2), found[..., -1:].sigmoid()], dim=2)
+
+    def in_phase(self, context: Tensor, numbers: Tensor, free: Tensor) -> Tensor:
+        """Context (B, O, C) with the subgoals (B, n) of the own agents and whether they may go on (B, n)."""
+        subgoal = functional.one_hot(numbers, self._told // self._agents - 1)
+        phase = torch.cat([subgoal, free[..., None]], dim=2).flatten(1).to(context.dtype)
         told = phase[:, None].expand(-1, context.shape[1], -1)
-        return torch.cat([context[..., : -self._told], told], dim=2), free[..., 0]
+        return torch.cat([context[..., : -self._told], told], dim=2)
 
     def _observed(self, batch: Batch, generator: torch.Generator, proprio_noise: float) -> Tensor:
         features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device

@@ -24,6 +24,7 @@ from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.grippers import Memory
 from rf_exp.policy.hands import followed
 from rf_exp.policy.observation import Senses, context, others, proprioception, widths
+from rf_exp.policy.patience import Patience
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets
@@ -132,6 +133,7 @@ class Actor(Performer):
         self._features: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, F)
         self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
         self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
+        self._patience = Patience(self._config.patience)
         self._memory: Memory | None = None  # of the grippers, once it knows how many there are
         self._predicted: list[tuple[int, NDArray[np.float64]]] = []  # control step, commands (T, agents, 8)
         self._widths = np.zeros(0)  # of the grippers of all agents, as measured last
@@ -215,10 +217,18 @@ class Actor(Performer):
         features, proprio, known = (
             torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
         )
-        known, free = self._policy.in_phase(features, proprio, known)
         agents = np.array(self.view.agents) - 1
+        free = np.ones(len(agents), dtype=bool)
+        chances = self._policy.chances(features, proprio, known)
+        if chances is not None:
+            numbers, free = self._patience(chances.flatten(0, 1).cpu().double().numpy())
+            phase = (
+                torch.from_numpy(each).to(known.device).unflatten(0, (len(known), -1))
+                for each in (numbers, free)
+            )
+            known = self._policy.in_phase(known, *phase)
         opened = self._memory.opened[agents]
-        waits = ~free.flatten().cpu().numpy()
+        waits = ~free
         if self.view.coordinated and self.coordinated is not None:
             waits = ~self.coordinated[1][agents]
         if size := self.senses.told:

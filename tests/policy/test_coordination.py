@@ -170,17 +170,24 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
     actors = load_actors(tmp_path)
     looks: list[bool] = []
 
-    def stay(actor: Actor, features: torch.Tensor, proprio: torch.Tensor, context: torch.Tensor):
-        found, free = DiffusionPolicy.in_phase(actor._policy, features, proprio, context)
+    def stay(actor: Actor, context: torch.Tensor, numbers: torch.Tensor, free: torch.Tensor):
+        found = DiffusionPolicy.in_phase(actor._policy, context, numbers, free)
         own = 3 * len(actor.view.streams[0].agents)
         assert found.shape == context.shape and torch.equal(found[..., :-own], context[..., :-own])
         phase = found[..., -own:].unflatten(-1, (-1, 3))
-        assert (phase[..., :2].sum(dim=-1) == 1).all() and torch.equal(phase[:, 0, :, 2] > 0, free)
+        assert torch.equal(phase[:, 0, :, :2].argmax(dim=-1), numbers)
+        assert torch.equal(phase[:, 0, :, 2] > 0, free) and not free.any()
         looks.append(True)
-        return found, torch.zeros_like(free)
+        return found
+
+    def nobody_goes(actor: Actor, *observed: torch.Tensor):
+        chances = DiffusionPolicy.chances(actor._policy, *observed)
+        assert chances is not None and torch.allclose(chances[..., :-1].sum(dim=2), torch.ones(1))
+        return torch.cat([chances[..., :-1], torch.zeros_like(chances[..., -1:])], dim=2)
 
     for actor in actors:
         monkeypatch.setattr(actor._policy, "in_phase", partial(stay, actor))
+        monkeypatch.setattr(actor._policy, "chances", partial(nobody_goes, actor))
     world = Table(2)
     start = world.reset(1).qpos[:, :7]
     rollout(world, judge, actors, 1, 2 * WAIT_STEPS)
