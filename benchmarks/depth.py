@@ -11,10 +11,8 @@ import argparse
 import json
 
 from rf_exp.command import CONF
-from rf_exp.constraints.depth import look
-from rf_exp.constraints.occupancy import shared, voxels
-from rf_exp.constraints.seen import down_to_table
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies, shared, voxels
+from rf_exp.perception import down_to_table, look
 from rf_exp.sim import Simulator
 from rf_exp.tasks.configuration import read_task
 

@@ -14,9 +14,8 @@ import time
 
 import numpy as np
 
-from rf_exp.constraints.clearance import closer_than
 from rf_exp.constraints.timing import schedule
-from rf_exp.constraints.world import AGENT_MARGIN_M, Bodies
+from rf_exp.geometry import AGENT_MARGIN_M, Bodies, closer_than
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
 from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajectory
 

@@ -32,10 +32,9 @@ from omegaconf import OmegaConf
 from scipy.optimize import brentq
 
 from rf_exp.ablation.statistics import wilson
-from rf_exp.constraints import Bodies, Paths, Plan, occupancy
-from rf_exp.constraints.clearance import Swept, folded, nearest
+from rf_exp.constraints import Paths, Plan
 from rf_exp.constraints.spatial import AvoidAgents, touching
-from rf_exp.constraints.world import AGENT_MARGIN_M
+from rf_exp.geometry import AGENT_MARGIN_M, VOXEL_M, Bodies, Swept, folded, nearest, shared, voxels
 from rf_exp.processes import in_order
 from rf_exp.robots.panda import limits_rad, self_pairs
 from rf_exp.tasks import ObjectSpec, Task
@@ -215,8 +214,8 @@ def of_points(points: Callable[[Swept], NDArray[np.float64]]) -> Callable[[State
     """The model that fills only the voxels of some points."""
 
     def alarm(state: State) -> bool:
-        filled = [np.floor(points(body) / occupancy.VOXEL_M).astype(np.int64) for body in state.bodies()]
-        return any(len(occupancy.shared(a, b)) for a, b in combinations(filled, 2))
+        filled = [np.floor(points(body) / VOXEL_M).astype(np.int64) for body in state.bodies()]
+        return any(len(shared(a, b)) for a, b in combinations(filled, 2))
 
     return alarm
 
@@ -225,17 +224,17 @@ def of_volume(voxel_m: float) -> Callable[[State], bool]:
     """The model that fills every voxel which a body enters."""
 
     def alarm(state: State) -> bool:
-        filled = [occupancy.voxels(body, voxel_m=voxel_m) for body in state.bodies()]
-        return any(len(occupancy.shared(a, b)) for a, b in combinations(filled, 2))
+        filled = [voxels(body, voxel_m=voxel_m) for body in state.bodies()]
+        return any(len(shared(a, b)) for a, b in combinations(filled, 2))
 
     return alarm
 
 
 def twice(state: State) -> bool:
     """The first look by voxels, and exact distances of the arms that share one."""
-    looks = [(body, occupancy.voxels(body)) for body in state.bodies()]
+    looks = [(body, voxels(body)) for body in state.bodies()]
     for (a, filled_a), (b, filled_b) in combinations(looks, 2):
-        if len(occupancy.shared(filled_a, filled_b)):
+        if len(shared(filled_a, filled_b)):
             found = nearest(a, b)
             if found is not None and found.distance_m <= 0:
                 return True
@@ -245,7 +244,7 @@ def twice(state: State) -> bool:
 MODELS: dict[str, Callable[[State], bool]] = {
     "joint points, 5 cm (the paper's text)": of_points(joints),
     "bone segments, 5 cm": of_points(bones),
-    "volume, 5 cm": of_volume(occupancy.VOXEL_M),
+    "volume, 5 cm": of_volume(VOXEL_M),
     "volume, 2.5 cm": of_volume(FINE_M),
     "volume, 5 cm, then exact": twice,
     "default, measured (touching)": lambda s: touching(s.task, s.scene(), s.pairs()) is not None,

@@ -66,9 +66,9 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   policy predicts from what it sees which one it is at, and whether it may go on or has to wait for another;
   its actions are made for that. Who has to wait stays exactly where it was sent last, and looks again 4 steps
   later. Without that, predictions between going and staying let arms drift from where they wait to where no
-  demonstration has been. Where what precedes its leaving looks like what it has to wait through, it has learned
-  a rate of leaving: a quarter, say, at every look, for ever. So the looks of a scene in which nothing changes
-  add up (`policy.patience`). Rows of commits before that are without.
+  demonstration has been. Where what precedes its leaving looks like what it has to wait through, it has
+  learned a rate of leaving: a quarter, say, at every look, for ever. So the looks of a scene in which nothing
+  changes add up (`policy.patience`). Rows of earlier commits are without.
 - Moments in which nobody moves are left out, chunks of 32 of which 12 are executed, the absolute error. How
   much of a chunk is executed decides nothing about what is learned: the same policies of the laboratory (Two
   Robots Stack Cube, 40 scenes from 2,000,000 on, one training seed) succeeded in 27 scenes when they executed

@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.constraints import Bodies
-from rf_exp.constraints.depth import look
 from rf_exp.constraints.evidence import Evidence
-from rf_exp.constraints.occupancy import centres_m
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Planned, Settings
+from rf_exp.geometry import Bodies, centres_m
+from rf_exp.perception import look
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
 from rf_exp.sim.simulator import Limited, Simulator

@@ -12,10 +12,8 @@ from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import PolicyMonitor
 from rf_exp.constraints.timing import Delays, actions, intended, schedule, serial
-from rf_exp.constraints.world import Bodies
 
 __all__ = [
-    "Bodies",
     "Check",
     "CheckCode",
     "CheckedPlan",

@@ -8,7 +8,7 @@ import numpy as np
 from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
 from rf_exp.types import CONTROL_DT_S, Violation
 
 

@@ -7,12 +7,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Mask, Swept, closer_than, nearest
 from rf_exp.constraints.evidence import Evidence, doing, names
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import Closing
 from rf_exp.constraints.timing import Demands
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies, Mask, Swept, closer_than, nearest
 from rf_exp.robots import LINKS, Panda
 from rf_exp.statements import agent_name
 from rf_exp.transforms import Matrix

@@ -7,9 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Mask, Swept, closer_than
-from rf_exp.constraints.seen import Seen, together
-from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, Mask, Swept, closer_than
+from rf_exp.perception import Seen, together
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Row, Scene, Schedule, Segment, Trajectory
 

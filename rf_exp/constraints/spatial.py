@@ -14,13 +14,23 @@ from typing import ClassVar
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.clearance import Mask, Nearest, Swept, closer_than, nearest, overlap
 from rf_exp.constraints.evidence import Evidence, doing, names, violation
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.shapes import Piece
 from rf_exp.constraints.temporal import span
 from rf_exp.constraints.timing import Demands
-from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
+from rf_exp.geometry import (
+    AGENT_MARGIN_M,
+    OBJECT_MARGIN_M,
+    Bodies,
+    Mask,
+    Nearest,
+    Piece,
+    Swept,
+    closer_than,
+    lowest_m,
+    nearest,
+    overlap,
+)
 from rf_exp.statements import Step, agent_name
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse, transform

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import search
-from rf_exp.constraints.clearance import Mask
 from rf_exp.errors import ArgumentError
+from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Schedule, Segment, Subgoal, Trajectory, Violation
 

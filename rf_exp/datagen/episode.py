@@ -13,13 +13,14 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Bodies, actions, intended
-from rf_exp.constraints.depth import look
+from rf_exp.constraints import actions, intended
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.motion import come_to_rest, disturb, let_off
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
+from rf_exp.geometry import Bodies
+from rf_exp.perception import look
 from rf_exp.tasks import Judge
 from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (

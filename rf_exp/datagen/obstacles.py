@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Swept, closer_than, folded
-from rf_exp.constraints.seen import SEEN, Seen
-from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
 from rf_exp.datagen.motion.state import Blocked, Obstacle, State
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, Swept, closer_than, folded
+from rf_exp.perception import SEEN, Seen
 from rf_exp.robots.panda import self_pairs
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task

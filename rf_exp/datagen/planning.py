@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rf_exp.constraints import Bodies, CheckedPlan, Delays, Paths, RoboChecker, slowed
+from rf_exp.constraints import CheckedPlan, Delays, Paths, RoboChecker, slowed
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
+from rf_exp.geometry import Bodies
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import (

@@ -37,8 +37,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Swept, closer_than, nearest
-from rf_exp.constraints.world import AGENT_MARGIN_M, Bodies
+from rf_exp.geometry import AGENT_MARGIN_M, Bodies, Swept, closer_than, nearest
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import inverse

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import CheckedPlan, RoboChecker
-from rf_exp.constraints.clearance import Mask
 from rf_exp.constraints.evidence import Check, Evidence
-from rf_exp.constraints.occupancy import centres_m
 from rf_exp.constraints.timing import Demands
 from rf_exp.datagen.planning import Planned
+from rf_exp.geometry import Mask, centres_m
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task

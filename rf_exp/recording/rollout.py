@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task

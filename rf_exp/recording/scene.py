@@ -10,8 +10,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from rf_exp.constraints.occupancy import centres_m, voxels
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies, centres_m, voxels
 from rf_exp.robots import LINKS, Panda
 from rf_exp.robots.meshes import light_meshes
 from rf_exp.sim.simulator import Simulator

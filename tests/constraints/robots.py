@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies
 from rf_exp.robots import Panda
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
 from rf_exp.tasks.base import REST_QPOS

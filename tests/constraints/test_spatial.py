@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import Paths, Plan
-from rf_exp.constraints.clearance import nearest
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, PolicyMonitor, StayOut, touching
 from rf_exp.constraints.timing import schedule
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies, nearest
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import Row, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, team, walk

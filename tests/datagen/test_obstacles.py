@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rf_exp.constraints.occupancy import VOXEL_M, voxels
-from rf_exp.constraints.seen import SEEN
-from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.geometry import VOXEL_M, Bodies, voxels
+from rf_exp.perception import SEEN
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
 from rf_exp.tasks.base import REST_QPOS

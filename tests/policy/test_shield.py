@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import Bodies, PolicyMonitor
-from rf_exp.constraints.clearance import nearest
-from rf_exp.constraints.world import AGENT_MARGIN_M
+from rf_exp.constraints import PolicyMonitor
+from rf_exp.geometry import AGENT_MARGIN_M, Bodies, nearest
 from rf_exp.policy.rollout import rollout
 from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2, Decision, Shield
 from rf_exp.tasks import Judge, Task

@@ -9,7 +9,7 @@ import pytest
 import sapien
 from sapien import physx
 
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies
 from rf_exp.robots import LINKS
 from rf_exp.robots.panda import hulls
 from rf_exp.sim import Simulator

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.constraints.depth import look
-from rf_exp.constraints.occupancy import beside, shared, voxels
-from rf_exp.constraints.world import Bodies
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody, Outcome
 from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
+from rf_exp.geometry import Bodies, beside, shared, voxels
+from rf_exp.perception import look
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import ObjectSpec

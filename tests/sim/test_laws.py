@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from sapien import physx
 
-from rf_exp.constraints.clearance import Swept, nearest
-from rf_exp.constraints.world import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, Swept, nearest
 from rf_exp.robots import Panda
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Judge, Task

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from mani_skill.agents.robots.panda import Panda as StockPanda
 
-from rf_exp.constraints.world import GRIPPER
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.planning import Settings
 from rf_exp.gallery.performance import play
+from rf_exp.geometry.planning_scene import GRIPPER
 from rf_exp.robots.panda import Panda
 from rf_exp.sim import Limited, Simulator, agent
 from rf_exp.sim.environment import hand_from_camera

@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints.shapes import Piece
-from rf_exp.constraints.world import asset_pieces
 from rf_exp.errors import ArgumentError
+from rf_exp.geometry import Piece
+from rf_exp.geometry.planning_scene import asset_pieces
 from rf_exp.robots import panda
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import assets

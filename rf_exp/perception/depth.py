@@ -11,9 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.clearance import Swept
-from rf_exp.constraints.occupancy import VOXEL_M, Voxels
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import VOXEL_M, Bodies, Swept, Voxels
 from rf_exp.types import CameraModel
 
 NOISE_M = 0.01  # a point this near to the table, an arm, or what it holds may be theirs

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints.clearance import closer_than, nearest
-from rf_exp.constraints.world import Bodies, lowest_m
 from rf_exp.errors import ArgumentError
+from rf_exp.geometry import Bodies, closer_than, lowest_m, nearest
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal, Trajectory

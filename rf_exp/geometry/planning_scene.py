@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from rf_exp.constraints.clearance import Mask, Nearest, Swept, nearest
-from rf_exp.constraints.shapes import Piece, arm_pieces
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.geometry.distance import Nearest, nearest
+from rf_exp.geometry.shapes import Piece, arm_pieces
+from rf_exp.geometry.swept import Mask, Swept
 from rf_exp.robots.panda import LINKS, Panda
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.constraints import Bodies, RoboChecker
-from rf_exp.constraints.clearance import Swept, nearest
-from rf_exp.constraints.depth import FEWEST, NOISE_M, look, points, within
-from rf_exp.constraints.occupancy import VOXEL_M, voxels
-from rf_exp.constraints.seen import SEEN, Seen, boxes, down_to_table
-from rf_exp.constraints.shapes import Piece
+from rf_exp.constraints import RoboChecker
+from rf_exp.geometry import VOXEL_M, Bodies, Piece, Swept, nearest, voxels
+from rf_exp.perception import SEEN, Seen, down_to_table, look
+from rf_exp.perception.depth import FEWEST, NOISE_M, points, within
+from rf_exp.perception.obstacles import boxes
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
 from rf_exp.transforms import apply, from_axes, inverse

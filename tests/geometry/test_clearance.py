@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.constraints.clearance import DOUBT, SLACK_M, Swept, closer_than, folded, nearest, overlap
-from rf_exp.constraints.shapes import Piece
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import Bodies, Piece, Swept, closer_than, folded, nearest, overlap
+from rf_exp.geometry.clearance import DOUBT, SLACK_M
 from rf_exp.robots.panda import self_pairs
 from rf_exp.transforms import transform
 from tests.constraints.robots import REST, arms, random_qpos, scene_of, team

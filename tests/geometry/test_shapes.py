@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from rf_exp.constraints.shapes import CORE_SPHERES, COVER_SPHERES, Piece, arm_pieces, enclosing_sphere
-from rf_exp.constraints.world import asset_pieces
+from rf_exp.geometry import Piece
+from rf_exp.geometry.planning_scene import asset_pieces
+from rf_exp.geometry.shapes import CORE_SPHERES, COVER_SPHERES, arm_pieces, enclosing_sphere
 from rf_exp.robots.panda import LINKS
 from rf_exp.tasks import assets
 

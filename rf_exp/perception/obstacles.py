@@ -15,11 +15,8 @@ from functools import cache
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.clearance import Swept
-from rf_exp.constraints.depth import NOISE_M
-from rf_exp.constraints.occupancy import VOXEL_M, Voxels, among, beside
-from rf_exp.constraints.shapes import Piece
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import VOXEL_M, Bodies, Piece, Swept, Voxels, among, beside
+from rf_exp.perception.depth import NOISE_M
 from rf_exp.transforms import transform
 
 SEEN = "something that the cameras see"

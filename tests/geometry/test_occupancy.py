@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.constraints import occupancy
-from rf_exp.constraints.clearance import nearest, overlap
-from rf_exp.constraints.occupancy import VOXEL_M
-from rf_exp.constraints.seen import boxes
-from rf_exp.constraints.shapes import Piece, arm_pieces
-from rf_exp.constraints.world import Bodies
+from rf_exp.geometry import VOXEL_M, Bodies, Piece, nearest, overlap
+from rf_exp.geometry.occupancy import beside, centres_m, fill, shared, voxels
+from rf_exp.geometry.shapes import arm_pieces
+from rf_exp.perception.obstacles import boxes
 from rf_exp.transforms import apply
 from tests.constraints.robots import random_qpos, scene_of, team
 
@@ -30,7 +28,7 @@ def test_every_point_of_every_link_lies_in_an_occupied_voxel():
     bodies = Bodies(TWO, scene_of(TWO))
     for qpos in random_qpos(rng, 6):
         body = bodies.arm(1, qpos)
-        occupied = {*map(tuple, occupancy.voxels(body).tolist())}
+        occupied = {*map(tuple, voxels(body).tolist())}
         for piece, pose in zip(body.pieces, body.poses[0], strict=True):
             assert voxel_of(apply(pose, inside(piece, 800, rng))) <= occupied
 
@@ -44,7 +42,7 @@ def test_voxels_are_nearly_tight():
             for piece, pose in zip(arm_pieces(), body.poses[0], strict=True)
         ]
     )
-    centres = occupancy.centres_m(occupancy.voxels(body))
+    centres = centres_m(voxels(body))
     gaps = np.array([np.abs(samples - centre).max(axis=1).min() for centre in centres])
     assert gaps.max() < VOXEL_M
     assert (gaps < 0.6 * VOXEL_M).mean() > 0.8
@@ -53,8 +51,8 @@ def test_voxels_are_nearly_tight():
 def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
     rng = np.random.default_rng(5)
     body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(rng, 1))
-    coarse = {*map(tuple, occupancy.voxels(body).tolist())}
-    fine = occupancy.voxels(body, voxel_m=VOXEL_M / 2)
+    coarse = {*map(tuple, voxels(body).tolist())}
+    fine = voxels(body, voxel_m=VOXEL_M / 2)
     assert {*map(tuple, (fine // 2).tolist())} == coarse
     filled = {*map(tuple, fine.tolist())}
     for piece, pose in zip(body.pieces, body.poses[0], strict=True):
@@ -68,7 +66,7 @@ def test_arms_that_touch_share_a_voxel_and_few_others_do():
     touched = alarms = clear = 0
     for _ in range(120):
         a, b = bodies.arm(1, random_qpos(rng, 1)), bodies.arm(2, random_qpos(rng, 1))
-        meets = len(occupancy.shared(occupancy.voxels(a), occupancy.voxels(b))) > 0
+        meets = len(shared(voxels(a), voxels(b))) > 0
         if overlap(a, b) is not None:
             touched += 1
             assert meets
@@ -84,16 +82,16 @@ def test_a_box_fills_the_voxels_it_enters():
     pose = np.eye(4)
     pose[:3, 3] = 0.025
     expected = {(-1, 0, 0), (0, 0, 0), (1, 0, 0)}
-    assert {*map(tuple, occupancy.fill(piece, pose).tolist())} == expected
-    assert occupancy.centres_m(np.array([[0, 0, 0]])) == pytest.approx(np.full((1, 3), 0.025))
+    assert {*map(tuple, fill(piece, pose).tolist())} == expected
+    assert centres_m(np.array([[0, 0, 0]])) == pytest.approx(np.full((1, 3), 0.025))
 
 
 def test_shared_voxels_are_sorted_and_may_be_none():
     a, b = np.array([[0, 0, 0], [1, 0, 0]]), np.array([[1, 0, 0], [2, 0, 0]])
-    assert occupancy.shared(a, b).tolist() == [[1, 0, 0]]
-    assert occupancy.shared(a, b + 5).shape == (0, 3)
+    assert shared(a, b).tolist() == [[1, 0, 0]]
+    assert shared(a, b + 5).shape == (0, 3)
     far = np.array([[9, -8, 7], [-9, 8, -7], [-9, -8, 7]])
-    assert occupancy.shared(far, np.concatenate([far, a])).tolist() == sorted(far.tolist())
+    assert shared(far, np.concatenate([far, a])).tolist() == sorted(far.tolist())
 
 
 @pytest.mark.parametrize("margin_m", [0.0, 0.03])
@@ -103,7 +101,7 @@ def test_voxels_beside_a_body_are_those_within_a_margin_of_it(margin_m):
     around = np.random.default_rng(7).integers(middle - 8, middle + 8, (600, 3))
     gaps = [nearest(body, boxes(cube[None])) for cube in around]
     gaps_m = np.array([gap.distance_m for gap in gaps if gap is not None])
-    near = occupancy.beside(around, body, margin_m)
+    near = beside(around, body, margin_m)
     assert near[gaps_m < margin_m - 1e-6].all()
     assert not near[gaps_m > 2 * margin_m + 0.01].any()
     assert 20 < near.sum() < 300

@@ -1,0 +1,36 @@
+"""What fills space and how near it comes: convex pieces, the planning scene, exact clearance, occupancy.
+
+Arms and objects are convex `Piece`s. `Bodies`, the planning scene of a task, makes `Swept` bodies of them,
+with allowed contacts. `closer_than` gives the coordination diagram of two of these, `nearest` and `overlap`
+their distance.
+World frame, metres.
+"""
+
+from rf_exp.geometry.clearance import closer_than
+from rf_exp.geometry.distance import Nearest, folded, nearest, overlap
+from rf_exp.geometry.occupancy import VOXEL_M, Voxels, among, beside, centres_m, shared, voxels
+from rf_exp.geometry.planning_scene import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
+from rf_exp.geometry.shapes import Piece
+from rf_exp.geometry.swept import Mask, Swept
+
+__all__ = [
+    "AGENT_MARGIN_M",
+    "OBJECT_MARGIN_M",
+    "VOXEL_M",
+    "Bodies",
+    "Mask",
+    "Nearest",
+    "Piece",
+    "Swept",
+    "Voxels",
+    "among",
+    "beside",
+    "centres_m",
+    "closer_than",
+    "folded",
+    "lowest_m",
+    "nearest",
+    "overlap",
+    "shared",
+    "voxels",
+]

@@ -1,0 +1,216 @@
+"""Exact clearance between bodies that move along paths.
+
+A body is a set of convex pieces with a pose at every path position. The answer for two bodies is
+their coordination diagram: which pairs of positions come closer than a margin. It is found coarse
+to fine. One exact distance (coal) in the middle of a block of the diagram says far more than its one
+cell. Along the direction of that distance the two pieces come no nearer than they move along it, and
+the two nearest points, carried along with the pieces, never are nearer than the pieces. What neither
+bound settles is split. Where pieces overlap deeply, spheres inside them say so without any distance.
+Nothing is sampled away: every cell is settled by a bound or exactly.
+"""
+
+from collections.abc import Sequence
+
+import coal
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from rf_exp.geometry.distance import Pair, pairs_apart
+from rf_exp.geometry.shapes import CORE_SPHERES
+from rf_exp.geometry.swept import FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
+
+BLOCK = 32  # positions on the side of the first blocks
+SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
+ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
+DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
+
+Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
+
+_REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
+_NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
+
+
+def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) -> Mask:
+    """The coordination diagram (P, Q): True where the bodies come closer than the margin.
+
+    With `between`, a cell also keeps half of what both bodies move to the neighbouring positions
+    free. Two free neighbours then prove that the motion between them keeps the margin as well:
+    along it the distance is at least (d0 + d1 - moved) / 2.
+
+    A free cell keeps all of that. A forbidden one lacks some of it, or has less than `DOUBT` of the margin
+    to spare.
+    """
+    pairs = tuple(pairs_apart(a, b))
+    if not pairs:
+        return np.zeros((len(a), len(b)), dtype=bool)
+    diagram = _Diagram(a, b, pairs, margin_m)
+    size = min(BLOCK, _power_of_two(max(len(a), len(b))))
+    todo = diagram.meeting(a.blocks(size, between), b.blocks(size, between))
+    while len(todo):
+        x, y = a.blocks(size, between), b.blocks(size, between)
+        if size == FINE_BLOCK:
+            diagram.pierce(todo, x, y)
+        left = []
+        for some in _first_of_each_block(todo, len(y)):
+            some = diagram.open_blocks(some, x, y)
+            if len(some):
+                left.append(diagram.settle(some, x, y))
+        if not left:
+            break
+        todo, gap = (np.concatenate(each) for each in zip(*left, strict=True))
+        todo = todo[np.argsort(gap, kind="stable")]
+        size //= min(PARTS, size)
+    return diagram.forbidden[: len(a), : len(b)]
+
+
+class _Diagram:
+    """A diagram in the making. What is to do: (M, 3) pair of pieces, block of rows, block of columns."""
+
+    def __init__(self, a: Swept, b: Swept, pairs: Sequence[Pair], margin_m: float) -> None:
+        self.margin_m = margin_m
+        self.a, self.b = np.array([pair.a for pair in pairs]), np.array([pair.b for pair in pairs])
+        rows, columns = (-(-len(body) // BLOCK) * BLOCK for body in (a, b))
+        self.rows = np.zeros((len(pairs), rows), dtype=bool)
+        self.columns = np.zeros((len(pairs), columns), dtype=bool)
+        self.rows[:, : len(a)] = [pair.rows for pair in pairs]
+        self.columns[:, : len(b)] = [pair.columns for pair in pairs]
+        self.forbidden = np.ones((rows, columns), dtype=bool)  # beyond the ends nothing is left to find
+        self.forbidden[: len(a), : len(b)] = False
+
+    def meeting(self, x: Blocks, y: Blocks) -> Indices:
+        """Where the spheres round pieces meet, and those that cover them along the line of their centres."""
+        gaps = cdist(x.centres.reshape(-1, 3), y.centres.reshape(-1, 3))
+        gaps -= x.reach_m.reshape(-1, 1) + y.reach_m.reshape(-1)
+        gaps = gaps.reshape(len(x), len(x.body.pieces), len(y), len(y.body.pieces))
+        gaps = gaps.transpose(1, 3, 0, 2)[self.a, self.b]
+        rows = np.logical_or.reduceat(self.rows, x.rows[:, 0], axis=1)
+        columns = np.logical_or.reduceat(self.columns, y.rows[:, 0], axis=1)
+        todo = np.argwhere((gaps < self.margin_m) & rows[:, :, None] & columns[:, None])
+        if not len(todo):
+            return todo
+        pair, r, c = todo.T
+        i, j = self.a[pair], self.b[pair]
+        line = y.centres[c, j] - x.centres[r, i]
+        length_m = np.maximum(np.linalg.norm(line, axis=1, keepdims=True), SLACK_M)
+        normal = (line / length_m).astype(np.float32)
+        (centres_a, radii_a), (centres_b, radii_b) = x.cover, y.cover
+        far_a = ((centres_a[r, i] @ normal[:, :, None])[..., 0] + radii_a[i]).max(axis=1)
+        near_b = ((centres_b[c, j] @ normal[:, :, None])[..., 0] - radii_b[j]).min(axis=1)
+        advance = x.advance_m(i, r, normal).max(axis=1) + y.advance_m(j, c, -normal).max(axis=1)
+        near = np.flatnonzero(near_b - far_a - advance < self.margin_m)
+        return todo[near[np.argsort(gaps[pair[near], r[near], c[near]], kind="stable")]]
+
+    def open_blocks(self, todo: Indices, x: Blocks, y: Blocks) -> Indices:
+        """What is not forbidden altogether."""
+        return todo[~self._cells(todo, x, y).all(axis=(1, 2))]
+
+    def pierce(self, todo: Indices, x: Blocks, y: Blocks) -> None:
+        """Forbids cells in which spheres inside the pieces come too close: most of them need no distance."""
+        todo = self.open_blocks(todo, x, y)
+        pair, r, c = todo.T
+        i, j = self.a[pair], self.b[pair]
+        radii = x.core_m[i][:, :, None] + y.core_m[j][:, None]  # (M, K, K)
+        line = x.core_middle[i, r][:, :, None] - y.core_middle[j, c][:, None]
+        depth = radii - np.sqrt(np.einsum("mkli,mkli->mkl", line, line))
+        deepest = depth.reshape(len(todo), CORE_SPHERES**2).argmax(axis=1)
+        k, m = np.divmod(deepest, CORE_SPHERES)
+        most = _apart_m(x.core[i, k, r], y.core[j, m, c]) - radii[np.arange(len(todo)), k, m][:, None, None]
+        most -= x.need_m[i, r][:, :, None] + y.need_m[j, c][:, None]
+        self._forbid(todo, (most < self.margin_m) & self._concerned(todo, x.size, y.size))
+
+    def settle(self, todo: Indices, x: Blocks, y: Blocks) -> Parts:
+        """Settles parts of blocks, or cells of fine ones, by bounds; returns the parts that stay open."""
+        pair, r, c = todo.T
+        i, j = self.a[pair], self.b[pair]
+        distance, normal, point_a = _look(x, y, todo, i, j)
+        # bounds on what the pieces have beyond what they keep free
+        advance = x.advance_m(i, r, normal)[:, :, None] + y.advance_m(j, c, -normal)[:, None]
+        least = distance[:, None, None] - advance
+        most = distance[:, None, None] + x.surplus_m[i, r][:, :, None] + y.surplus_m[j, c][:, None]
+        open_ = ~(least >= self.margin_m + ASKEW_M)
+        if not (x.fine and y.fine):
+            closer = most < self.margin_m - SLACK_M
+            parts, _ = _parts(todo, closer, most, x, y)
+            self._forbid(parts, self._concerned(parts, x.size // x.parts, y.size // y.parts))
+            return _parts(todo, open_ & ~closer, least + most, x, y)
+        most = np.fmin(most, self._carried_m(todo, x, y, distance, normal, point_a))
+        if x.size == y.size == 1:  # exact, also where coal has no direction to give
+            open_ = ~(most >= self.margin_m + SLACK_M)
+        open_ &= self._concerned(todo, x.size, y.size)
+        self._forbid(todo, open_ & (most < self.margin_m + max(SLACK_M, DOUBT * self.margin_m)))
+        open_ &= ~self._cells(todo, x, y)
+        return _parts(todo, open_, least + most, x, y)
+
+    def _carried_m(
+        self, todo: Indices, x: Blocks, y: Blocks, distance: Floats, normal: Floats, point_a: Floats
+    ) -> Floats:
+        """(M, S, S) distance of the two nearest points carried with their pieces, less what is kept free."""
+        pair, r, c = todo.T
+        i, j = self.a[pair], self.b[pair]
+        inside = np.minimum(distance, 0)[:, None] / 2  # where pieces overlap: a point of both
+        points_a = x.carry(i, r, point_a + inside * normal)
+        points_b = y.carry(j, c, point_a + (distance[:, None] - inside) * normal)
+        return _apart_m(points_a, points_b) - x.need_m[i, r][:, :, None] - y.need_m[j, c][:, None]
+
+    def _cells(self, todo: Indices, x: Blocks, y: Blocks) -> Mask:
+        """(M, S, S) which cells of the blocks are forbidden by now."""
+        blocks = self.forbidden.reshape(-1, x.size, self.forbidden.shape[1] // y.size, y.size)
+        return blocks[todo[:, 1], :, todo[:, 2]]
+
+    def _concerned(self, todo: Indices, height: int, width: int) -> Mask:
+        """(M, height, width) the cells of blocks in which their pair of pieces has to keep apart."""
+        pair, r, c = todo.T
+        rows = self.rows.reshape(len(self.rows), -1, height)[pair, r]
+        columns = self.columns.reshape(len(self.columns), -1, width)[pair, c]
+        return rows[:, :, None] & columns[:, None]
+
+    def _forbid(self, todo: Indices, closer: Mask) -> None:
+        """Forbids cells (M, height, width) of blocks."""
+        k, row, column = np.nonzero(closer)
+        _, height, width = closer.shape
+        self.forbidden[todo[k, 1] * height + row, todo[k, 2] * width + column] = True
+
+
+def _first_of_each_block(todo: Indices, columns: int) -> tuple[Indices, Indices]:
+    """The first pair of every block, which may well settle it for the others too, and the others."""
+    first = np.zeros(len(todo), dtype=bool)
+    first[np.unique(todo[:, 1] * columns + todo[:, 2], return_index=True)[1]] = True
+    return todo[first], todo[~first]
+
+
+def _parts(todo: Indices, open_: Mask, gap: Floats, x: Blocks, y: Blocks) -> Parts:
+    """The parts of blocks in which `open_` (M, bounds, bounds) is set, and their gaps."""
+    height, width = x.bounds // x.parts, y.bounds // y.parts
+    parts = np.zeros((len(todo), x.parts, y.parts), dtype=bool)
+    k, row, column = np.nonzero(open_)
+    parts[k, row // height, column // width] = True
+    k, row, column = np.nonzero(parts)
+    gaps = gap[:, (height - 1) // 2 :: height, (width - 1) // 2 :: width]
+    pair, r, c = todo[k].T
+    return np.stack([pair, r * x.parts + row, c * y.parts + column], axis=1), gaps[k, row, column]
+
+
+def _apart_m(a: Floats, b: Floats) -> Floats:
+    """(M, S, S) distances of points (M, 3, S)."""
+    origin = a[:, :, :1]
+    a, b = a - origin, b - origin
+    squared = -2 * a.swapaxes(1, 2) @ b
+    squared += np.einsum("mis,mis->ms", a, a)[:, :, None] + np.einsum("mis,mis->ms", b, b)[:, None]
+    return np.sqrt(np.maximum(squared, 0))
+
+
+def _power_of_two(least: int) -> int:
+    return 1 << (least - 1).bit_length()
+
+
+def _look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
+    """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
+    distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
+    looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
+    distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
+    for k, look in enumerate(looks):
+        clear()
+        distances[k] = distance(*look, _REQUEST, _RESULT)
+        normals[k] = _NORMAL
+        points[k] = nearest_point()
+    return distances, normals, points

@@ -1,0 +1,117 @@
+"""Exact distances of the pieces of two bodies that must keep apart (coal)."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.geometry.swept import Mask, Swept
+
+_REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The closest pair of pieces of two bodies."""
+
+    distance_m: float  # negative: penetration depth
+    a: str
+    b: str
+    at: tuple[int, int] = (0, 0)  # path positions
+
+
+class Pair(NamedTuple):
+    """Two pieces that must keep apart, where both masks hold."""
+
+    a: int
+    b: int
+    rows: Mask  # (P,)
+    columns: Mask  # (Q,)
+
+
+def pairs_apart(a: Swept, b: Swept) -> Iterator[Pair]:
+    """The pairs of pieces that must keep apart, with the positions at which they must."""
+    everywhere_a, everywhere_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
+    for i, x in enumerate(a.labels):
+        for j, y in enumerate(b.labels):
+            rows, columns = everywhere_a, everywhere_b
+            if x in a.objects and y in b.objects:
+                if x == y:
+                    continue
+                rows = ~a.rests.get(y, ~everywhere_a)
+                columns = ~b.rests.get(x, ~everywhere_b)
+                moves_a, moves_b = a.carried.get(x, ~everywhere_a), b.carried.get(y, ~everywhere_b)
+                if (rows & moves_a).any():  # two things lying on the table are nobody's concern
+                    yield Pair(i, j, rows & moves_a, columns)
+                if (columns & moves_b).any():
+                    yield Pair(i, j, rows & ~moves_a, columns & moves_b)
+                continue
+            # Between two that hold one thing it is no obstacle: it goes with both of them.
+            if y in b.objects:
+                rows = ~(a.touches if x in a.gripper else a.holds).get(y, ~everywhere_a)
+            if x in a.objects:
+                columns = ~(b.touches if y in b.gripper else b.holds).get(x, ~everywhere_b)
+            if (rows is everywhere_a or rows.any()) and (columns is everywhere_b or columns.any()):
+                yield Pair(i, j, rows, columns)
+
+
+def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest | None:
+    """The smallest exact distance of the pairs that must keep apart, over cells `at` (T, 2).
+
+    Without `at` over all cells. None when no pair has to keep apart there.
+    """
+    if at is None:
+        at = np.stack(np.meshgrid(np.arange(len(a)), np.arange(len(b)), indexing="ij"), axis=-1).reshape(
+            -1, 2
+        )
+    at = np.unique(at, axis=0)
+    gaps = np.linalg.norm(a.centres[at[:, 0], :, None] - b.centres[at[:, 1], None], axis=-1)  # (T, La, Lb)
+    gaps -= a.radii_m[:, None] + b.radii_m
+    apply = np.zeros(gaps.shape, dtype=bool)
+    for pair in pairs_apart(a, b):
+        apply[:, pair.a, pair.b] |= pair.rows[at[:, 0]] & pair.columns[at[:, 1]]
+    cell, i, j = np.nonzero(apply)
+    gap = gaps[cell, i, j]
+    best: Nearest | None = None
+    for k in np.argsort(gap, kind="stable").tolist():
+        if best is not None and gap[k] >= best.distance_m:
+            break
+        row, column = int(at[cell[k], 0]), int(at[cell[k], 1])
+        x, y = int(i[k]), int(j[k])
+        distance = _distance(a, b, row, column, x, y)
+        if best is None or distance < best.distance_m:
+            best = Nearest(distance, a.labels[x], b.labels[y], (row, column))
+    return best
+
+
+def overlap(a: Swept, b: Swept) -> Nearest | None:
+    """The deepest overlap of two bodies at their first positions; None when they do not touch.
+
+    Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
+    """
+    gaps = np.linalg.norm(a.centres[0, :, None] - b.centres[0], axis=-1) - a.radii_m[:, None] - b.radii_m
+    if gaps.min() > 0:
+        return None
+    found = nearest(a, b, np.zeros((1, 2), dtype=np.int64))
+    return found if found is not None and found.distance_m <= 0 else None
+
+
+def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
+    """(P,) True where two pieces of one body that may not touch (index pairs) overlap."""
+    first, second = np.array(pairs).T
+    gaps = np.linalg.norm(body.centres[:, first] - body.centres[:, second], axis=-1)  # (P, pairs)
+    near = gaps < body.radii_m[first] + body.radii_m[second]
+    hit = np.zeros(len(body), dtype=bool)
+    for row, k in np.argwhere(near).tolist():
+        hit[row] |= not hit[row] and _distance(body, body, row, row, *pairs[k]) < 0
+    return hit
+
+
+def _distance(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
+    _RESULT.clear()
+    return coal.distance(
+        a.pieces[i].shape, a.placed(row, i), b.pieces[j].shape, b.placed(column, j), _REQUEST, _RESULT
+    )
