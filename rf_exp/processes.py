@@ -62,47 +62,79 @@ def in_order(
     if workers == 1 and limit_s is None and meanwhile is None:
         yield from (job() for job in jobs)
         return
-    answers: SimpleQueue[_Answer] = SimpleQueue()
-    children: list[_Child] = []
-    finished: dict[int | None, Any] = {}
+    team = _Team(workers, limit_s)
     waiting, given, due = iter(jobs), 0, 0
     try:
         while True:
-            while given - due < AHEAD * workers and sum(child.busy for child in children) < workers:
+            while given - due < AHEAD * workers and team.has_room:
                 if (job := next(waiting, None)) is None:
                     break
-                idle = next((child for child in children if not child.busy), None)
-                if idle is None:
-                    children.append(idle := _Child(answers, one_thread=workers > 1))
-                idle.give(given, job, limit_s)
+                team.give(given, job)
                 given += 1
-            if due in finished:
-                yield finished.pop(due)
+            if due in team.finished:
+                yield team.finished.pop(due)
                 due += 1
                 continue
             if due == given:
                 return
             if meanwhile is not None:
                 meanwhile()
-            answer = _next(answers, children, meanwhile is not None)
-            if answer is None:
-                for child in [child for child in children if child.overdue()]:
-                    finished[child.index] = Overdue(limit_s or 0.0, child.state())
-                    children.remove(child)
-                    child.kill()
-            elif answer.child not in children:
-                continue  # the last words of one that was killed
-            elif answer.dead:
-                children.remove(answer.child)
-                if answer.child.busy:
-                    raise StageError(answer.child.ending())
-            elif answer.error is not None:
-                raise answer.error
-            else:
-                finished[answer.child.index] = answer.value
-                answer.child.index = None
+            team.hear(often=meanwhile is not None)
     finally:
-        _end(children, grace_s)
+        team.end(grace_s)
+
+
+class _Team:
+    """At most `workers` children, and what they have finished."""
+
+    def __init__(self, workers: int, limit_s: float | None) -> None:
+        self._workers, self._limit_s = workers, limit_s
+        self._answers: SimpleQueue[_Answer] = SimpleQueue()
+        self._children: list[_Child] = []
+        self.finished: dict[int | None, Any] = {}  # number of a job -> its result
+
+    @property
+    def has_room(self) -> bool:
+        """Whether somebody has nothing to do, or could be employed."""
+        return sum(child.busy for child in self._children) < self._workers
+
+    def give(self, number: int, job: Callable[[], Any]) -> None:
+        """A job to whom has nothing to do."""
+        idle = next((child for child in self._children if not child.busy), None)
+        if idle is None:
+            self._children.append(idle := _Child(self._answers, one_thread=self._workers > 1))
+        idle.give(number, job, self._limit_s)
+
+    def hear(self, often: bool) -> None:
+        """Wait for an answer, for a while: then whoever is overdue is killed."""
+        answer = _next(self._answers, self._children, often)
+        if answer is None:
+            for child in [child for child in self._children if child.overdue()]:
+                self.finished[child.index] = Overdue(self._limit_s or 0.0, child.state())
+                self._children.remove(child)
+                child.kill()
+        elif answer.child not in self._children:
+            return  # the last words of one that was killed
+        elif answer.dead:
+            self._children.remove(answer.child)
+            if answer.child.busy:
+                raise StageError(answer.child.ending())
+        elif answer.error is not None:
+            raise answer.error
+        else:
+            self.finished[answer.child.index] = answer.value
+            answer.child.index = None
+
+    def end(self, grace_s: float) -> None:
+        """Ends all children: the busy ones may put what they have in safety first."""
+        busy = [child for child in self._children if child.busy and grace_s > 0]
+        for child in busy:
+            child.terminate()
+        until, alive = time.monotonic() + grace_s, {child.sentinel for child in busy}
+        while alive and (left := until - time.monotonic()) > 0:
+            alive.difference_update(wait(alive, left))  # pyright: ignore[reportArgumentType]
+        for child in self._children:
+            child.kill()
 
 
 def end_with_parent() -> None:
@@ -216,18 +248,6 @@ def _next(answers: "SimpleQueue[_Answer]", children: list[_Child], look: bool) -
         return answers.get(timeout=min(max(seconds, 0.0), 3600.0))  # which takes no infinity
     except Empty:
         return None
-
-
-def _end(children: list[_Child], grace_s: float) -> None:
-    """Ends all children: the busy ones may put what they have in safety first."""
-    busy = [child for child in children if child.busy and grace_s > 0]
-    for child in busy:
-        child.terminate()
-    until, alive = time.monotonic() + grace_s, {child.sentinel for child in busy}
-    while alive and (left := until - time.monotonic()) > 0:
-        alive.difference_update(wait(alive, left))  # pyright: ignore[reportArgumentType]
-    for child in children:
-        child.kill()
 
 
 @contextmanager

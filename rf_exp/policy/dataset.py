@@ -6,7 +6,7 @@ either end repeat the nearest. Batches are made of runs of consecutive windows, 
 batch serve several windows; each window comes exactly once in an epoch all the same.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,12 +18,14 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import hesitates, may_go, numbered, sent_on, told
+from rf_exp.policy.coordination import hesitates, may_go, numbered, told
 from rf_exp.policy.grippers import remembered
 from rf_exp.policy.hands import with_hands
 from rf_exp.policy.keypoints import keypoints
+from rf_exp.policy.moments import Going, by_episode, moving, shown
 from rf_exp.policy.normaliser import Normaliser, largest_change
 from rf_exp.policy.observation import context, of_agent, others, proprioception, senses_of, widths
+from rf_exp.policy.pictures import crop, pictures_of, side_by_side
 from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
@@ -47,7 +49,7 @@ def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
 
 
 LOOK_AT = 256  # pictures at a time
-STILL_M = 5e-4  # less in a control step is no motion of a finger
+Kept = slice | NDArray[np.bool_]  # the steps of a store that are learned
 
 
 @dataclass(frozen=True)
@@ -84,13 +86,27 @@ class Windows:
         repeats = np.tile(lengths, len(view.streams))
         self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
         self._last = np.repeat(self._spans[:, 1] - 1, repeats)
-
         senses = self.senses = senses_of(config, store, view)
+        # Who is not told of subgoals may learn from a store that does not say.
+        numbers = numbered(store)[0] if senses.subgoals else store.subgoal[:].astype(np.int64)
+        self._feel(store, view, kept, numbers)
+        self._see(store, view, kept, numbers)
+        columns = [np.array(stream.agents) - 1 for stream in view.streams]
+        late = np.concatenate([hesitates(*each[1:]) for each in by_episode(store)])[kept]
+        self._going = [  # of each agent of a stream
+            Going(np.concatenate([late[:, agents[row]] for agents in columns]))
+            for row in range(len(columns[0]))
+        ]
+        self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
+
+    def _feel(self, store: "Store", view: View, kept: Kept, numbers: NDArray[np.int64]) -> None:
+        """Proprioception, commands, and the context: grippers, subgoals, true poses, as the senses say."""
+        senses = self.senses
         qpos, action = store.qpos[kept], store.action[kept]
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         self.proprio = self._stack([proprioception(qpos[:, agents]) for agents in columns])
         commands = [action[:, agents] for agents in columns]
-        if config.tcp_actions:
+        if self._config.tcp_actions:
             streams = zip(view.streams, commands, strict=True)
             self.action = self._stack([with_hands(senses, stream, each) for stream, each in streams])
         else:
@@ -100,19 +116,21 @@ class Windows:
             told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
             episodes = zip(*map(store.by_episode, told_and_done), strict=True)
             memory = np.concatenate([remembered(*each) for each in episodes])
-        # Who is not told of subgoals may learn from a store that does not say.
-        numbers = numbered(store)[0] if senses.subgoals else store.subgoal[:].astype(np.int64)
         if senses.subgoals:
-            free = np.concatenate([may_go(*each) for each in _episodes(store)])
+            free = np.concatenate([may_go(*each) for each in by_episode(store)])
             memory = np.concatenate([memory, told(numbers, free, senses.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
             [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
         )
+
+    def _see(self, store: "Store", view: View, kept: Kept, numbers: NDArray[np.int64]) -> None:
+        """Pictures, and what heat maps are to see in them."""
+        config, senses = self._config, self.senses
         self._pictures = torch.empty((0, 0, 0, 3), dtype=torch.uint8)
         if config.observation == "pictures":
             pictures = [
-                side_by_side([_pictures(store, camera, config)[kept] for camera in stream.cameras])
+                side_by_side([pictures_of(store, camera, config)[kept] for camera in stream.cameras])
                 for stream in view.streams
             ]
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
@@ -126,12 +144,6 @@ class Windows:
             doing = numbers[kept]
             watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
             self.doing = self._stack([doing[:, columns] for columns in watched])
-        late = np.concatenate([hesitates(*each[1:]) for each in _episodes(store)])[kept]
-        self._going = [  # of each agent of a stream
-            _Going(np.concatenate([late[:, agents[row]] for agents in columns]))
-            for row in range(len(columns[0]))
-        ]
-        self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
         return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(self._device)
@@ -253,85 +265,7 @@ class Windows:
         return torch.from_numpy(values).to(self._device)
 
 
-class _Going:
-    """The steps of an agent in which it does not hesitate."""
-
-    def __init__(self, hesitates: NDArray[np.bool_]) -> None:
-        self._steps = np.flatnonzero(~hesitates)
-        self._next = np.searchsorted(self._steps, np.arange(len(hesitates)))  # for each step, that or a later
-
-    def rows(
-        self, ahead: NDArray[np.int64], first: NDArray[np.int64], last: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        """(B, T) consecutive steps from `ahead[:, 0]` on, in episodes from `first` (B, 1) to `last`."""
-        start = np.clip(ahead[:, :1], first, last)
-        at = self._next[start] + ahead - start
-        return self._steps[np.clip(at, self._next[first], self._next[last])]
-
-
-def _episodes(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
-    """Measured joints, intended and executed commands of each episode."""
-    arrays = store.qpos, store.action, store.executed
-    return zip(*(store.by_episode(each) for each in arrays), strict=True)
-
-
-def shown(store: "Store") -> NDArray[np.bool_]:
-    """(T,) the steps that show what to do: those of the expert, where somebody else led to where it began."""
-    said = np.asarray((store.subgoal >= 0).all(axis=1))
-    return said if said.any() else ~said  # an older store does not say
-
-
-def side_by_side(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Pictures (..., H, W, 3) of several cameras as one (..., H, sum of W, 3); of one, that itself."""
-    return pictures[0] if len(pictures) == 1 else np.concatenate(pictures, axis=-2)
-
-
-def moving(store: "Store") -> NDArray[np.bool_]:
-    """(T,) the steps in which somebody moves or means to: an arm is sent on, or fingers open or close."""
-    kept = []
-    for qpos, action, executed in _episodes(store):
-        sent = (sent_on(qpos, action) | hesitates(action, executed)).any(axis=1)
-        told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
-        fingers = np.diff(
-            qpos[..., ARM_JOINTS:].sum(axis=-1), axis=0, append=qpos[-1:, :, ARM_JOINTS:].sum(axis=-1)
-        )
-        kept.append(sent | told | (np.abs(fingers).max(axis=1) > STILL_M))
-        kept[-1][-1] = True  # an episode keeps its end
-    return np.concatenate(kept)
-
-
-def crop(
-    pictures: Tensor, frames: NDArray[np.int64], corners: NDArray[np.int64], size: tuple[int, int]
-) -> Tensor:
-    """Copies of pictures (K, H, W, 3) by index (U,), cut to size (h, w) at upper left corners (U, 2).
-
-    Neighbouring frames with one corner are cut in one slice: whole runs are cheaper to copy than a gather.
-    """
-    height, width = size
-    cut = np.flatnonzero((np.diff(frames) != 1) | (np.diff(corners, axis=0) != 0).any(axis=1)) + 1
-    parts = []
-    for piece in np.split(np.arange(len(frames)), cut):
-        first, (top, left) = frames[piece[0]], corners[piece[0]]
-        parts.append(pictures[first : first + len(piece), top : top + height, left : left + width])
-    return torch.cat(parts)
-
-
 def _runs(start: int, end: int, length: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
     """Cut [start, end) into runs of `length` at a random phase; the first and the last may be shorter."""
     cuts = np.arange(start + rng.integers(1, length + 1), end, length)
     yield from np.split(np.arange(start, end), cuts - start)
-
-
-def _pictures(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np.uint8]:
-    if camera not in store.cameras:
-        raise ArgumentError(
-            f"the view needs camera {camera!r}, but the store has {', '.join(store.cameras) or 'none'}; "
-            "generate with render=true and cameras=all"
-        )
-    pictures = np.asarray(store.pictures[camera][:])
-    if pictures.shape[1:3] != (config.height, config.width):
-        raise ArgumentError(
-            f"pictures of camera {camera!r} are {pictures.shape[1]} x {pictures.shape[2]} pixels; "
-            f"the policy expects {config.height} x {config.width}"
-        )
-    return pictures

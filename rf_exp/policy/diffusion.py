@@ -81,17 +81,7 @@ class DiffusionPolicy(nn.Module):
         self.normaliser = Normaliser(
             proprio_size, action_size, context_size, seen if isinstance(self.encoder, Eyes) else 0
         )
-        kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
-        # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
-        self.scheduler = kind(
-            config.train_diffusion_steps,
-            beta_schedule="squaredcos_cap_v2",
-            clip_sample=True,
-            prediction_type=config.prediction,
-            timestep_spacing="trailing",
-        )
-        if config.inference_diffusion_steps:
-            self.scheduler.set_timesteps(config.inference_diffusion_steps)
+        self.scheduler = _scheduler(config)
         self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
 
     def train(self, mode: bool = True) -> "DiffusionPolicy":
@@ -276,7 +266,9 @@ class DiffusionPolicy(nn.Module):
             self._film_table = self.unet.film_of_steps(steps.to(features.device))
         for step, film_of_step in zip(steps, self._film_table, strict=True):
             prediction = self._refined(sample, draft, film + film_of_step)
-            sample = self.scheduler.step(prediction, step, sample, generator=generators).prev_sample  # pyright: ignore[reportArgumentType]
+            # A scheduler returns a tuple only when it is asked to.
+            stepped = self.scheduler.step(prediction, step, sample, generator=generators)  # pyright: ignore[reportArgumentType]
+            sample = stepped.prev_sample  # pyright: ignore[reportAttributeAccessIssue]
         actions = self.normaliser.action.restore(sample) + self._origin(proprio, context)
         if self.config.binary_grippers:
             told = actions[..., : self._agents * ACTION_SIZE]
@@ -289,6 +281,21 @@ class DiffusionPolicy(nn.Module):
         if not self.config.relative_actions:
             return 0.0
         return action_origin(proprio, context if self.config.tcp_actions else None)
+
+
+def _scheduler(config: PolicyConfig) -> DDPMScheduler | DDIMScheduler:
+    kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
+    # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
+    scheduler = kind(
+        config.train_diffusion_steps,
+        beta_schedule="squaredcos_cap_v2",
+        clip_sample=True,
+        prediction_type=config.prediction,
+        timestep_spacing="trailing",
+    )
+    if config.inference_diffusion_steps:
+        scheduler.set_timesteps(config.inference_diffusion_steps)
+    return scheduler
 
 
 def _scaled(pictures: Tensor) -> Tensor:

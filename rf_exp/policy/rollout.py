@@ -19,12 +19,12 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.account import Account
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import Coordinate, told
-from rf_exp.policy.dataset import side_by_side
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.grippers import Memory
 from rf_exp.policy.hands import followed
 from rf_exp.policy.observation import Senses, context, others, proprioception, widths
 from rf_exp.policy.patience import Patience
+from rf_exp.policy.pictures import side_by_side
 from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets

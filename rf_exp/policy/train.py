@@ -4,17 +4,13 @@ Every random number of step k comes from (seed, k) and every epoch's order from 
 on after an interruption needs no generator state and gives the same weights, bit for bit on a CPU.
 """
 
-import csv
 import math
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -22,12 +18,14 @@ from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rf_exp.artifacts.files import read_json, whole
+from rf_exp.artifacts.files import read_json
 from rf_exp.artifacts.identity import digest, without
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
+from rf_exp.policy.curves import Curve, curves
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.interrupts import deferred_interrupt
 from rf_exp.policy.observation import senses_of
 from rf_exp.policy.saved import (
     ANEW,
@@ -47,19 +45,6 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 ORDER, CROPS, NOISE = range(3)  # streams of random numbers of a training
-
-
-@dataclass(frozen=True)
-class Curve:
-    """How training goes, averaged since the last one: a row of curves.csv."""
-
-    step: int
-    steps: int  # of the whole training
-    epoch: int
-    loss: float
-    learning_rate: float
-    samples_per_s: float  # windows
-    core_s: float  # CPU seconds since the beginning, of all threads
 
 
 def train(
@@ -92,7 +77,7 @@ def train(
     windows = Windows(store, view, policy_config, device)
     training = Training(windows, view, policy_config, train_config)
     training.resume(folder / STATE)
-    with _curves(folder / CURVES, training.step) as write, _deferred_interrupt() as interrupted:
+    with curves(folder / CURVES, training.step) as write, deferred_interrupt() as interrupted:
         for curve in training.run():
             if curve is not None:
                 write(curve)
@@ -107,12 +92,6 @@ def train(
     write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
     (folder / STATE).unlink(missing_ok=True)
     return folder
-
-
-def cost_s(folder: Path) -> float:
-    """CPU seconds that the training of a policy took."""
-    with (folder / CURVES).open(newline="") as file:
-        return max((float(row["core_s"]) for row in csv.DictReader(file)), default=0.0)
 
 
 def learning_rate(step: int, steps: int, config: TrainConfig) -> float:
@@ -283,48 +262,3 @@ class Training:
             moments.setdefault(int(index), {})[name] = value
         groups = self._optimiser.state_dict()["param_groups"]
         self._optimiser.load_state_dict({"state": moments, "param_groups": groups})
-
-
-@contextmanager
-def _curves(path: Path, step: int) -> Iterator[Callable[[Curve], None]]:
-    """Appends rows to the curves; rows beyond `step`, of an interrupted run, are dropped first."""
-    names = [field.name for field in fields(Curve)]
-    kept: list[dict[str, Any]] = []
-    if path.exists():
-        with path.open(newline="") as file:
-            lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
-        kept = [row for row in csv.DictReader(lines) if int(row["step"]) <= step]
-    with whole(path) as draft, draft.open("w", newline="") as file:
-        writer = csv.DictWriter(file, names)
-        writer.writeheader()
-        writer.writerows(kept)
-    with path.open("a", newline="") as file:
-        writer = csv.DictWriter(file, names)
-
-        def write(curve: Curve) -> None:
-            writer.writerow(asdict(curve))
-            file.flush()
-
-        yield write
-
-
-@contextmanager
-def _deferred_interrupt() -> Iterator[threading.Event]:
-    """Within, Ctrl-C and SIGTERM only set the event: no step is torn. A second Ctrl-C acts at once."""
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event  # signals reach the main thread only
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def note(*_: object) -> None:
-        event.set()
-        signal.signal(signal.SIGINT, before[signal.SIGINT])
-
-    for number in before:
-        signal.signal(number, note)
-    try:
-        yield event
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

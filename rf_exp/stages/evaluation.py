@@ -23,10 +23,10 @@ from rf_exp.datagen.planning import Settings
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy.config import LEARNER, PolicyConfig
+from rf_exp.policy.curves import cost_s
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.saved import expect, made_of
 from rf_exp.policy.shield import Shield
-from rf_exp.policy.train import cost_s
 from rf_exp.policy.views import views
 from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console

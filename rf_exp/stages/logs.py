@@ -10,7 +10,7 @@ from typing import Any
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
-from rf_exp.policy.train import Curve
+from rf_exp.policy.curves import Curve
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, Row
 

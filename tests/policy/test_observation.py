@@ -9,9 +9,10 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import Windows, moving
+from rf_exp.policy.dataset import Windows
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.grippers import Memory
+from rf_exp.policy.moments import moving
 from rf_exp.policy.observation import Senses, context, senses_of
 from rf_exp.policy.rollout import Actor
 from rf_exp.policy.saved import load_policy

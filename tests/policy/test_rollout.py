@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import proprioception
 from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.observation import proprioception
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.views import View, views

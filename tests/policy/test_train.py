@@ -21,9 +21,10 @@ from safetensors.torch import load_file, save_file
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
+from rf_exp.policy.curves import Curve
 from rf_exp.policy.dataset import Windows
 from rf_exp.policy.saved import CONFIG, CURVES, MODEL, STATE, device_of, load_policy
-from rf_exp.policy.train import Curve, Training, learning_rate, train
+from rf_exp.policy.train import Training, learning_rate, train
 from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
 from tests.policy.conftest import ARCHS, STEPS, STILL, small_training
