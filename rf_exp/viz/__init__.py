@@ -6,8 +6,9 @@ called and how to look at a file: docs/recordings.md.
 """
 
 from rf_exp.viz import figures, text
+from rf_exp.viz.elements import Mesh
 from rf_exp.viz.layout import Panels, agent_colour, camera_entity, link_entity, object_entity
-from rf_exp.viz.recorder import Mesh, Recorder
+from rf_exp.viz.recorder import Recorder
 
 __all__ = [
     "Mesh",

@@ -1,0 +1,122 @@
+"""Our values as rerun shows them."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import rerun as rr
+from numpy.typing import ArrayLike, NDArray
+from rerun.components import FillMode, MarkerShape
+
+from rf_exp.errors import ArgumentError
+from rf_exp.transforms import Matrix
+from rf_exp.types import ARM_JOINTS, GRIPPER_CLOSED, GRIPPER_OPEN, CameraModel
+from rf_exp.viz.layout import Rgb, shade
+from rf_exp.viz.shading import creased, srgb
+
+JPEG_QUALITY = 80
+OPEN_MM = 80.0  # between the Panda's fingers when fully open
+FRUSTUM_M = 0.07  # length of the drawn cameras
+VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
+VOXEL_EDGE_M = 0.0004
+PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles in the frame of their entity, metres.
+
+    `colour`: linear RGB in [0, 1], (3,) for all or (V, 3) for each vertex. None: an arm takes the
+    colour of its agent, anything else grey.
+    """
+
+    vertices: NDArray[np.floating]  # (V, 3)
+    faces: NDArray[np.integer]  # (F, 3) indices into vertices, counter-clockwise from outside
+    colour: ArrayLike | None = None
+
+
+def mesh3d(entity: str, mesh: Mesh, colour: Rgb) -> rr.Mesh3D:
+    """A mesh; one without a colour of its own is a shade of `colour`. Errors name the entity."""
+    count = len(mesh.vertices)
+    expect(f"vertices of {entity!r}", mesh.vertices, (count, 3))
+    expect(f"faces of {entity!r}", mesh.faces, (len(mesh.faces), 3))
+    tint = np.array(shade(colour, 1.5)) if mesh.colour is None else srgb(mesh.colour)
+    if tint.shape not in ((3,), (count, 3)):
+        found = "x".join(map(str, tint.shape))
+        raise ArgumentError(f"colour of {entity!r} has shape {found}; expected 3 or {count}x3")
+    vertices, normals, faces = creased(mesh.vertices, mesh.faces)
+    return rr.Mesh3D(
+        vertex_positions=mesh.vertices[vertices],
+        triangle_indices=faces,
+        vertex_normals=normals,
+        vertex_colors=np.broadcast_to(tint, (count, 3))[vertices].astype(np.uint8),
+    )
+
+
+def expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | None = None) -> None:
+    """Raise ArgumentError naming `name` unless `value` is an array of that shape, type and finite."""
+    array = np.asarray(value)
+    if array.shape != shape:
+        found = "x".join(map(str, array.shape)) or "of one number"
+        raise ArgumentError(f"{name} has shape {found}; expected {'x'.join(map(str, shape))}")
+    if dtype is not None and array.dtype != dtype:
+        raise ArgumentError(f"{name} is {array.dtype}; expected {dtype}")
+    if not np.isfinite(array).all():
+        raise ArgumentError(f"{name} holds {array[~np.isfinite(array)][0]}; expected finite numbers")
+
+
+def opening_mm(target: NDArray[np.floating]) -> float:
+    """Between the fingers, for a commanded target (8,)."""
+    return OPEN_MM * float(target[ARM_JOINTS] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
+
+
+def lane(code: str) -> str:
+    """Check code or a condition as an entity path shows it without escapes."""
+    return re.sub(r"\W+", "-", code).strip("-")
+
+
+def placed(pose: Matrix) -> rr.Transform3D:
+    return rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
+
+
+def pinhole(camera: CameraModel) -> rr.Pinhole:
+    return rr.Pinhole(
+        image_from_camera=camera.intrinsics,
+        width=camera.width_px,
+        height=camera.height_px,
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=FRUSTUM_M,
+    )
+
+
+def compressed(picture: NDArray[np.uint8]) -> rr.EncodedImage:
+    _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+
+
+def voxels(centres_m: NDArray[np.floating], size_m: float, colour: Rgb) -> rr.Boxes3D:
+    """Cubes of an edge, with centres (K, 3), that what is inside shines through."""
+    return rr.Boxes3D(
+        centers=centres_m,
+        half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
+        colors=[(*colour, VOXEL_ALPHA)],
+        radii=VOXEL_EDGE_M,
+        fill_mode=FillMode.TransparentFillMajorWireframe,
+    )
+
+
+def lines(colours: Iterable[tuple[int, ...]], names: list[str], width: int) -> rr.SeriesLines:
+    """The style of curves."""
+    return rr.SeriesLines(colors=list(colours), names=names, widths=[width] * len(names))
+
+
+def dots(colours: Iterable[tuple[int, ...]], names: list[str]) -> rr.SeriesPoints:
+    """The style of curves of which only the points are drawn."""
+    return rr.SeriesPoints(
+        colors=list(colours),
+        names=names,
+        marker_sizes=[PREDICTED_PX] * len(names),
+        markers=[MarkerShape.Circle] * len(names),
+    )
