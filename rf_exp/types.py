@@ -186,6 +186,12 @@ class Trajectory:
     def __len__(self) -> int:
         return self.knots[-1]
 
+    def segment_at(self, position: int) -> Segment | None:
+        """The segment that ends at or after a path position, beyond all the last; None without segments."""
+        if not self.segments:
+            return None
+        return self.segments[min(int(np.searchsorted(self.knots[1:], position)), len(self.segments) - 1)]
+
     def path(self) -> NDArray[np.float64]:
         """(len + 1, 8): joint target and gripper command at each path position; 0 is the start."""
         start = np.append(self.start_qpos, self.start_gripper)[None]

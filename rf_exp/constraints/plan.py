@@ -91,12 +91,8 @@ class Paths:
         return self.scene.step * CONTROL_DT_S
 
     def segment_at(self, agent: int, position: int) -> Segment | None:
-        """The segment that ends at or after a path position; None without segments."""
-        trajectory = self.trajectory(agent)
-        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-            if position <= end:
-                return segment
-        return trajectory.segments[-1] if trajectory.segments else None
+        """`Trajectory.segment_at` of an agent."""
+        return self.trajectory(agent).segment_at(position)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +145,7 @@ class Plan:
         return self.begins_s + float(np.searchsorted(self.positions(agent), position)) * CONTROL_DT_S
 
     def segment_at(self, agent: int, position: int) -> Segment | None:
-        """The segment that ends at or after a path position; None without segments."""
+        """`Trajectory.segment_at` of an agent."""
         return self.paths.segment_at(agent, position)
 
 

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import CheckCode, CheckedPlan, compile
-from rf_exp.constraints.timing import subgoal_runs
 from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
 from rf_exp.datagen.episode import Observer
 from rf_exp.datagen.planning import Planned
@@ -16,6 +16,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
+from rf_exp.timeline import spans
 from rf_exp.types import CONTROL_DT_S, Row, Scene, Subgoal, Violation
 from rf_exp.viz.figures import coordination, lanes
 from rf_exp.viz.text import CheckResult
@@ -157,10 +158,8 @@ def phases(plan: Planned, begins_s: float) -> tuple[Phase, ...]:
     """
     begins: list[tuple[int, Subgoal]] = []
     for trajectory in plan.trajectories:
-        position, positions = 0, plan.schedule.positions[:, trajectory.agent - 1]
-        for goal, segments in subgoal_runs(trajectory):
-            begins.append((int(np.searchsorted(positions, position, "right")) - 1, goal))
-            position += sum(map(len, segments))
+        for goal, run in groupby(spans(trajectory, plan.schedule), key=lambda span: span.segment.subgoal):
+            begins.append((next(run).begins, goal))
     groups: list[tuple[int, list[Subgoal]]] = []
     for step, goal in sorted(begins, key=lambda each: (each[0], each[1].agent)):
         if groups and step - groups[-1][0] <= TOGETHER_STEPS:

@@ -14,6 +14,7 @@ from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.errors import StageError
 from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.tasks import Judge
+from rf_exp.timeline import doing
 from rf_exp.types import CONTROL_DT_S, Scene, Violation
 
 Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
@@ -75,7 +76,7 @@ class Prompter:
 
     def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Pictures) -> None:
         assert self._plan is not None  # nothing moves without a plan
-        step = min(len(self.lines) - self._since + 1, len(self._plan.schedule))
+        step = len(self.lines) - self._since + 1
         self.actions.append(action)
         self.lines.append(
             tuple(_line(self._plan, agent, step, held) for agent, held in enumerate(scene.held, start=1))
@@ -85,13 +86,11 @@ class Prompter:
 
 
 def _line(plan: Planned, agent: int, step: int, held: str | None) -> Line:
-    """What an agent is about in the step of a schedule that ends at row `step`; it may only hold a thing."""
-    trajectory = plan.trajectories[agent - 1]
-    before, now = plan.schedule.positions[step - 1 : step + 1, agent - 1].tolist()
-    ended = int(np.searchsorted(trajectory.knots[1:], now))
-    if not trajectory.segments or (now == before and now == len(trajectory)):
+    """What an agent is about in a step of a plan; it may only hold a thing."""
+    now = doing(plan.trajectories[agent - 1], plan.schedule, step)
+    if now.segment is None:
         return Line(f"hold {held}" if held else "", False)
-    return Line(trajectory.segments[ended].subgoal.text, now > before)
+    return Line(now.segment.subgoal.text, now.moves)
 
 
 def perform(settings: Settings, world: Simulator, seed: int) -> tuple[Performance | None, str]:

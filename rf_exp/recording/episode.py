@@ -14,6 +14,7 @@ from rf_exp.geometry import Mask, centres_m
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
+from rf_exp.timeline import doing
 from rf_exp.types import Scene, Trajectory, Violation
 from rf_exp.viz.text import CheckResult
 
@@ -58,17 +59,13 @@ class EpisodeRecorder(SceneRecorder):
 
     def _follow(self, plan: Planned, step: int) -> None:
         """What each agent does in a control step of the plan, the first being 1."""
-        positions = plan.schedule.positions
-        now, before = positions[min(step, len(plan.schedule))], positions[min(step, len(plan.schedule)) - 1]
-        self._recorder.positions(now)
+        self._recorder.positions(plan.schedule.positions[min(step, len(plan.schedule))])
         for trajectory in plan.trajectories:
-            at = int(now[trajectory.agent - 1])
-            moves = at != before[trajectory.agent - 1] and step <= len(plan.schedule)
-            if not moves and at == len(trajectory):
-                self._do(trajectory.agent, "", "")
-                continue
-            segment = trajectory.segments[int(np.searchsorted(trajectory.knots[1:], at))]
-            self._do(trajectory.agent, segment.subgoal.text, segment.primitive if moves else "")
+            now = doing(trajectory, plan.schedule, step)
+            subgoal, primitive = (
+                ("", "") if now.segment is None else (now.segment.subgoal.text, now.segment.primitive)
+            )
+            self._do(trajectory.agent, subgoal, primitive if now.moves else "")
 
     def _do(self, agent: int, subgoal: str, primitive: str) -> None:
         if self._doing.get(agent, ("", "")) != (subgoal, primitive):

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from rf_exp.timeline import spans
 from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory
 from rf_exp.viz.layout import (
     BACKGROUND,
@@ -121,7 +122,7 @@ def lanes(trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.
         figure = Figure(size, dpi=DPI, layout="constrained")
         axes = figure.add_subplot()
         for trajectory in trajectories:
-            _lane(axes, trajectory, schedule.positions[:, trajectory.agent - 1])
+            _lane(axes, trajectory, schedule)
         axes.set_yticks([each.agent for each in trajectories], [f"agent {t.agent}" for t in trajectories])
         for label, trajectory in zip(axes.get_yticklabels(), trajectories, strict=True):
             label.set_color(_hex(agent_colour(trajectory.agent)))
@@ -147,18 +148,17 @@ def _size_in(pairs: int) -> tuple[float, float]:
     return TILE_IN * columns, TILE_IN * rows + LEGEND_IN
 
 
-def _lane(axes: Axes, trajectory: Trajectory, positions: NDArray[np.integer]) -> None:
+def _lane(axes: Axes, trajectory: Trajectory, schedule: Schedule) -> None:
     """The row of one agent."""
-    row, knots = trajectory.agent, trajectory.knots
-    end_s = int(np.searchsorted(positions, len(trajectory))) * CONTROL_DT_S
+    row, found = trajectory.agent, spans(trajectory, schedule)
+    end_s = (found[-1].ends if found else 0) * CONTROL_DT_S
     axes.broken_barh([(0.0, end_s)], (row - 0.2, 0.4), facecolor=_hex(WAITS))
     begins: dict[str, float] = {}
-    for segment, begin, end in zip(trajectory.segments, knots, knots[1:], strict=False):
-        first = (int(np.searchsorted(positions, begin, "right")) - 1) * CONTROL_DT_S
-        last = int(np.searchsorted(positions, end)) * CONTROL_DT_S
-        colour = _hex(primitive_colour(segment.primitive))
+    for span in found:
+        first, last = span.begins * CONTROL_DT_S, span.ends * CONTROL_DT_S
+        colour = _hex(primitive_colour(span.segment.primitive))
         axes.broken_barh([(first, last - first)], (row - 0.2, 0.4), facecolor=colour, edgecolor=FACE, lw=0.6)
-        begins.setdefault(segment.subgoal.text, first)
+        begins.setdefault(span.segment.subgoal.text, first)
     for text, first in begins.items():
         axes.plot([first, first], [row - 0.42, row + 0.2], color=TEXT, lw=0.8)
         axes.text(first, row - 0.27, f" {text}", va="bottom", fontsize=7.5, clip_on=True)

@@ -1,0 +1,43 @@
+"""Steps and segments of a schedule tell the same story."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rf_exp.timeline import doing, spans
+from rf_exp.types import Schedule
+from tests.constraints.robots import REST, idle, walk
+
+LENGTHS = st.lists(st.tuples(st.integers(1, 5), st.integers(0, 4)), min_size=1, max_size=4)  # steps, a wait
+
+
+@given(LENGTHS, st.integers(0, 3))
+def test_steps_and_spans_agree(parts: list[tuple[int, int]], after: int) -> None:
+    """An agent that waits before each of its segments, and stands still at its end while others go on."""
+    trajectory = walk(1, [REST + 0.1 * k for k in range(len(parts) + 1)], [steps for steps, _ in parts])
+    moves = [moving for steps, wait in parts for moving in [0] * wait + [1] * steps] + [0] * after
+    schedule = Schedule(np.cumsum([0, *moves])[:, None], 0)
+    found = spans(trajectory, schedule)
+    for step, moving in enumerate(moves, start=1):
+        now = doing(trajectory, schedule, step)
+        assert now.moves == bool(moving)
+        within = [span.segment for span in found if span.begins < step <= span.ends]
+        assert within == ([now.segment] if moving else [])
+        waits_for = next((span.segment for span in found if span.begins >= step), None)
+        assert moving or now.segment is waits_for
+    assert doing(trajectory, schedule, len(moves) + 1) == doing(trajectory, schedule, len(moves) + 9)
+    assert not doing(trajectory, schedule, len(moves) + 1).moves
+    assert found[-1].ends == len(moves) - after
+
+
+def test_an_agent_without_segments_does_nothing() -> None:
+    schedule = Schedule(np.zeros((5, 1), dtype=int), 0)
+    assert spans(idle(1), schedule) == ()
+    assert all(doing(idle(1), schedule, step).segment is None for step in range(1, 7))
+
+
+@pytest.mark.parametrize(("position", "number"), [(0, 0), (3, 0), (4, 1), (5, 1), (9, 1)])
+def test_a_segment_owns_the_positions_up_to_its_end(position: int, number: int) -> None:
+    trajectory = walk(1, [REST, REST + 0.1, REST], [3, 2])
+    assert trajectory.segment_at(position) is trajectory.segments[number]
