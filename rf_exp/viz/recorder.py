@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from rerun.components import FillMode, MarkerShape
 
 from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.findings import Violation
 from rf_exp.statements import Proposal
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
@@ -25,7 +26,6 @@ from rf_exp.types import (
     Schedule,
     Sight,
     Trajectory,
-    Violation,
 )
 from rf_exp.viz import text
 from rf_exp.viz.figures import Coordination, Mask, Pair, coordination, coordination_size_px
