@@ -38,8 +38,8 @@ def test_kept_rows_of_generation_tell_which_conditions_did_not_hold() -> None:
 @pytest.mark.parametrize(
     "reason",
     [
-        "failed: held by both arms (since 4.10 s), lifted (never: 0.02 m, best 0.11, asked > 0.15); at best 3 "
-        "of 4 (3.95 s); agents 1 and 2 touched (2.30 s, 14 steps); barrier out of reach (4.10 s)",
+        "failed: held by both arms (since 4.10 s), lifted (never: 0.02 m, best 0.11, asked > 0.15); at best "
+        "3 of 4 (3.95 s); agents 1 and 2 touched (2.30 s, 14 steps); barrier out of reach (4.10 s)",
         "failed: at rest (since 0.10 s: 7.2 m/s, asked < 5); at best 1 of 1 (0.05 s, for 1 steps)",
         "failed: up (never); at best 0 of 1",
     ],
