@@ -30,11 +30,12 @@ from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Questio
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.errors import choices
+from rf_exp.findings import Violation
 from rf_exp.processes import in_order
 from rf_exp.sim.pool import simulator
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import CameraModel, Pictures, Row, Scene, SeeingWorld, Violation
+from rf_exp.types import CameraModel, Pictures, Row, Scene, SeeingWorld
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 FULL, BLIND = Row("full"), Pictures(render=False)
@@ -97,7 +98,7 @@ def clean(task: Task, seed: int) -> Clean:
     except _Decided as decided:
         found = decided.found
     assert found is not None, f"{task.name}, seed {seed}: the scripted brain proposes nothing"
-    check, reason = (found.check, found.reason) if isinstance(found, Violation) else ("", "")
+    check, reason = (found.check, found.sentence) if isinstance(found, Violation) else ("", "")
     return Clean(task.name, seed, check, reason, round(time.perf_counter() - began, 2))
 
 
@@ -158,7 +159,7 @@ def faulty(task: Task, fault: str, seed: int) -> Faulty:
         seed,
         brain.placed,
         found.check if found else "",
-        found.reason if found else "",
+        found.sentence if found else "",
         world.moved_steps,
         world.contact,
         outcome.success,

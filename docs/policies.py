@@ -6,7 +6,6 @@ from pathlib import Path
 from statistics import fmean
 
 from rf_exp.ablation.paper import paper
-from rf_exp.ablation.rollouts import kind_of
 from rf_exp.ablation.rows import EvaluationRow, load, newest
 from rf_exp.ablation.statistics import wilson
 from rf_exp.ablation.suite import configured
@@ -153,7 +152,7 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
 
 def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
     """What failed most often, in one line."""
-    kinds = Counter(kind_of(r.reason) for r in group if not r.success)
+    kinds = Counter(r.account.kind for r in group if not r.success)
     told = "; ".join(f"{count} times {kind}" for kind, count in kinds.most_common(MOST))
     more = sum(kinds.values()) - sum(count for _, count in kinds.most_common(MOST))
     name = f"{title_of(row.task, configured())}, {row.arch}, {row.recipe}, {row.demos}"

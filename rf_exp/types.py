@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.findings import Account, Violation
 from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
@@ -19,13 +20,8 @@ CONTROL_DT_S = 1.0 / CONTROL_HZ
 ARM_JOINTS = 7
 SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes of the largest ones take gigabytes
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
-COLLISION = "Collision"  # the check that arms fail which have hit something
-MOTION = "Motion"  # the check that a proposal fails for which no motion was found
 
 Kind = Literal["logical", "temporal", "spatial"]
-# What a violation is about: arms that hit each other; room for an arm; order and time; what an arm can reach;
-# where and how it takes hold; what it holds; whether it follows its path; the answer itself.
-Cause = Literal["contact", "space", "time", "reach", "interaction", "grip", "tracking", "answer"]
 CameraChoice = Literal["all", "global", "local"]
 Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
 
@@ -212,19 +208,6 @@ class Schedule:
         return len(self.positions) - 1
 
 
-@dataclass(frozen=True)
-class Violation:
-    """A check that failed, with the evidence. Agents from 1."""
-
-    check: str  # e.g. ValidateSpatialOccupancy
-    cause: Cause
-    agents: tuple[int, ...]  # those it is about: two that are in each other's way, one that cannot reach
-    time_s: float  # since the start of the episode
-    value: float
-    bound: float
-    reason: str  # a sentence that a person and a model can act on
-
-
 class Measured(NamedTuple):  # a frozen dataclass takes three times as long, many times a control step
     """A number against its bound; as a condition of success it is as true as `holds`."""
 
@@ -316,8 +299,15 @@ class Rollout:
     steps: int
     violations: int  # control steps with a violation, seen by the monitor
     contacts: int  # control steps in which arms touched each other
-    reason: str  # why it failed; empty for a success
+    account: Account = field(
+        default_factory=Account
+    )  # which arms touched, which violations were seen, what failed
     interventions: int = 0  # control steps in which a shield kept an agent from its command
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in words; empty for a success."""
+        return "" if self.success else self.account.reason
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,11 @@
 
 import numpy as np
 
+from rf_exp.datagen.brain import FaultySpec, Question
+from rf_exp.datagen.planning import Planner, Settings
+from rf_exp.findings import Violation
 from rf_exp.tasks import Task
-from rf_exp.types import Scene
+from rf_exp.types import Row, Scene
 
 
 def start_scene(task: Task, seed: int) -> Scene:
@@ -17,3 +20,12 @@ def start_scene(task: Task, seed: int) -> Scene:
         speeds=dict.fromkeys(start.poses, 0.0),
         held=(None,) * len(task.robots),
     )
+
+
+def rejection(task: Task, fault: str) -> Violation:
+    """What RoboChecker finds wrong with the plan of seed 0 that has a fault in it, before anything moves."""
+    settings, scene = Settings(task, Row("full"), FaultySpec(fault)), start_scene(task, 0)
+    planner = Planner(settings, settings.make_brain(0))
+    found = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(0))
+    assert isinstance(found, Violation)
+    return found

@@ -9,12 +9,13 @@ from rf_exp.constraints.evidence import Evidence
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Planned, Settings
+from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Bodies, centres_m
 from rf_exp.perception import look
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
 from rf_exp.sim.simulator import Limited, Simulator
-from rf_exp.types import Row, Scene, Violation
+from rf_exp.types import Row, Scene
 from tests.conftest import read_task
 from tests.test_viz import Content
 
@@ -46,13 +47,22 @@ def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
         recorder.plans = []
         settings = Settings(task, FULL, FaultySpec("wrong_direction"))
         outcome = EpisodeMaker(settings, world, settings.make_brain(0), recorder).make(0)
-        recorder.rejected(Violation("Tracking", "tracking", (2,), 7.0, 0.2, 0.15, "something is in its way"))
+        made_up = {
+            "value": 0.2,
+            "bound": 0.15,
+            "unit": "rad",
+            "time_s": 7.0,
+            "agents": (2,),
+            "doing": (None,),
+        }
+        strayed = {"check": CheckName.TRACKING, "cause": Cause.TRACKING, "finding": Finding.STRAYED}
+        recorder.rejected(Violation(**strayed, **made_up))
     return Content(path), recorder, outcome
 
 
-def test_a_check_of_any_name_is_shown_with_its_own_unit():
+def test_a_check_is_shown_with_its_own_unit():
     class ValidateNoise:
-        kind, name, unit = "spatial", "ValidateNoise", "dB"
+        kind, name, unit = "spatial", CheckName.OCCUPANCY, "dB"
         agents, text = (1,), "Agent_1 must be quiet."
 
         def planned(self, plan):
@@ -61,7 +71,7 @@ def test_a_check_of_any_name_is_shown_with_its_own_unit():
         measured = planned
 
     noise: Any = ValidateNoise()
-    shown = check_result(noise, Evidence(False, 61.0, 40.0, "it is loud", 1.5))
+    shown = check_result(noise, Evidence(ok=False, value=61.0, bound=40.0, time_s=1.5, agents=(1,)))
     assert (shown.unit, shown.value, shown.ok) == ("dB", 61.0, False)
 
 
@@ -92,7 +102,7 @@ def test_everything_that_was_checked_is_there_with_its_value(episode):
     [document] = content.column("/plan/checks", "TextDocument:text")[-1]
     for check, evidence in zip(plan.checked.checks, plan.checked.evidence, strict=True):
         assert f"`{check!r}`" in document
-        assert evidence.reason in document
+        assert evidence.sentence in document
     assert "| holds | `VD(Agent_1, steak, perpendicular)` | 0 deg | 10 deg |" in document
     assert f"all {len(plan.checked.evidence)} checks hold" in document
     [proposal] = content.column("/plan/proposals", "TextDocument:text")[-1]

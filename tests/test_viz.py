@@ -12,6 +12,7 @@ import trimesh
 
 from rf_exp import viz
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.findings import Account, Cause, CheckName, Closest, Finding, Unmet, Violation
 from rf_exp.statements import Proposal, Together
 from rf_exp.transforms import from_axes, planar, transform
 from rf_exp.types import (
@@ -23,7 +24,6 @@ from rf_exp.types import (
     Subgoal,
     Trajectory,
     Verdict,
-    Violation,
 )
 from rf_exp.viz import text
 from rf_exp.viz.figures import coordination, coordination_size_px, lanes
@@ -165,22 +165,20 @@ def test_the_camera_sees_what_its_model_says(path):
 
 
 def test_verdicts_and_violations_say_why(path):
-    clash = Violation(
-        "ValidateSpatialOccupancy", "space", (1, 2), 1.35, 0.031, 0.05, "the arms share 3 voxels"
-    )
-    refused = Violation("Motion", "space", (), 0.2, 0.0, 0.0, "no free path")
     with open_recorder(path) as recorder:
-        recorder.violation(clash, [(0.0, 0.1, 0.3), (0.0, -0.1, 0.3)])
-        recorder.violation(clash, [(0.0, 0.2, 0.3)])
-        recorder.violation(refused)
+        recorder.violation(CLASH, [(0.0, 0.1, 0.3), (0.0, -0.1, 0.3)])
+        recorder.violation(CLASH, [(0.0, 0.2, 0.3)])
+        recorder.violation(BLOCKED)
         recorder.step(3, poses=POSES, qpos=QPOS)
         recorder.verdict("ValidateSpatialOccupancy", True, "no shared voxel over 4.2 s")
     content = Content(path)
     lane = "/checks/ValidateSpatialOccupancy"
-    why = "agent 1 and agent 2: the arms share 3 voxels (0.031, bound 0.05, at 1.35 s)"
+    why = "agent 1 and agent 2: Agent_1 and Agent_2 touch each other with 31 N (31 N, bound 1 N, at 1.35 s)"
     assert content.texts(lane)[0] == f"ValidateSpatialOccupancy: {why}"
     assert content.texts(lane)[-1] == "ValidateSpatialOccupancy: no shared voxel over 4.2 s"
-    assert content.texts("/checks/Motion") == ["Motion: no free path (at 0.20 s)"]
+    assert content.texts("/checks/Motion") == [
+        "Motion: agent 1: Agent_1 cannot go home: no free path (at 0.20 s)"
+    ]
     assert content.column(lane, "StateChange:state") == [["violated"], ["violated"], ["holds"]]
     assert content.steps(lane, "StateChange:state") == [0, 0, 3]
     assert content.column(lane, "StateConfiguration:values") == [["holds", "violated"]]
@@ -207,6 +205,14 @@ def test_lanes_tell_motions_from_waiting(path):
     assert [(each >> 24, each >> 16 & 255, each >> 8 & 255) for each in written] == colours
 
 
+CLASH = Violation(
+    check=CheckName.OCCUPANCY, cause=Cause.SPACE, finding=Finding.TOUCHING, value=31.0, bound=1.0, unit="N",
+    time_s=1.35, agents=(1, 2), measured=True,
+)  # fmt: skip
+BLOCKED = Violation(
+    check=CheckName.MOTION, cause=Cause.SPACE, finding=Finding.NO_PATH, time_s=0.2, agents=(1,),
+    subgoals=("go home",),
+)  # fmt: skip
 RESULTS = (
     text.CheckResult("VI(Agent_1, barrier, left)", "said", True, 0.0021, 0.01, "m", 1.5, "2 mm | off"),
     text.CheckResult("VSO(Agent_1)", "said", False, 0.004, 0.01, "m", 2.0, "too near"),
@@ -216,13 +222,16 @@ RESULTS = (
 
 def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(path):
     with open_recorder(path) as recorder:
-        recorder.violation(Violation("Motion", "space", (), 0.0, 0.0, 0.0, "no free path"))
+        recorder.violation(BLOCKED)
         recorder.checked(RESULTS)
         recorder.step(5, poses=POSES, qpos=QPOS)
         recorder.checked(RESULTS[:1])
     content = Content(path)
     [refused], [first], [both] = content.column("/plan/checks", "TextDocument:text")
-    assert refused == "## Violation 1, step 0\n\n**Motion**: no free path (at 0.00 s)"
+    assert (
+        refused
+        == "## Violation 1, step 0\n\n**Motion**: agent 1: Agent_1 cannot go home: no free path (at 0.20 s)"
+    )
     assert first.startswith("## Check code 1, step 0")
     assert both.endswith(first)
     assert both.startswith("## Check code 2, step 5\n\n**True**: all 1 checks hold.")
@@ -241,9 +250,8 @@ def test_the_check_code_shows_its_evidence_and_replaces_what_was_checked_before(
 
 
 def test_the_mark_of_a_violation_leaves_after_half_a_second(path):
-    clash = Violation("ValidateSpatialOccupancy", "space", (1, 2), 0.0, 0.031, 0.05, "too close")
     with open_recorder(path) as recorder:
-        recorder.violation(clash, [(0.0, 0.1, 0.3)])
+        recorder.violation(CLASH, [(0.0, 0.1, 0.3)])
         for step in (5, 9, 10, 11):
             recorder.step(step, poses=POSES, qpos=QPOS)
     content = Content(path)
@@ -415,10 +423,11 @@ def test_the_verdict_is_a_table_and_its_end_a_list():
     lines = text.conditions(verdict, {"held": 20, "up": 0}).splitlines()
     rows = ["| holds | held |  |  | 1.00 s |", "| **not yet** | up | 0.02 m | > 0.15 | 0.00 s |"]
     assert lines[2:] == [*rows, "", "- steak is dropped"]
-    ended = text.outcome(Rollout(3, False, False, 84, 2, 1, "failed: up (never); at best 1 of 2 (1.00 s)"))
+    account = Account(unmet=(Unmet("up; or down", 0.0),), closest=Closest(1, 2, 1.0, 0))
+    ended = text.outcome(Rollout(3, False, False, 84, 2, 1, account))
     assert ended.startswith("**Failed after 4.20 s**")
     assert "2 steps with a violation, 1 with contact between arms." in ended
-    assert ended.endswith("- failed: up (never)\n- at best 1 of 2 (1.00 s)")
+    assert ended.endswith("- failed: up; or down (never)\n- at best 1 of 2 (1.00 s)")
 
 
 def test_a_film_that_cannot_be_written_says_so(tmp_path):
@@ -561,7 +570,7 @@ def test_other_wrong_values_are_named(path):
         with pytest.raises(ArgumentError, match="centres_m of agent1 has shape 4x2; expected 4x3"):
             recorder.occupancy("agent1", np.zeros((4, 2)))
         with pytest.raises(ArgumentError, match="places_m has shape 1x2; expected 1x3"):
-            recorder.violation(Violation("Check", "time", (1,), 0.0, 1.0, 0.0, "why"), [(0.0, 1.0)])
+            recorder.violation(BLOCKED, [(0.0, 1.0)])
         with pytest.raises(ArgumentError, match="unknown agent 'agent0'; available: agent1, agent2"):
             recorder.motion(0, "home", "move")
 

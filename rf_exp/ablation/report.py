@@ -1,6 +1,5 @@
 """The report: every table beside the paper's, plots, pictures and where it all came from, in one file."""
 
-import re
 from collections import Counter
 from pathlib import Path
 
@@ -8,7 +7,7 @@ from rf_exp.ablation import found, page, plots, tables
 from rf_exp.ablation.formats import write
 from rf_exp.ablation.page import Panel, Section, Texts, Tile
 from rf_exp.ablation.paper import paper
-from rf_exp.ablation.rollouts import kind_of, learnt_from
+from rf_exp.ablation.rollouts import learnt_from
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
@@ -112,7 +111,7 @@ def _policy_failures(results: Results, suite: Suite) -> Section:
         policy = (row.task, row.arch, learnt_from(row))
         tried[policy] += 1
         if not row.success:
-            kind = (*policy, kind_of(row.reason))
+            kind = (*policy, row.account.kind)
             kinds[kind] += 1
             scenes[kind] = min(row.scene_seed, scenes.get(kind, row.scene_seed))
     order = sorted(kinds, key=lambda kind: (kind[:3], -kinds[kind], kind))
@@ -137,9 +136,7 @@ def _failures(results: Results, suite: Suite) -> Section:
     for row in results.generation:
         tried[row.task, row.constraints] += 1
         if not row.success:
-            # Measured values differ from seed to seed; without them equal reasons are equal.
-            reason = re.sub(r"-?\d+\.\d+", "…", row.reason) or "no reason given"
-            reasons[row.task, row.constraints, reason] += 1
+            reasons[row.task, row.constraints, row.account.kind] += 1
     lines = [
         (title_of(task, suite), constraints, reason, f"{count} of {tried[task, constraints]}")
         for (task, constraints, reason), count in reasons.most_common(REASONS)

@@ -1,18 +1,11 @@
-"""Rollouts to look at: which are filmed, how their files are called, and of what kind a failure is."""
+"""Rollouts to look at: which are filmed, and how their files are called."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from rf_exp.ablation.rows import EvaluationRow
 
 RECORDING, FILM, PICTURE = ".rrd", ".mp4", ".png"
-_DIFFERS = re.compile(r" \([^()]*\)|; at best [^;]*")  # from scene to scene, in a reason
-
-
-def kind_of(reason: str) -> str:
-    """The reason of a failed rollout without what differs from scene to scene: equal failures are equal."""
-    return _DIFFERS.sub("", reason).removeprefix("failed: ") or "no reason given"
 
 
 def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
@@ -20,7 +13,7 @@ def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
     ordered = sorted(rows, key=lambda row: row.scene_seed)
     won = [row.scene_seed for row in ordered if row.success]
     lost = [row for row in ordered if not row.success and row.steps]  # without steps there is nothing to see
-    kinds = {kind_of(row.reason): row.scene_seed for row in reversed(lost)}
+    kinds = {row.account.kind: row.scene_seed for row in reversed(lost)}
     first = sorted(kinds.values())
     others = [row.scene_seed for row in lost if row.scene_seed not in first]
     return (*won[:count], *[*first, *others][:count])

@@ -3,14 +3,16 @@
 results/generate/<task>/<constraints>.jsonl                  GenerationRow; disturbed: <constraints>-disturbed
 results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
 
-A line holds the fields of its row, in their order, and behind them `crc32`: eight hexadecimal digits, the
-CRC-32 of the fields as canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not
-fit its checksum is told its file and number.
+A line holds the fields of its row, in their order; behind them `reason`, a sentence that is written from them
+for people and that nothing reads; and `crc32`: eight hexadecimal digits, the CRC-32 of all before it as
+canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not fit its checksum is told
+its file and number.
 
 Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
 known any more, so they are refused by name and have to be made again. Schema 3 put fields behind `schema` for
 what there was none of before (disturbances, policies that see the state, a shield), schema 4 the recipe and
-what learning cost, schema 5 how often the expert was asked: older rows are read as that.
+what learning cost, schema 5 how often the expert was asked: older rows are read as that. Schema 6 put an
+account in the place of a sentence that told why an attempt failed; `upgrade` reads those of older rows.
 """
 
 import json
@@ -18,21 +20,23 @@ import logging
 import math
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from rf_exp.artifacts.identity import canonical
+from rf_exp.ablation.upgrade import upgraded
+from rf_exp.artifacts.identity import canonical, plain, restored
 from rf_exp.artifacts.lines import append_line, read_lines
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.findings import Account
 
 log = logging.getLogger(__name__)
 
-SCHEMA = 5
-OLDER = (2, 3, 4)  # schemas that are read as well
-CHECKSUM = "crc32"  # key of a line, not a field of its row
+SCHEMA = 6
+OLDER = (2, 3, 4, 5)  # schemas that are read as well
+CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,6 @@ class GenerationRow(_Row):
     success_paper: bool  # the paper's
     steps: int  # control steps at 20 Hz
     attempts: int  # proposals used
-    reason: str  # why it failed; empty when it did not
     wall_s: float
     version: str  # of the success criteria
     violations: int  # proposals that ended in a violation
@@ -87,6 +90,14 @@ class GenerationRow(_Row):
     commit: str  # git commit of that code, with a + where it was changed since; empty outside of a checkout
     schema: int = SCHEMA
     disturbance_rad: float = 0.0  # of executed motion
+    account: Account = field(
+        default_factory=Account
+    )  # which violations ended proposals, which arms touched, what failed
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in words; empty when it did not."""
+        return "" if self.success else self.account.reason
 
 
 @dataclass(frozen=True)
@@ -111,7 +122,6 @@ class EvaluationRow(_Row):
     wall_s: float
     version: str  # of the success criteria
     contacts: int  # control steps in which arms touched each other
-    reason: str  # why it failed; empty when it did not
     commit: str  # git commit of the code, with a + where it was changed since; empty outside of a checkout
     schema: int = SCHEMA
     shield: bool = False  # whether a shield stood between policies and arms
@@ -121,6 +131,12 @@ class EvaluationRow(_Row):
     recipe: str = "paper"  # how it learnt, see conf/policy
     core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
     queries: int = 0  # proposals that the expert was asked for to correct them
+    account: Account = field(default_factory=Account)  # which arms touched or overlapped, and what failed
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in words; empty when it did not."""
+        return "" if self.success else self.account.reason
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
@@ -225,7 +241,7 @@ def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
 
 
 def _line(row: GenerationRow | EvaluationRow) -> bytes:
-    values = asdict(row)
+    values = {**plain(row), REASON: row.reason}
     text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
     return text.encode(errors="surrogatepass")
 
@@ -235,14 +251,14 @@ def _checksum(values: Mapping[str, Any]) -> str:
 
 
 def _parse(line: bytes, kind: type[R]) -> R:
-    """Raises ValueError or ArgumentError for anything but exactly the fields of the row, undamaged."""
+    """Raises ValueError or ArgumentError for anything but exactly the keys of a row, undamaged."""
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError(f"found {type(value).__name__}, expected an object")
     names = [item.name for item in fields(kind)]
-    if value.keys() == set(names[: names.index("version") + 1]):
+    if value.keys() - {REASON} == set(names[: names.index("version") + 1]):
         raise ValueError(f"a row of schema 1; this version reads schema {SCHEMA}")
-    expected = {*names, CHECKSUM}
+    expected = {*names, REASON, CHECKSUM}
     came_later = set(names[names.index("schema") + 1 :]) if value.get("schema") in OLDER else set()
     if missing := sorted(expected - came_later - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
@@ -251,6 +267,18 @@ def _parse(line: bytes, kind: type[R]) -> R:
     said = value.pop(CHECKSUM)
     if said != (found := _checksum(value)):
         raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
-    if value["schema"] not in (*OLDER, SCHEMA):
-        raise ValueError(f"a row of schema {value['schema']}; this version reads schema {SCHEMA}")
-    return kind(**{**value, "schema": SCHEMA})
+    return from_values(value, kind)
+
+
+def from_values(values: Mapping[str, Any], kind: type[R]) -> R:
+    """The row of plain values of any schema that is read, with or without the sentence for people.
+
+    Raises ArgumentError for values of another schema, or that are none of such a row.
+    """
+    if values.get("schema") not in (*OLDER, SCHEMA):
+        raise ArgumentError(f"a row of schema {values.get('schema')}; this version reads schema {SCHEMA}")
+    known = dict(upgraded(values) if values["schema"] in OLDER else values)
+    known.pop(REASON, None)
+    if not isinstance(known.get("account"), dict):
+        raise ArgumentError(f"account is {known.get('account')!r}; expected an object")
+    return kind(**{**known, "account": restored(Account, known["account"]), "schema": SCHEMA})

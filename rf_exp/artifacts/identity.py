@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,7 +33,7 @@ def restored(kind: type[T], values: Mapping[str, Any]) -> T:
     Raises ArgumentError naming a field that is missing, unknown or of another type.
     """
     try:
-        return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float], strict=True))
+        return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float, Enum], strict=True))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(str(error)) from error
 

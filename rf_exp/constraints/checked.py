@@ -8,8 +8,9 @@ import numpy as np
 from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Plan
+from rf_exp.findings import Violation
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
-from rf_exp.types import CONTROL_DT_S, Violation
+from rf_exp.types import CONTROL_DT_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ class CheckedPlan:
                     "value": float(evidence.value) if np.isfinite(evidence.value) else None,
                     "bound": float(evidence.bound),
                     "time_s": float(evidence.time_s),
-                    "reason": evidence.reason,
+                    "reason": evidence.sentence,
                 }
                 for check, evidence in zip(self.checks, self.evidence, strict=True)
             ],

@@ -5,7 +5,7 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 from rf_exp.constraints.checked import CheckedPlan
@@ -16,6 +16,7 @@ from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, StayOut
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
 from rf_exp.constraints.timing import Delays, Rule, schedule, serial
+from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
 from rf_exp.types import (
@@ -24,7 +25,6 @@ from rf_exp.types import (
     Scene,
     Schedule,
     Trajectory,
-    Violation,
 )
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
@@ -117,8 +117,8 @@ class RoboChecker:
             return serial(trajectories, self._proposal)
         zones = [check.closing(paths) for check in self.checks if isinstance(check, StayOut | Distance)]
         rules = (*self.rules, *(closing for closing in zones if closing is not None))
-        timed = schedule(trajectories, paths.diagrams if self._row.spatial else {}, rules, delays)
-        return replace(timed, time_s=paths.begins_s + timed.time_s) if isinstance(timed, Violation) else timed
+        diagrams = paths.diagrams if self._row.spatial else {}
+        return schedule(trajectories, diagrams, rules, delays, begins_s=paths.begins_s)
 
     def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
         """All checks on a plan before anything moves."""

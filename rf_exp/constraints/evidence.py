@@ -1,33 +1,32 @@
 """What a check is, and what it answers with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol
 
 from rf_exp.constraints.plan import Plan
-from rf_exp.statements import agent_name
-from rf_exp.types import Cause, Kind, Scene, Segment, Violation
+from rf_exp.findings import Cause, CheckName, Doing, Finding, Found, Violation
+from rf_exp.types import Kind, Scene, Segment
 
-CAUSES: Mapping[Kind, Cause] = {"logical": "interaction", "temporal": "time", "spatial": "space"}
+CAUSES: Mapping[Kind, Cause] = {
+    "logical": Cause.INTERACTION,
+    "temporal": Cause.TIME,
+    "spatial": Cause.SPACE,
+}
 
 
-@dataclass(frozen=True)
-class Evidence:
+@dataclass(frozen=True, kw_only=True)
+class Evidence(Found):
     """The answer of a check: never a bare bool."""
 
     ok: bool
-    value: float  # what was found, in the unit of the check
-    bound: float  # what is allowed
-    reason: str  # a sentence that a person and a model can act on
-    time_s: float = 0.0  # since the start of the episode
-    agents: tuple[int, ...] = ()  # those it is about, where these are not all agents of the check
 
 
 class Check(Protocol):
     """One compiled constraint. Every implementation is a small frozen class."""
 
     kind: ClassVar[Kind]
-    name: ClassVar[str]  # of the paper's validation function
+    name: ClassVar[CheckName]  # of the paper's validation function
     unit: ClassVar[str]  # of value and bound; empty for a share
 
     @property
@@ -49,23 +48,17 @@ class Check(Protocol):
 
 def violation(check: Check, evidence: Evidence) -> Violation:
     """The failed check as feedback."""
-    return Violation(
-        check.name,
-        CAUSES[check.kind],
-        evidence.agents or check.agents,
-        evidence.time_s,
-        evidence.value,
-        evidence.bound,
-        evidence.reason,
-    )
+    facts = {each.name: getattr(evidence, each.name) for each in fields(Found)}
+    facts |= {"unit": evidence.unit or check.unit, "constraint": check.text}
+    return Violation(check=CheckName(check.name), cause=CAUSES[check.kind], **facts)
 
 
-def names(agents: tuple[int, ...]) -> str:
-    """`Agent_1` or `[Agent_1, Agent_2]`, as the paper prints check code."""
-    listed = ", ".join(agent_name(agent) for agent in agents)
-    return listed if len(agents) == 1 else f"[{listed}]"
+def idle(plan: Plan, agents: tuple[int, ...], bound: float, value: float = 0.0) -> Evidence:
+    """What a check answers where nothing in a plan is about it: it holds."""
+    found = Finding.IDLE
+    return Evidence(ok=True, finding=found, value=value, bound=bound, time_s=plan.begins_s, agents=agents)
 
 
-def doing(segment: Segment | None) -> str:
-    """What an agent is about in a segment, in words."""
-    return "standing still" if segment is None else f"to {segment.subgoal.text} ({segment.primitive})"
+def doing(segment: Segment | None, along_s: float | None = None) -> Doing | None:
+    """What an agent is about in a segment, and for how long it has been on its way."""
+    return None if segment is None else Doing(segment.subgoal.text, segment.primitive, along_s)

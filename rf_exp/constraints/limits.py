@@ -7,13 +7,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Evidence, doing, names
+from rf_exp.constraints.evidence import Evidence, doing, idle
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import Closing
 from rf_exp.constraints.timing import Demands
+from rf_exp.findings import CheckName, Doing, Finding, agent_name, names
 from rf_exp.geometry import Bodies, Mask, Swept, closer_than, nearest
 from rf_exp.robots import LINKS, Panda
-from rf_exp.statements import agent_name
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Scene, Segment, Trajectory
 
@@ -29,7 +29,7 @@ class Distance:
     """Two grippers, or two arms, keep a distance. Value and bound in metres."""
 
     kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[str] = "ValidateSpatialOccupancy"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
     unit: ClassVar[str] = "m"
 
     agents: tuple[int, int]
@@ -65,11 +65,11 @@ class Distance:
             step = int(apart_m.argmin())
             value = float(apart_m[step])
         time_s = plan.begins_s + step * CONTROL_DT_S
-        what = ", and ".join(
-            f"{agent_name(agent)}, {doing(plan.segment_at(agent, int(position)))}"
+        does = tuple(
+            doing(plan.segment_at(agent, int(position)))
             for agent, position in zip(self.agents, at[step], strict=True)
         )
-        return self._evidence(value, self.at_least_m, time_s, what)
+        return self._evidence(value, self.at_least_m, time_s, does)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence:
         bodies = Bodies(plan.task, scene)
@@ -79,14 +79,23 @@ class Distance:
             a, b = (bodies.arms[agent - 1].tcp(scene.qpos[agent - 1])[:3, 3] for agent in self.agents)
             value = float(np.linalg.norm(a - b))
         bound_m = max(0.0, self.at_least_m - MEASURED_M)
-        return self._evidence(value, bound_m, scene.step * CONTROL_DT_S, names(self.agents))
+        return self._evidence(value, bound_m, scene.step * CONTROL_DT_S, None)
 
-    def _evidence(self, value: float, bound_m: float, time_s: float, what: str) -> Evidence:
-        reason = (
-            f"at {time_s:.2f} s the {self.parts} of {what}, are {value * 100:.1f} cm apart "
-            f"(at least {bound_m * 100:.1f} cm)"
+    def _evidence(
+        self, value: float, bound_m: float, time_s: float, does: tuple[Doing | None, ...] | None
+    ) -> Evidence:
+        """`does`: what each agent is about, as planned; None as measured."""
+        return Evidence(
+            ok=value >= bound_m,
+            finding=Finding.TOO_NEAR,
+            value=value,
+            bound=bound_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=does is None,
+            aspect=self.parts,
+            doing=does or (),
         )
-        return Evidence(value >= bound_m, value, bound_m, reason, time_s)
 
 
 def _grippers_m(paths: Paths, agent: int) -> NDArray[np.float64]:
@@ -109,7 +118,7 @@ class Tilt:
     """What agents carry is not tilted against how it stands now. Value and bound in degrees."""
 
     kind: ClassVar[Kind] = "logical"
-    name: ClassVar[str] = "ValidateDirection"
+    name: ClassVar[CheckName] = CheckName.DIRECTION
     unit: ClassVar[str] = "deg"
 
     agents: tuple[int, ...]
@@ -121,7 +130,7 @@ class Tilt:
         return f"VD({names(self.agents)}, {self.object}, level within {self.within_deg:g} deg)"
 
     def planned(self, plan: Plan) -> Evidence:
-        worst = Evidence(True, 0.0, self.within_deg, f"nobody carries {self.object} in this plan")
+        worst = idle(plan, self.agents, bound=self.within_deg)
         for agent in self.agents:
             trajectory = plan.trajectory(agent)
             starts = trajectory.knots[:-1]
@@ -134,7 +143,7 @@ class Tilt:
                 row = int(tilts.argmax())
                 if tilts[row] >= worst.value:
                     time_s = plan.time_s(agent, start + row + 1)
-                    worst = self._evidence(float(tilts[row]), self.within_deg, time_s, agent, doing(segment))
+                    worst = self._evidence(float(tilts[row]), self.within_deg, time_s, agent, segment)
         return worst
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
@@ -144,14 +153,22 @@ class Tilt:
         now, start = scene.poses[self.object], plan.scene.poses[self.object]
         tilt = float(_tilts_deg(now[None], start)[0])
         time_s = scene.step * CONTROL_DT_S
-        return self._evidence(tilt, self.within_deg + MEASURED_DEG, time_s, holding[0], "as measured")
+        return self._evidence(tilt, self.within_deg + MEASURED_DEG, time_s, holding[0])
 
-    def _evidence(self, value: float, bound: float, time_s: float, agent: int, what: str) -> Evidence:
-        reason = (
-            f"at {time_s:.2f} s {self.object}, held by {agent_name(agent)} ({what}), is tilted by "
-            f"{value:.1f} deg (allowed {bound:g} deg)"
+    def _evidence(
+        self, value: float, bound: float, time_s: float, agent: int, planned: Segment | None = None
+    ) -> Evidence:
+        return Evidence(
+            ok=value <= bound,
+            finding=Finding.TILTED,
+            value=value,
+            bound=bound,
+            time_s=time_s,
+            agents=(agent,),
+            measured=planned is None,
+            object=self.object,
+            doing=() if planned is None else (doing(planned),),
         )
-        return Evidence(value <= bound, value, bound, reason, time_s, (agent,))
 
 
 def _tilts_deg(poses: NDArray[np.float64], stands: Matrix) -> NDArray[np.float64]:
@@ -165,7 +182,7 @@ class Height:
     """The gripper of an agent stays below or above a height. Value and bound in metres."""
 
     kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[str] = "ValidateSpatialOccupancy"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
     unit: ClassVar[str] = "m"
 
     agent: int
@@ -183,22 +200,29 @@ class Height:
     def planned(self, plan: Plan) -> Evidence:
         heights_m = _grippers_m(plan.paths, self.agent)[:, 2]
         at = int(heights_m.argmax() if self.side == "below" else heights_m.argmin())
-        what = doing(plan.segment_at(self.agent, at))
-        return self._evidence(float(heights_m[at]), self.limit_m, plan.time_s(self.agent, at), what)
+        does = doing(plan.segment_at(self.agent, at))
+        return self._evidence(float(heights_m[at]), self.limit_m, plan.time_s(self.agent, at), False, does)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence:
         tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
         slack_m = MEASURED_M if self.side == "below" else -MEASURED_M
         now_s = scene.step * CONTROL_DT_S
-        return self._evidence(float(tcp[2, 3]), self.limit_m + slack_m, now_s, "as measured")
+        return self._evidence(float(tcp[2, 3]), self.limit_m + slack_m, now_s, True)
 
-    def _evidence(self, value: float, bound_m: float, time_s: float, what: str) -> Evidence:
-        ok = value <= bound_m if self.side == "below" else value >= bound_m
-        reason = (
-            f"at {time_s:.2f} s the gripper of {agent_name(self.agent)} ({what}) is {value * 100:.1f} cm "
-            f"over the table (it has to stay {self.side} {bound_m * 100:.1f} cm)"
+    def _evidence(
+        self, value: float, bound_m: float, time_s: float, measured: bool, does: Doing | None = None
+    ) -> Evidence:
+        return Evidence(
+            ok=value <= bound_m if self.side == "below" else value >= bound_m,
+            finding=Finding.OFF_HEIGHT,
+            value=value,
+            bound=bound_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            aspect=self.side,
+            doing=() if measured else (does,),
         )
-        return Evidence(ok, value, bound_m, reason, time_s)
 
 
 @dataclass(frozen=True)
@@ -206,7 +230,7 @@ class Speed:
     """The gripper of an agent is not too fast. Value and bound in metres a second."""
 
     kind: ClassVar[Kind] = "temporal"
-    name: ClassVar[str] = "ValidateScheduling"
+    name: ClassVar[CheckName] = CheckName.SCHEDULING
     unit: ClassVar[str] = "m/s"
 
     agent: int
@@ -226,26 +250,31 @@ class Speed:
     def planned(self, plan: Plan) -> Evidence:
         speeds = speeds_m_s(plan.bodies.arms[self.agent - 1], plan.trajectory(self.agent).path())
         if not len(speeds):
-            return Evidence(
-                True, 0.0, self.at_most_m_s, f"{agent_name(self.agent)} does not move in this plan"
-            )
+            return idle(plan, self.agents, bound=self.at_most_m_s)
         at = int(speeds.argmax())
-        time_s, what = plan.time_s(self.agent, at + 1), doing(plan.segment_at(self.agent, at + 1))
-        return self._evidence(float(speeds[at]), self.at_most_m_s, time_s, what)
+        time_s, does = plan.time_s(self.agent, at + 1), doing(plan.segment_at(self.agent, at + 1))
+        return self._evidence(float(speeds[at]), self.at_most_m_s, time_s, False, does)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         qpos, qvel = scene.qpos[self.agent - 1], scene.qvel[self.agent - 1]
         path = np.stack([qpos, qpos + qvel * CONTROL_DT_S])
         value = float(speeds_m_s(plan.bodies.arms[self.agent - 1], path)[0])
         bound = self.at_most_m_s * MEASURED_SPEED
-        return self._evidence(value, bound, scene.step * CONTROL_DT_S, "as measured")
+        return self._evidence(value, bound, scene.step * CONTROL_DT_S, True)
 
-    def _evidence(self, value: float, bound: float, time_s: float, what: str) -> Evidence:
-        reason = (
-            f"at {time_s:.2f} s the gripper of {agent_name(self.agent)} ({what}) moves at {value:.2f} m/s "
-            f"(allowed {bound:.2f} m/s)"
+    def _evidence(
+        self, value: float, bound: float, time_s: float, measured: bool, does: Doing | None = None
+    ) -> Evidence:
+        return Evidence(
+            ok=value <= bound * (1 + 1e-9),
+            finding=Finding.TOO_FAST,
+            value=value,
+            bound=bound,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            doing=() if measured else (does,),
         )
-        return Evidence(value <= bound * (1 + 1e-9), value, bound, reason, time_s)
 
 
 def speeds_m_s(arm: Panda, path: NDArray[np.float64]) -> NDArray[np.float64]:

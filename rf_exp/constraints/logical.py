@@ -11,10 +11,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Evidence, names
+from rf_exp.constraints.evidence import Evidence, idle
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.temporal import span
-from rf_exp.statements import Step, agent_name
+from rf_exp.findings import CheckName, Finding, agent_name, names
+from rf_exp.statements import Step
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import CONTROL_DT_S, Kind, Scene, Segment
@@ -30,7 +31,7 @@ HEIGHT_M = 0.02
 HEIGHT_MEASURED_M = 0.03
 UP = (0.0, 0.0, 1.0)
 
-# word -> what has to be in line, for the reason
+# word -> what has to be in line
 ORIENTATIONS = {
     "perpendicular": "the annotated direction",
     "vertical": "the vertical, pointing down",
@@ -83,17 +84,23 @@ def _offset_m(a: Matrix, b: Matrix) -> float:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
 
 
-def _no_contact(plan: Plan, agent: int, name: str, demand: str, value: float, bound: float) -> Evidence:
+def _no_contact(
+    plan: Plan, agent: int, name: str, found: Finding, aspect: str, value: float, bound: float
+) -> Evidence:
     """What it means that an agent makes no contact: it holds the object already, or misses the demand."""
-    who = agent_name(agent)
-    if plan.scene.held[agent - 1] == name:
-        return Evidence(True, 0.0, bound, f"{who} holds {name} already")
-    listed = "; ".join(dict.fromkeys(each.subgoal.text for each in plan.trajectory(agent).segments))
-    reason = (
-        f"{demand}, but {who} neither holds {name} nor makes contact with it in this plan; "
-        f"its subgoals that move: {listed or 'none'}"
+    holds = plan.scene.held[agent - 1] == name
+    moving = dict.fromkeys(each.subgoal.text for each in plan.trajectory(agent).segments)
+    return Evidence(
+        ok=holds,
+        finding=Finding.HOLDS_IT if holds else found,
+        value=0.0 if holds else value,
+        bound=bound,
+        time_s=plan.begins_s,
+        agents=(agent,),
+        object=name,
+        aspect=aspect,
+        subgoals=tuple(moving),
     )
-    return Evidence(False, value, bound, reason)
 
 
 def _nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
@@ -111,7 +118,7 @@ class ValidateInteraction:
     """The agent meets the object at the annotated point. Value and bound in metres."""
 
     kind: ClassVar[Kind] = "logical"
-    name: ClassVar[str] = "ValidateInteraction"
+    name: ClassVar[CheckName] = CheckName.INTERACTION
     unit: ClassVar[str] = "m"
 
     agent: int
@@ -131,11 +138,11 @@ class ValidateInteraction:
             return self._placed(plan)
         contact = _contact(plan, self.agent, self.object)
         if contact is None:
-            demand = f"{agent_name(self.agent)} must meet {self.object} at its {self.point} point"
-            return _no_contact(plan, self.agent, self.object, demand, self._nearest_m(plan), POSITION_M)
+            missed = Finding.NO_CONTACT, self.point, self._nearest_m(plan), POSITION_M
+            return _no_contact(plan, self.agent, self.object, *missed)
         time_s = plan.time_s(self.agent, contact.end)
         pose = contact.object_pose(plan, self.object)
-        return self._evidence(plan, contact.tcp(plan), pose, POSITION_M, time_s, "would meet")
+        return self._evidence(plan, contact.tcp(plan), pose, POSITION_M, time_s, False)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         if plan.task.asset(self.object).points[self.point].kind in PLACES:
@@ -145,18 +152,24 @@ class ValidateInteraction:
             return None
         tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
         time_s = scene.step * CONTROL_DT_S
-        return self._evidence(plan, tcp, scene.poses[self.object], POSITION_MEASURED_M, time_s, "meets")
+        return self._evidence(plan, tcp, scene.poses[self.object], POSITION_MEASURED_M, time_s, True)
 
     def _evidence(
-        self, plan: Plan, tcp: Matrix, pose: Matrix, bound_m: float, time_s: float, verb: str
+        self, plan: Plan, tcp: Matrix, pose: Matrix, bound_m: float, time_s: float, measured: bool
     ) -> Evidence:
         point = plan.task.asset(self.object).points[self.point]
         value = _offset_m(tcp, pose @ point.object_from_tcp)
-        reason = (
-            f"{agent_name(self.agent)} {verb} {self.object} {value * 100:.1f} cm from its {self.point} point "
-            f"(allowed {bound_m * 100:.1f} cm)"
+        return Evidence(
+            ok=value <= bound_m,
+            finding=Finding.BESIDE_POINT,
+            value=value,
+            bound=bound_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            object=self.object,
+            aspect=self.point,
         )
-        return Evidence(value <= bound_m, value, bound_m, reason, time_s)
 
     def _nearest_m(self, plan: Plan) -> float:
         """How near the TCP comes to the point where it is now."""
@@ -171,20 +184,23 @@ class ValidateInteraction:
         point = plan.task.asset(self.object).points[self.point]
         bound_m = point.slack_m + POSITION_M
         trajectory, arm = plan.trajectory(self.agent), plan.bodies.arms[self.agent - 1]
-        worst = Evidence(
-            True, 0.0, bound_m, f"{agent_name(self.agent)} puts nothing on {self.object} in this plan"
-        )
+        worst = idle(plan, self.agents, bound=bound_m)
         for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
             if segment.subgoal.target == self.object and segment.primitive == "lower":
                 assert segment.tcp_from_object is not None  # Bodies.along has refused it otherwise
                 placed = arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object
                 goal = plan.scene.poses[self.object] @ point.object_from_tcp
                 value = float(np.linalg.norm(placed[:2, 3] - goal[:2, 3]))
-                reason = (
-                    f"{agent_name(self.agent)} would put {segment.carries} {value * 100:.1f} cm beside the "
-                    f"{self.point} point of {self.object} (allowed {bound_m * 100:.1f} cm)"
+                worst = Evidence(
+                    ok=value <= bound_m,
+                    finding=Finding.PUT_BESIDE_POINT,
+                    value=value,
+                    bound=bound_m,
+                    time_s=plan.time_s(self.agent, end),
+                    agents=self.agents,
+                    object=segment.carries,
+                    aspect=f"{self.point} point of {self.object}",
                 )
-                worst = Evidence(value <= bound_m, value, bound_m, reason, plan.time_s(self.agent, end))
         return worst
 
 
@@ -197,7 +213,7 @@ class ValidateDirection:
     """
 
     kind: ClassVar[Kind] = "logical"
-    name: ClassVar[str] = "ValidateDirection"
+    name: ClassVar[CheckName] = CheckName.DIRECTION
     unit: ClassVar[str] = "deg"
 
     agent: int
@@ -219,14 +235,13 @@ class ValidateDirection:
             return self._throughout(plan, self.phase)
         contact = _contact(plan, self.agent, self.object)
         if contact is None and self._is_target(plan):
-            reason = f"{agent_name(self.agent)} only puts something to {self.object} in this plan"
-            return Evidence(True, 0.0, ANGLE_DEG, reason)
+            return idle(plan, self.agents, bound=ANGLE_DEG)
         if contact is None:
-            demand = f"the gripper of {agent_name(self.agent)} must be {self.orientation} at {self.object}"
-            return _no_contact(plan, self.agent, self.object, demand, OPPOSITE_DEG, ANGLE_DEG)
+            missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
+            return _no_contact(plan, self.agent, self.object, *missed)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
         time_s = plan.time_s(self.agent, contact.end)
-        return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s)
+        return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s, False)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         tcp = plan.bodies.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
@@ -235,22 +250,22 @@ class ValidateDirection:
             part = span(self.phase, plan.trajectory(self.agent))
             if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
                 return None
-            return self._evidence(tcp, pose, None, ANGLE_MEASURED_DEG, now_s)
+            return self._evidence(tcp, pose, None, ANGLE_MEASURED_DEG, now_s, True)
         contact = _contact(plan, self.agent, self.object)
         if contact is None or not _settles_now(plan, self.agent, scene, contact.settled):
             return None
-        return self._evidence(tcp, pose, self._point(plan, contact), ANGLE_MEASURED_DEG, now_s)
+        return self._evidence(tcp, pose, self._point(plan, contact), ANGLE_MEASURED_DEG, now_s, True)
 
     def _throughout(self, plan: Plan, phase: Step) -> Evidence:
         """The worst moment of a phase."""
         trajectory = plan.trajectory(self.agent)
         part = span(phase, trajectory)
         if part is None:
-            return Evidence(True, 0.0, ANGLE_DEG, f"{phase.text} does not move in this plan")
+            return idle(plan, self.agents, bound=ANGLE_DEG)
         tcp = plan.bodies.arms[self.agent - 1].tcp(trajectory.path()[part[0] : part[1] + 1])
         pose = plan.scene.poses[self.object]
         found = [
-            self._evidence(each, pose, None, ANGLE_DEG, plan.time_s(self.agent, part[0] + row))
+            self._evidence(each, pose, None, ANGLE_DEG, plan.time_s(self.agent, part[0] + row), False)
             for row, each in enumerate(tcp)
         ]
         return max(found, key=lambda evidence: evidence.value)
@@ -266,15 +281,26 @@ class ValidateDirection:
         return _nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
 
     def _evidence(
-        self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, bound_deg: float, time_s: float
+        self,
+        tcp: Matrix,
+        pose: Matrix,
+        point: InteractionPoint | None,
+        bound_deg: float,
+        time_s: float,
+        measured: bool,
     ) -> Evidence:
         value = float(np.degrees(self._error_rad(tcp, pose, point)))
-        wanted = ORIENTATIONS[self.orientation]
-        reason = (
-            f"the gripper of {agent_name(self.agent)} is {value:.0f} deg off {wanted} at {self.object} "
-            f"(allowed {bound_deg:.0f} deg)"
+        return Evidence(
+            ok=value <= bound_deg,
+            finding=Finding.OFF_DIRECTION,
+            value=value,
+            bound=bound_deg,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            object=self.object,
+            aspect=ORIENTATIONS[self.orientation],
         )
-        return Evidence(value <= bound_deg, value, bound_deg, reason, time_s)
 
     def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
         approach, fingers = tcp[:3, 2], tcp[:3, 1]
@@ -304,7 +330,7 @@ class ConsistentHeight:
     """
 
     kind: ClassVar[Kind] = "logical"
-    name: ClassVar[str] = "ValidateDirection"
+    name: ClassVar[CheckName] = CheckName.DIRECTION
     unit: ClassVar[str] = "m"
 
     agents: tuple[int, ...]
@@ -316,14 +342,14 @@ class ConsistentHeight:
         return f"VD({names(self.agents)}, consistent height{when})"
 
     def planned(self, plan: Plan) -> Evidence:
-        worst = Evidence(True, 0.0, HEIGHT_M, f"{names(self.agents)} carry nothing together in this plan")
+        worst = idle(plan, self.agents, bound=HEIGHT_M)
         for name in self._together(plan):
             rises = np.stack([self._rise_m(plan, agent, name) for agent in self.agents])  # (agents, T + 1)
             spread = np.ptp(rises, axis=0)
             at = int(np.argmax(spread))
             if spread[at] >= worst.value:
                 time_s = plan.begins_s + (at * CONTROL_DT_S if plan.row.temporal else 0.0)
-                worst = self._evidence(float(spread[at]), HEIGHT_M, time_s)
+                worst = self._evidence(name, float(spread[at]), HEIGHT_M, time_s, False)
         return worst
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
@@ -341,7 +367,7 @@ class ConsistentHeight:
             rises.append(
                 arm.tcp(scene.qpos[agent - 1])[2, 3] - arm.tcp(plan.trajectory(agent).path()[begin])[2, 3]
             )
-        return self._evidence(float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S)
+        return self._evidence(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S, True)
 
     def _together(self, plan: Plan) -> list[str]:
         """The things that all of them carry in this plan."""
@@ -366,12 +392,17 @@ class ConsistentHeight:
         begin, end = self._span(plan, agent, name)
         return height[np.clip(positions, begin, end)] - height[begin]
 
-    def _evidence(self, value: float, bound_m: float, time_s: float) -> Evidence:
-        reason = (
-            f"the gripper heights of {names(self.agents)} drift {value * 100:.1f} cm apart "
-            f"(allowed {bound_m * 100:.1f} cm)"
+    def _evidence(self, name: str, value: float, bound_m: float, time_s: float, measured: bool) -> Evidence:
+        return Evidence(
+            ok=value <= bound_m,
+            finding=Finding.UNEVEN,
+            value=value,
+            bound=bound_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            object=name,
         )
-        return Evidence(value <= bound_m, value, bound_m, reason, time_s)
 
 
 def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:

@@ -7,8 +7,8 @@ import numpy as np
 from rf_exp.constraints.evidence import Check, Evidence, doing, violation
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents
-from rf_exp.statements import agent_name
-from rf_exp.types import ARM_JOINTS, COLLISION, CONTROL_DT_S, Scene, Segment, Violation
+from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene, Segment
 
 TRACKING_RAD = 0.15  # beyond the lag
 REFLEX_N = 20.0  # on an arm; the collision reflex of a Panda is set to 20 N in its maker's examples
@@ -46,19 +46,29 @@ class Monitor:
         def now(agent: int) -> Segment | None:
             return plan.segment_at(agent, plan.position_now(agent, scene))
 
-        hits: list[tuple[float, tuple[int, ...], str]] = [
-            (force_n, (a, b), "hit each other") for a, b, force_n in scene.arm_contacts if force_n > REFLEX_N
+        hits: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
+            (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts if force_n > REFLEX_N
         ]
         for (agent, name), force in scene.finger_forces.items():
             force_n = float(np.linalg.norm(force))
             if force_n > REFLEX_N and ((segment := now(agent)) is None or name not in segment.about):
-                hits.append((force_n, (agent,), f"pushes {name}"))
+                hits.append((force_n, (agent,), (name,)))
         if not hits:
             return None
-        force_n, agents, what = max(hits)
-        doings = ", and ".join(f"{agent_name(agent)}, {doing(now(agent))}" for agent in agents)
-        reason = f"{doings}, {what} with {force_n:.0f} N (arms stop at {REFLEX_N:.0f} N)"
-        return Violation(COLLISION, "contact", agents, scene.step * CONTROL_DT_S, force_n, REFLEX_N, reason)
+        force_n, agents, things = max(hits)
+        return Violation(
+            check=CheckName.COLLISION,
+            cause=Cause.CONTACT,
+            finding=Finding.PUSHES if things else Finding.HIT,
+            value=force_n,
+            bound=REFLEX_N,
+            unit="N",
+            time_s=scene.step * CONTROL_DT_S,
+            agents=agents,
+            measured=True,
+            obstacles=things,
+            doing=tuple(doing(now(agent)) for agent in agents),
+        )
 
     def _dropped(self, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""
@@ -71,11 +81,18 @@ class Monitor:
             holds = carried is None or scene.held[agent - 1] == carried
             self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
             if self._lost[agent] >= LOST_STEPS and segment is not None:
-                reason = f"{agent_name(agent)}, {doing(segment)}, no longer holds {carried}"
-                value = self._lost[agent] * CONTROL_DT_S
-                bound = LOST_STEPS * CONTROL_DT_S
                 return Violation(
-                    "ValidateInteraction", "grip", (agent,), scene.step * CONTROL_DT_S, value, bound, reason
+                    check=CheckName.INTERACTION,
+                    cause=Cause.GRIP,
+                    finding=Finding.DROPPED,
+                    value=self._lost[agent] * CONTROL_DT_S,
+                    bound=LOST_STEPS * CONTROL_DT_S,
+                    unit="s",
+                    time_s=scene.step * CONTROL_DT_S,
+                    agents=(agent,),
+                    measured=True,
+                    object=carried,
+                    doing=(doing(segment),),
                 )
         return None
 
@@ -90,11 +107,16 @@ class Monitor:
             targets = path[recent.min() : recent.max() + 1]
             error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())
             if error > TRACKING_RAD:
-                segment = plan.segment_at(agent, int(recent[-1]))
-                reason = (
-                    f"{agent_name(agent)}, {doing(segment)}, is {error:.2f} rad off its path "
-                    f"(allowed {TRACKING_RAD} rad): something is in its way"
+                return Violation(
+                    check=CheckName.TRACKING,
+                    cause=Cause.TRACKING,
+                    finding=Finding.STRAYED,
+                    value=error,
+                    bound=TRACKING_RAD,
+                    unit="rad",
+                    time_s=scene.step * CONTROL_DT_S,
+                    agents=(agent,),
+                    measured=True,
+                    doing=(doing(plan.segment_at(agent, int(recent[-1]))),),
                 )
-                now_s = scene.step * CONTROL_DT_S
-                return Violation("Tracking", "tracking", (agent,), now_s, error, TRACKING_RAD, reason)
         return None

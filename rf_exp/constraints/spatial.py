@@ -14,10 +14,11 @@ from typing import ClassVar
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.evidence import Evidence, doing, names, violation
+from rf_exp.constraints.evidence import Evidence, doing, idle, violation
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.temporal import span
 from rf_exp.constraints.timing import Demands
+from rf_exp.findings import CheckName, Doing, Finding, Violation, agent_name, names
 from rf_exp.geometry import (
     AGENT_MARGIN_M,
     OBJECT_MARGIN_M,
@@ -31,10 +32,10 @@ from rf_exp.geometry import (
     nearest,
     overlap,
 )
-from rf_exp.statements import Step, agent_name
+from rf_exp.statements import Step
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import CONTROL_DT_S, Kind, Scene, Violation
+from rf_exp.types import CONTROL_DT_S, Kind, Scene
 
 CONTACT_N = 1.0  # force between two arms that counts as contact
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
@@ -54,8 +55,16 @@ def pressing(scene: Scene, pairs: tuple[tuple[int, int], ...]) -> Evidence | Non
     """The first pair of arms that the simulator sees press on one another."""
     for a, b, force_n in scene.arm_contacts:
         if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
-            reason = f"{agent_name(a)} and {agent_name(b)} touch each other with {force_n:.0f} N"
-            return Evidence(False, force_n, CONTACT_N, reason, scene.step * CONTROL_DT_S, (a, b))
+            return Evidence(
+                ok=False,
+                finding=Finding.TOUCHING,
+                value=force_n,
+                bound=CONTACT_N,
+                unit="N",
+                time_s=scene.step * CONTROL_DT_S,
+                agents=(a, b),
+                measured=True,
+            )
     return None
 
 
@@ -82,11 +91,15 @@ def overlapping(
             loads = None, None
         gap = overlap(body(a, loads[0]), body(b, loads[1]))
         if gap is not None:
-            reason = (
-                f"{agent_name(a)} and {agent_name(b)} overlap by {-gap.distance_m * 1000:.0f} mm "
-                f"({gap.a} with {gap.b})"
+            return Evidence(
+                ok=False,
+                finding=Finding.OVERLAPPING,
+                value=gap.distance_m,
+                time_s=scene.step * CONTROL_DT_S,
+                agents=(a, b),
+                measured=True,
+                parts=(gap.a, gap.b),
             )
-            return Evidence(False, gap.distance_m, 0.0, reason, scene.step * CONTROL_DT_S, (a, b))
     return None
 
 
@@ -103,7 +116,7 @@ class AvoidAgents:
     """One agent keeps clear of all others, or several of one another. Value and bound in metres."""
 
     kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[str] = "ValidateSpatialOccupancy"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
     unit: ClassVar[str] = "m"
 
     agents: tuple[int, ...]
@@ -120,7 +133,7 @@ class AvoidAgents:
         return tuple(pair for pair in every if set(pair) <= set(self.agents))
 
     def planned(self, plan: Plan) -> Evidence:
-        least = Evidence(True, np.inf, AGENT_MARGIN_M, f"{names(self.agents)} has no other agent to avoid")
+        least = idle(plan, self.agents, AGENT_MARGIN_M, np.inf)
         for i, j in self.pairs(plan.task):
             at = np.stack([plan.positions(i), plan.positions(j)], axis=1)
             hits = np.flatnonzero(plan.paths.diagrams[i, j][at[:, 0], at[:, 1]])
@@ -129,20 +142,26 @@ class AvoidAgents:
             assert gap is not None  # links must always keep apart
             if len(hits):
                 row, column = (int(position) for position in cells[0])
-                time_s = plan.begins_s + float(hits[0]) * CONTROL_DT_S
                 return Evidence(
-                    False, gap.distance_m, AGENT_MARGIN_M,
-                    f"at {time_s:.2f} s {agent_name(i)}, {doing(plan.segment_at(i, row))}, comes within "
-                    f"{gap.distance_m * 100:.1f} cm of {agent_name(j)}, {doing(plan.segment_at(j, column))} "
-                    f"({gap.a} near {gap.b})",
-                    time_s,
-                    (i, j),
-                )  # fmt: skip
+                    ok=False,
+                    finding=Finding.CLOSE,
+                    value=gap.distance_m,
+                    bound=AGENT_MARGIN_M,
+                    time_s=plan.begins_s + float(hits[0]) * CONTROL_DT_S,
+                    agents=(i, j),
+                    doing=(doing(plan.segment_at(i, row)), doing(plan.segment_at(j, column))),
+                    parts=(gap.a, gap.b),
+                )
             if gap.distance_m < least.value:
                 when = int(np.flatnonzero((at == gap.at).all(axis=1))[0])
-                reason = f"{agent_name(i)} and {agent_name(j)} stay {gap.distance_m * 100:.1f} cm apart"
-                time_s = plan.begins_s + when * CONTROL_DT_S
-                least = Evidence(True, gap.distance_m, AGENT_MARGIN_M, reason, time_s, (i, j))
+                least = Evidence(
+                    ok=True,
+                    finding=Finding.CLEAR,
+                    value=gap.distance_m,
+                    bound=AGENT_MARGIN_M,
+                    time_s=plan.begins_s + when * CONTROL_DT_S,
+                    agents=(i, j),
+                )
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
@@ -164,7 +183,7 @@ class AvoidObjects:
     """Agents touch nothing but what their segments are about, nor the table. Value and bound in metres."""
 
     kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[str] = "ValidateSpatialOccupancy"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
     unit: ClassVar[str] = "m"
 
     agents: tuple[int, ...]
@@ -174,7 +193,7 @@ class AvoidObjects:
         return f"VSO({names(self.agents)}, objects)"
 
     def planned(self, plan: Plan) -> Evidence:
-        least = Evidence(True, np.inf, OBJECT_MARGIN_M, f"{names(self.agents)} has nothing to avoid")
+        least = idle(plan, self.agents, OBJECT_MARGIN_M, np.inf)
         for agent in self.agents:
             body, still = plan.paths.swept[agent - 1], plan.paths.still[agent - 1]
             positions = np.unique(plan.positions(agent))
@@ -183,8 +202,15 @@ class AvoidObjects:
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
             if gap is not None and gap.distance_m < least.value:
-                reason = f"{agent_name(agent)} stays {gap.distance_m * 100:.1f} cm clear of {gap.b}"
-                least = Evidence(True, gap.distance_m, OBJECT_MARGIN_M, reason, plan.time_s(agent, gap.at[0]))
+                least = Evidence(
+                    ok=True,
+                    finding=Finding.CLEAR_OF_THING,
+                    value=gap.distance_m,
+                    bound=OBJECT_MARGIN_M,
+                    time_s=plan.time_s(agent, gap.at[0]),
+                    agents=(agent,),
+                    obstacles=(gap.b,),
+                )
         return least
 
     def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
@@ -195,12 +221,17 @@ class AvoidObjects:
         part, thing, value = ("arm", "the table", low_m)
         if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
             part, thing, value = gap.a, gap.b, gap.distance_m
-        time_s = plan.time_s(agent, position)
-        reason = (
-            f"at {time_s:.2f} s {agent_name(agent)}, {doing(plan.segment_at(agent, position))}, comes within "
-            f"{value * 100:.1f} cm of {thing} ({part}), which it may not touch"
+        return Evidence(
+            ok=False,
+            finding=Finding.CLOSE_TO_THING,
+            value=value,
+            bound=OBJECT_MARGIN_M,
+            time_s=plan.time_s(agent, position),
+            agents=(agent,),
+            obstacles=(thing,),
+            doing=(doing(plan.segment_at(agent, position)),),
+            parts=(part,),
         )
-        return Evidence(False, value, OBJECT_MARGIN_M, reason, time_s, (agent,))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         return None  # contacts with objects are wanted and unwanted ones alike; see the monitor's tracking
@@ -215,7 +246,7 @@ class StayOut:
     """
 
     kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[str] = "ValidateSpatialOccupancy"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
     unit: ClassVar[str] = "m"
 
     agent: int
@@ -287,20 +318,21 @@ class StayOut:
         own = plan.positions(self.agent)
         steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
         if not len(steps):
-            return Evidence(True, np.inf, 0.0, f"nothing closes the zone to {agent_name(self.agent)}")
+            return idle(plan, self.agents, 0.0, np.inf)
         hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
         at = np.unique(own[hits[:1]] if len(hits) else own[steps])
         gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
         assert gap is not None  # a zone must always be kept out of
         step = hits[0] if len(hits) else steps[own[steps] == gap.at[0]][0]
         time_s = plan.begins_s + float(step) * CONTROL_DT_S
-        return self._evidence(gap, not len(hits), time_s, doing(plan.segment_at(self.agent, gap.at[0])))
+        does = doing(plan.segment_at(self.agent, gap.at[0]))
+        return self._evidence(gap, not len(hits), time_s, False, does)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         if not self._closed_now(scene, plan):
             return None
         gap = self._gap(scene, plan, self.agent)
-        return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, "as measured")
+        return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, True)
 
     def _closed_now(self, scene: Scene, plan: Plan) -> bool:
         if self.until is not None:
@@ -319,10 +351,20 @@ class StayOut:
         assert gap is not None
         return gap
 
-    def _evidence(self, gap: Nearest, ok: bool, time_s: float, what: str) -> Evidence:
-        where = "stays out of" if ok else f"at {time_s:.2f} s enters"
-        reason = f"{agent_name(self.agent)} {where} the zone {self.low_m} to {self.high_m} ({gap.a}, {what})"
-        return Evidence(ok, gap.distance_m, 0.0, reason, time_s)
+    def _evidence(
+        self, gap: Nearest, ok: bool, time_s: float, measured: bool, does: Doing | None = None
+    ) -> Evidence:
+        return Evidence(
+            ok=ok,
+            finding=Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE,
+            value=gap.distance_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            obstacles=(f"zone {self.low_m} to {self.high_m}",),
+            doing=() if measured else (does,),
+            parts=(gap.a,),
+        )
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from rf_exp.constraints.evidence import Evidence, names
+from rf_exp.constraints.evidence import Evidence, idle
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.timing import Demands, subgoal_runs
+from rf_exp.findings import CheckName, Finding, names
 from rf_exp.statements import TOGETHER_S, Step
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Kind, Scene, Trajectory
 
@@ -39,16 +40,12 @@ def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
     return begins * CONTROL_DT_S, ends * CONTROL_DT_S
 
 
-def _absent(*steps: Step) -> str:
-    return f"{' and '.join(step.text for step in steps)} do not both move in this plan"
-
-
 @dataclass(frozen=True)
 class _Temporal:
     """What the temporal checks have in common."""
 
     kind: ClassVar[Kind] = "temporal"
-    name: ClassVar[str] = "ValidateScheduling"
+    name: ClassVar[CheckName] = CheckName.SCHEDULING
     unit: ClassVar[str] = "s"
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
@@ -85,13 +82,17 @@ class Sequential(_Temporal):
     def planned(self, plan: Plan) -> Evidence:
         first, then = times_s(self.first, plan), times_s(self.then, plan)
         if first is None or then is None:
-            return Evidence(True, 0.0, self.wait_s, _absent(self.first, self.then))
+            return idle(plan, self.agents, bound=self.wait_s)
         pause_s = then[0] - first[1]
-        reason = (
-            f"{self.then.text} begins {pause_s:.2f} s after {self.first.text} has ended "
-            f"(at least {self.wait_s:g} s)"
+        return Evidence(
+            ok=pause_s >= self.wait_s - 1e-9,
+            finding=Finding.TOO_SOON,
+            value=pause_s,
+            bound=self.wait_s,
+            time_s=plan.begins_s + then[0],
+            agents=self.agents,
+            subgoals=(self.first.text, self.then.text),
         )
-        return Evidence(pause_s >= self.wait_s - 1e-9, pause_s, self.wait_s, reason, plan.begins_s + then[0])
 
 
 @dataclass(frozen=True)
@@ -120,12 +121,18 @@ class Simultaneous(_Temporal):
     def planned(self, plan: Plan) -> Evidence:
         begins = [times[0] for step in self.steps if (times := times_s(step, plan)) is not None]
         if len(begins) < 2:
-            return Evidence(True, 0.0, self.within_s, _absent(*self.steps))
+            return idle(plan, self.agents, bound=self.within_s)
         apart_s = max(begins) - min(begins)
         what = f"{self.steps[0].verb} {self.steps[0].object}" if self.steps[0].verb else "their tasks"
-        reason = f"{names(self.agents)} begin {what} {apart_s:.2f} s apart (allowed {self.within_s:g} s)"
-        last_s = plan.begins_s + max(begins)
-        return Evidence(apart_s <= self.within_s + 1e-9, apart_s, self.within_s, reason, last_s)
+        return Evidence(
+            ok=apart_s <= self.within_s + 1e-9,
+            finding=Finding.NOT_TOGETHER,
+            value=apart_s,
+            bound=self.within_s,
+            time_s=plan.begins_s + max(begins),
+            agents=self.agents,
+            subgoals=(what,),
+        )
 
 
 @dataclass(frozen=True)
@@ -151,10 +158,16 @@ class Deadline(_Temporal):
     def planned(self, plan: Plan) -> Evidence:
         times = times_s(self.step, plan)
         if times is None:
-            return Evidence(True, 0.0, self.within_s, f"{self.step.text} does not move in this plan")
-        reason = f"{self.step.text} ends {times[1]:.2f} s after the start (allowed {self.within_s:g} s)"
-        ended_s = plan.begins_s + times[1]
-        return Evidence(times[1] <= self.within_s + 1e-9, times[1], self.within_s, reason, ended_s)
+            return idle(plan, self.agents, bound=self.within_s)
+        return Evidence(
+            ok=times[1] <= self.within_s + 1e-9,
+            finding=Finding.TOO_LATE,
+            value=times[1],
+            bound=self.within_s,
+            time_s=plan.begins_s + times[1],
+            agents=self.agents,
+            subgoals=(self.step.text,),
+        )
 
 
 @dataclass(frozen=True)
@@ -178,17 +191,19 @@ class ShareSpace(_Temporal):
 
     def planned(self, plan: Plan) -> Evidence:
         if not plan.row.spatial:
-            return Evidence(True, 0.0, 1.0, f"{names(self.agents)} may share space")
+            return idle(plan, self.agents, bound=1.0)
         diagrams = plan.paths.diagrams
         overlap = max(
             (float(mask.mean()) for pair, mask in diagrams.items() if set(pair) <= set(self.agents)),
             default=0.0,
         )
         return Evidence(
-            True,
-            overlap,
-            1.0,
-            f"{names(self.agents)} share space at different times in {overlap:.1%} of the cases",
+            ok=True,
+            finding=Finding.SHARED,
+            value=overlap,
+            bound=1.0,
+            time_s=plan.begins_s,
+            agents=self.agents,
         )
 
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import search
+from rf_exp.constraints.unscheduled import Unscheduled
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Violation
 from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
-from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Schedule, Segment, Subgoal, Trajectory, Violation
-
-CHECK = "ValidateScheduling"
+from rf_exp.types import Schedule, Segment, Subgoal, Trajectory
 
 
 class Rule(Protocol):
@@ -127,29 +127,26 @@ def schedule(
     rules: Sequence[Rule] = (),
     delays: Delays | None = None,
     *,
+    begins_s: float = 0.0,
     budget: int = search.BUDGET,
 ) -> Schedule | Violation:
     """The shortest schedule of all agents that obeys diagrams, rules and joined segments, with `delays`.
 
-    `diagrams[i, j]` (i < j, agents from 1) forbids pairs of path positions. Where no schedule exists, a
-    Violation says which pair and what to change. Raises ArgumentError for trajectories that are not those
-    of agents 1 to N, or for diagrams of another shape.
+    `diagrams[i, j]` (i < j, agents from 1) forbids pairs of path positions. The schedule begins at
+    `begins_s`, in seconds since the start of the episode. Where none exists, a Violation says which pair
+    cannot pass each other, or what else is in the way. Raises ArgumentError for trajectories that are not
+    those of agents 1 to N, or for diagrams of another shape.
     """
     _agents(trajectories)
     diagrams = diagrams or {}
     _shapes(trajectories, diagrams)
-    demands = Demands(trajectories)
+    demands, unscheduled = Demands(trajectories), Unscheduled(trajectories, diagrams, begins_s)
     for rule in rules:
         rule.demand(demands)
     for label, runs in joint_runs(trajectories):
         for (a, start_a, length_a), (b, start_b, length_b) in combinations(runs, 2):
             if length_a != length_b:
-                seconds = f"{length_a * CONTROL_DT_S:g} s and {length_b * CONTROL_DT_S:g} s"
-                reason = (
-                    f"Agent_{a} and Agent_{b} do {label!r} together but plan {seconds}; plan it as one motion"
-                )
-                apart_s = abs(length_a - length_b) * CONTROL_DT_S
-                return Violation(CHECK, "time", (a, b), 0.0, apart_s, 0.0, reason)
+                return unscheduled.unequal(a, b, label, abs(length_a - length_b))
             demands.lockstep(a, start_a, b, start_b, length_a)
     asked = {*demands.dwells}
     apart: dict[tuple[int, int], Mask] = {}
@@ -161,7 +158,7 @@ def schedule(
     problem, real = _problem(demands, hard, apart, delays.slack_steps if delays is not None else 0)
     answer = search.solve(problem, budget)
     if isinstance(answer, search.Impossible):
-        return _explain(answer, problem, real, demands, diagrams)
+        return unscheduled.why(answer, problem, real)
     columns = [real[k][answer.positions[:, k]] for k in range(len(trajectories))]
     found = Schedule(np.stack(columns, axis=1), answer.bound)
     if delays is None:
@@ -352,91 +349,3 @@ def _shapes(trajectories: Sequence[Trajectory], diagrams: Mapping[tuple[int, int
         expected = len(trajectories[i - 1]) + 1, len(trajectories[j - 1]) + 1
         if diagram.shape != expected:
             raise ArgumentError(f"diagram of agents {(i, j)} has shape {diagram.shape}; expected {expected}")
-
-
-def _explain(
-    answer: search.Impossible,
-    problem: search.Problem,
-    real: tuple[NDArray[np.int64], ...],
-    demands: Demands,
-    diagrams: Mapping[tuple[int, int], Mask],
-) -> Violation:
-    """Why there is no schedule, and what would help."""
-    everyone = tuple(trajectory.agent for trajectory in demands.trajectories)
-    if not answer.proven:
-        reason = "no schedule was found within the search budget; plan fewer subgoals at once or in turns"
-        return Violation(CHECK, "time", everyone, 0.0, 0.0, 0.0, reason)
-    if answer.pair is not None:
-        i, j = answer.pair[0] + 1, answer.pair[1] + 1
-        a, b = demands.trajectory(i), demands.trajectory(j)
-        collision = diagrams.get((i, j))
-        if collision is not None:
-            reason = _collision_reason(a, b, collision)
-            if reason is not None:
-                return Violation(CHECK, "space", (i, j), 0.0, float(collision.mean()), 0.0, reason)
-        row, column = search.blocked_region(
-            problem.diagrams[answer.pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
-        )
-        where = f"Agent_{i} {_at(a, int(real[i - 1][row]))} and Agent_{j} {_at(b, int(real[j - 1][column]))}"
-        return Violation(
-            CHECK, "time", (i, j), 0.0, 0.0, 0.0,
-            f"the constraints on the order of Agent_{i} and Agent_{j} contradict one another"
-            f"{' or their way past each other' if collision is not None and collision.any() else ''}: "
-            f"they get no further than {where}; drop or change one of them",
-        )  # fmt: skip
-    if problem.deadlines:
-        free = search.solve(search.Problem(problem.knots, problem.lengths, problem.diagrams))
-        if isinstance(free, search.Found):
-            late = []
-            for agent, position, latest in problem.deadlines:
-                reached = int(np.searchsorted(free.positions[:, agent], position))
-                late.append((reached - latest, agent + 1, reached * CONTROL_DT_S, latest * CONTROL_DT_S))
-            _, agent, needed_s, allowed_s = max(late)
-            return Violation(
-                CHECK, "time", (agent,), needed_s, needed_s, allowed_s,
-                f"Agent_{agent} cannot be done within {allowed_s:g} s; "
-                f"the shortest schedule needs {needed_s:g} s",
-            )  # fmt: skip
-    return Violation(
-        CHECK, "time", everyone, 0.0, 0.0, 0.0,
-        "every pair of agents could pass, but not all together; let some of them finish first",
-    )  # fmt: skip
-
-
-def _collision_reason(a: Trajectory, b: Trajectory, collision: Mask) -> str | None:
-    """Why collisions alone leave no way; None when they do leave one."""
-    i, j = a.agent, b.agent
-    if search.remaining(collision, frozenset(a.knots), frozenset(b.knots))[0, 0] < search.UNREACHABLE:
-        return None
-    if collision[0, 0]:
-        return f"Agent_{i} and Agent_{j} already stand too close to each other; move one of them away first"
-    if collision[-1, -1]:
-        return (
-            f"Agent_{i} and Agent_{j} would end too close to each other "
-            f"(Agent_{i} {_at(a, len(a))}, Agent_{j} {_at(b, len(b))}); timing cannot help, "
-            "choose another end or retreat"
-        )
-    for x, y, diagram in ((a, b, collision), (b, a, collision.T)):
-        walls = np.flatnonzero(diagram.all(axis=1))
-        if not len(walls):
-            walls = np.flatnonzero(diagram[:, 0] & diagram[:, -1])
-        if len(walls):
-            return (
-                f"where Agent_{y.agent} stands before and after its motion blocks Agent_{x.agent} "
-                f"{_at(x, int(walls[0]))}; timing cannot help, Agent_{x.agent} needs another path "
-                f"or Agent_{y.agent} must make room"
-            )
-    row, column = search.blocked_region(collision, a.knots, b.knots)
-    return (
-        f"Agent_{i} and Agent_{j} block each other: they get no further than Agent_{i} {_at(a, row)} and "
-        f"Agent_{j} {_at(b, column)}; one of them needs another path or a place to wait"
-    )
-
-
-def _at(trajectory: Trajectory, position: int) -> str:
-    """Where on its path an agent is, in words."""
-    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-        if position <= end:
-            when_s = position / CONTROL_HZ
-            return f"{when_s:.2f} s along its own way, to {segment.subgoal.text} ({segment.primitive})"
-    return "where it stands"

@@ -7,7 +7,7 @@ half-way through costs what is left, not what is done.
 import json
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -19,19 +19,19 @@ from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.motion import come_to_rest, disturb, let_off
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
+from rf_exp.findings import Account, CheckName, Violation
 from rf_exp.geometry import Bodies
 from rf_exp.perception import look
 from rf_exp.tasks import Judge
+from rf_exp.tasks.account import Ledger
 from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (
     ARM_JOINTS,
-    COLLISION,
     CONTROL_DT_S,
     Episode,
     Scene,
     SeeingWorld,
     Subgoal,
-    Violation,
 )
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
@@ -48,11 +48,22 @@ class Outcome:
     success_paper: bool
     steps: int
     attempts: int  # proposals that ended in a violation, plus the last one
-    violations: int  # proposals that ended in a violation
     contacts: int  # control steps in which arms touched each other
-    reason: str  # empty for a success
     wall_s: float
+    account: Account = field(
+        default_factory=Account
+    )  # which violations ended proposals, which arms touched, what failed
     episode: Episode | None = None
+
+    @property
+    def violations(self) -> int:
+        """Proposals that ended in a violation."""
+        return len(self.account.rejections)
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in words; empty for a success."""
+        return "" if self.success else self.account.reason
 
 
 class Observer(Protocol):
@@ -102,7 +113,7 @@ class EpisodeMaker:
         self._observer: Observer = observer or Nobody()
         self._frames: list[_Frame] = []
         self._rounds: list[dict[str, object]] = []
-        self._contacts = 0
+        self._ledger = Ledger()
 
     def make(
         self, seed: int, lead: Iterable[NDArray[np.float64]] = (), known: Sequence[Iterable[str]] = ()
@@ -120,7 +131,7 @@ class EpisodeMaker:
         self._paper = False
         self._subgoals = Subgoals(len(settings.task.agents), known)
         self._doing = np.full(len(settings.task.agents), NOBODYS, np.int16)
-        self._knocked = ""
+        self._knocked: Violation | None = None
         for command in lead:
             scene = self._step(scene, command, command)
         self._doing = np.zeros_like(self._doing)
@@ -128,9 +139,9 @@ class EpisodeMaker:
         self._bumps = np.random.default_rng([seed, 2])  # stream 2: disturbances
         feedback: tuple[Violation, ...] = ()
         done: tuple[Subgoal, ...] = ()
-        reasons: list[str] = []  # of the violations
+        rejections: list[Violation] = []
         for _ in range(_ROUNDS):
-            if len(reasons) >= settings.attempts or self._verdict.success or self._knocked:
+            if len(rejections) >= settings.attempts or self._verdict.success or self._knocked:
                 break
             question = Question(
                 settings.task, scene, self._world.pictures() if self._world.cameras else {}, done, feedback
@@ -145,9 +156,9 @@ class EpisodeMaker:
             if violation is None:
                 feedback, done = (), done + (result.proposal.subgoals if isinstance(result, Planned) else ())
                 continue
-            reasons.append(violation.reason)
+            rejections.append(violation)
             feedback = (violation,)
-            self._rounds.append({"violation": _violation_json(violation)})
+            self._rounds.append({"violation": {**asdict(violation), "reason": violation.sentence}})
             self._observer.rejected(violation)
         if not self._verdict.success and not self._knocked:
             scene = self._settle(scene)
@@ -157,11 +168,10 @@ class EpisodeMaker:
             success,
             self._paper,
             len(self._frames),
-            len(reasons) + int(success or len(reasons) < settings.attempts),
-            len(reasons),
-            self._contacts,
-            "" if success else self._why(reasons),
+            len(rejections) + int(success or len(rejections) < settings.attempts),
+            self._ledger.contacts,
             time.perf_counter() - began,
+            replace(self._ledger.account(), rejections=tuple(rejections), refused=self._knocked),
             self._episode(seed) if success else None,
         )
 
@@ -252,7 +262,7 @@ class EpisodeMaker:
         """Everybody comes to rest along the plan; arms that have hit something then no longer push."""
         limits = self._settings.limits
         scene = self._follow(scene, come_to_rest(commands, now, limits))
-        if violation.check == COLLISION:
+        if violation.check is CheckName.COLLISION:
             scene = self._follow(
                 scene, let_off(self._frames[-1].executed, scene.qpos, violation.agents, limits)
             )
@@ -279,23 +289,12 @@ class EpisodeMaker:
         self._frames.append(_Frame(scene, action, executed, pictures, self._doing))
         self._observer.stepped(scene, action, pictures)
         scene = self._world.step(executed)
-        self._contacts += bool(scene.arm_contacts)
         self._verdict = self._judge(scene)
+        self._ledger.see(scene, self._verdict)
         self._paper = self._paper or self._verdict.success_paper
         return scene
 
     # -- the result ------------------------------------------------------------------------------
-
-    def _why(self, reasons: Sequence[str]) -> str:
-        if self._knocked:
-            return f"refused: {self._knocked}"
-        missing = [name for name, holds in self._verdict.evidence.items() if not holds]
-        physical = f"not {', not '.join(missing)}" if missing else "success was not held long enough"
-        if not reasons:
-            return physical
-        # The first says what went wrong; the last, why that could not be mended any more.
-        last = f"; the last: {reasons[-1]}" if reasons[-1] != reasons[0] else ""
-        return f"{physical}; the first violation of {len(reasons)}: {reasons[0]}{last}"
 
     def _episode(self, seed: int) -> Episode:
         scenes, intended, executed, pictures, subgoals = zip(*self._frames, strict=True)
@@ -325,15 +324,3 @@ def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
     """(T, 4, 4) -> (T, 7) position in m and quaternion w, x, y, z."""
     parts = [world_from_object[:, :3, 3], quaternion(world_from_object)]
     return np.concatenate(parts, axis=1).astype(np.float32)
-
-
-def _violation_json(violation: Violation) -> dict[str, object]:
-    return {
-        "check": violation.check,
-        "cause": violation.cause,
-        "agents": list(violation.agents),
-        "time_s": violation.time_s,
-        "value": violation.value,
-        "bound": violation.bound,
-        "reason": violation.reason,
-    }

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Settings
+from rf_exp.findings import Account
 from rf_exp.processes import Overdue, in_order
 from rf_exp.sim.pool import simulator
 from rf_exp.sim.simulator import Limited
@@ -51,8 +52,7 @@ def _failed(seed: int, overdue: Overdue) -> Outcome:
         success_paper=False,
         steps=0,
         attempts=1,
-        violations=0,
         contacts=0,
-        reason=str(overdue),
         wall_s=overdue.limit_s,
+        account=Account(ended=str(overdue)),
     )

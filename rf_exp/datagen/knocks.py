@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import Plan
-from rf_exp.types import Scene
+from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.types import CONTROL_DT_S, Scene
 
 KNOCKED_M = 0.005
 
@@ -17,16 +18,26 @@ class Knocks:
         self._plan = plan
         self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in plan.scene.poses.items()}
 
-    def knocked(self, scene: Scene) -> str:
-        """What has been knocked by now, in words; empty for nothing."""
+    def knocked(self, scene: Scene) -> Violation | None:
+        """What has been knocked by now."""
         handled = self._handled(scene)
         for name, pose in scene.poses.items():
             here = pose[:3, 3]
             if name in handled:
                 self._rest[name] = here
             elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > KNOCKED_M:
-                return f"a disturbed arm has moved {name} by {1000 * moved_m:.0f} mm"
-        return ""
+                return Violation(
+                    check=CheckName.KNOCKS,
+                    cause=Cause.CONTACT,
+                    finding=Finding.KNOCKED,
+                    value=moved_m,
+                    bound=KNOCKED_M,
+                    unit="m",
+                    time_s=scene.step * CONTROL_DT_S,
+                    measured=True,
+                    object=name,
+                )
+        return None
 
     def _handled(self, scene: Scene) -> set[str]:
         """What is held or touched on purpose. An arm that only comes close to a thing must not move it."""

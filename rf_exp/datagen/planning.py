@@ -11,21 +11,19 @@ from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_jso
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Bodies
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import (
     CONTROL_DT_S,
     CONTROL_HZ,
-    MOTION,
-    Cause,
     JointLimits,
     Occupancy,
     Row,
     Scene,
     Schedule,
     Trajectory,
-    Violation,
 )
 
 LARGEST_DISTURBANCE_RAD = 0.2
@@ -100,20 +98,20 @@ class Planner:
         try:
             proposal = from_json(self._brain.answer(question), task)
         except BadAnswer as error:
-            return _refused("RoboBrain", "answer", (), scene, str(error))
+            return _refused(CheckName.BRAIN, scene, error)
         if not proposal.subgoals:
             return None
         try:
             checker = RoboChecker(task, proposal, row)
         except ArgumentError as error:
-            return _refused("CheckCode", "answer", (), scene, str(error))
+            return _refused(CheckName.CODE, scene, error)
         violation: Violation | None = None
         for way in _ways(row):
             result = self._motion(proposal, checker, scene, way, rng, pauses)
             if isinstance(result, Planned):
                 return result
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
-            if violation is None or result.check != MOTION:
+            if violation is None or result.check is not CheckName.MOTION:
                 violation = result
         return violation
 
@@ -144,7 +142,9 @@ class Planner:
                 rng=rng,
             )
         except Unreachable as error:
-            return _refused(MOTION, error.cause, error.agents, scene, str(error))
+            now_s = scene.step * CONTROL_DT_S
+            about = {"cause": error.cause, "agents": error.agents, **error.facts}
+            return Violation(check=CheckName.MOTION, time_s=now_s, **about)
         if checker.speeds_m_s:
             trajectories = slowed(trajectories, Bodies(settings.task, scene).arms, checker.speeds_m_s)
         paths = checker.paths(trajectories, scene)
@@ -206,5 +206,9 @@ def _ways(row: Row) -> Sequence[_Way]:
     return [_Way(False), _Way(True), _Way(False, "aside", idle_too=True)]
 
 
-def _refused(check: str, cause: Cause, agents: tuple[int, ...], scene: Scene, reason: str) -> Violation:
-    return Violation(check, cause, agents, scene.step * CONTROL_DT_S, 0.0, 0.0, reason)
+def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:
+    """An answer that is not understood; what its reader says of it goes back to RoboBrain as it is."""
+    now_s = scene.step * CONTROL_DT_S
+    return Violation(
+        check=check, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=now_s, refusal=str(error)
+    )

@@ -13,11 +13,12 @@ from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
 from rf_exp.datagen.episode import Observer
 from rf_exp.datagen.planning import Planned
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Violation
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.timeline import spans
-from rf_exp.types import CONTROL_DT_S, Row, Scene, Subgoal, Violation
+from rf_exp.types import CONTROL_DT_S, Row, Scene, Subgoal
 from rf_exp.viz.figures import coordination, lanes
 from rf_exp.viz.text import CheckResult
 

@@ -11,8 +11,9 @@ from rf_exp.artifacts.pages import rendered
 from rf_exp.datagen.episode import Outcome
 from rf_exp.datagen.planning import Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
+from rf_exp.findings import Violation
 from rf_exp.statements import Statement
-from rf_exp.types import CONTROL_DT_S, Subgoal, Violation
+from rf_exp.types import CONTROL_DT_S, Subgoal
 from rf_exp.viz import text
 from rf_exp.viz.text import CheckResult
 

@@ -96,7 +96,7 @@ class EpisodeCore:
         self.success_paper |= self._verdict.success_paper
         self.truncated = not self.success and scene.step >= self.task.step_limit
         found = self._monitor(scene)
-        self._violation = found.reason if found is not None else ""
+        self._violation = found.sentence if found is not None else ""
         self.violations += found is not None
 
     @property
@@ -172,7 +172,7 @@ def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.floa
 
 
 def _monitor(task: Task, overlaps: bool) -> Callable[[Scene], Any]:
-    """What looks for a violation: its result has a reason, or is None."""
+    """What looks for a violation: its result has a sentence, or is None."""
     if overlaps:
         return PolicyMonitor(task)
     pairs = tuple(combinations(task.agents, 2))

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.errors import StageError
+from rf_exp.findings import Violation
 from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.tasks import Judge
 from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Scene, Violation
+from rf_exp.types import CONTROL_DT_S, Scene
 
 Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
 

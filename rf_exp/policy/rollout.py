@@ -9,6 +9,7 @@ and the arms (`rf_exp.policy.shield`).
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.account import Account
+from rf_exp.findings import Violation
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import Coordinate, told
 from rf_exp.policy.diffusion import DiffusionPolicy
@@ -29,6 +30,7 @@ from rf_exp.policy.saved import MODEL, load_policy
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.targets import Targets
 from rf_exp.policy.views import ACTION_SIZE, Stream, View
+from rf_exp.tasks.account import Ledger
 from rf_exp.types import (
     ARM_JOINTS,
     GRIPPER_OPEN,
@@ -37,7 +39,6 @@ from rf_exp.types import (
     Scene,
     Sight,
     Verdict,
-    Violation,
     World,
 )
 
@@ -341,8 +342,11 @@ def rollout(
 
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
     action[:, ARM_JOINTS] = GRIPPER_OPEN
-    account, success_paper, violations, interventions = Account(), False, 0, 0
-    for step in range(1, step_limit + 1):
+    ledger, success_paper, violations, interventions = Ledger(), False, 0, 0
+    first: dict[tuple[int, ...], Violation] = {}  # agents -> their first violation
+    step, success = 0, False
+    while step < step_limit and not success:
+        step += 1
         wanted = _wanted(world, actors)
         pictures = world.pictures(wanted) if wanted else {}
         coordinated = (
@@ -359,20 +363,22 @@ def rollout(
             action[np.array(actor.view.agents) - 1] = actor.act(decision)
         scene = world.step(action.copy())
         verdict = judge(scene)
+        success = verdict.success
         success_paper |= verdict.success_paper
-        account.see(scene, verdict)
+        ledger.see(scene, verdict)
         violation = monitor(scene) if monitor is not None else None
-        violations += violation is not None
+        if violation is not None:
+            violations += 1
+            first.setdefault(violation.agents, violation)
         if on_step is not None:
             predicted = {agent: chunk for actor in actors for agent, chunk in actor.predicted.items()}
             withheld = None if decision is None else decision.withheld
             seen = tuple(sight for actor in actors for sight in actor.seen)
             phases = {agent: said for actor in actors for agent, said in actor.phases.items()}
             on_step(RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, seen, phases))
-        if verdict.success:
-            return Rollout(seed, True, success_paper, step, violations, account.contacts, "", interventions)
-    lost = violations, account.contacts, account.reason(), interventions
-    return Rollout(seed, False, success_paper, step_limit, *lost)
+    account = replace(ledger.account(), violations=tuple(first.values()))
+    counted = violations, ledger.contacts, account, interventions
+    return Rollout(seed, success, success_paper, step, *counted)
 
 
 def _wanted(world: World, actors: Sequence[Performer]) -> list[str]:

@@ -10,12 +10,13 @@ from rf_exp.constraints import CheckedPlan, RoboChecker
 from rf_exp.constraints.evidence import Check, Evidence
 from rf_exp.constraints.timing import Demands
 from rf_exp.datagen.planning import Planned
+from rf_exp.findings import Violation
 from rf_exp.geometry import Mask, centres_m
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
 from rf_exp.timeline import doing
-from rf_exp.types import Scene, Trajectory, Violation
+from rf_exp.types import Scene, Trajectory
 from rf_exp.viz.text import CheckResult
 
 CAMERAS = "cameras"  # owner of the voxels that they see
@@ -88,7 +89,7 @@ def check_result(check: Check, evidence: Evidence) -> CheckResult:
         evidence.bound,
         check.unit,
         evidence.time_s,
-        evidence.reason,
+        evidence.sentence,
     )
 
 

@@ -21,6 +21,7 @@ from rf_exp.datagen.episode import Outcome
 from rf_exp.datagen.generate import make_episode
 from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS, Experiment
+from rf_exp.findings import Account
 from rf_exp.policy.coordination import sent_on
 from rf_exp.stages.artifacts import corrected_path, correction_path, data_path, owned, policy_path
 from rf_exp.stages.evaluation import scene_of, step_limit, trained
@@ -116,7 +117,8 @@ def _corrected(
     steps: list[RolloutStep] = []
     rolled, wall_s = act(seed, watch=steps.append)
     if rolled.success:
-        return Outcome(seed, False, rolled.success_paper, 0, 0, 0, 0, "nothing to correct: success", wall_s)
+        nothing = Account(ended="nothing to correct: success")
+        return Outcome(seed, False, rolled.success_paper, 0, 0, 0, wall_s, nothing)
     commands = np.stack([step.action for step in steps])
     qpos = np.stack([step.scene.qpos for step in steps])
     moved = np.flatnonzero(np.any(sent_on(qpos, commands)[1:], axis=1)) + 1

@@ -22,6 +22,7 @@ from rf_exp.datagen.coordinator import Coordinator
 from rf_exp.datagen.planning import Settings
 from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.findings import Account
 from rf_exp.policy.config import LEARNER, PolicyConfig
 from rf_exp.policy.curves import cost_s
 from rf_exp.policy.rollout import Actor, load_actors, rollout
@@ -216,7 +217,13 @@ def evaluate_scene(
 
 def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
     lost = Rollout(
-        seed, success=False, success_paper=False, steps=0, violations=0, contacts=0, reason=str(overdue)
+        seed,
+        success=False,
+        success_paper=False,
+        steps=0,
+        violations=0,
+        contacts=0,
+        account=Account(ended=str(overdue)),
     )
     return lost, overdue.limit_s
 
@@ -274,7 +281,6 @@ def _row(
         wall_s=round(wall_s, 3),
         version=task.version,
         contacts=result.contacts,
-        reason=result.reason,
         commit=commit(),
         observation=experiment.policy.observation,
         disturbance_rad=experiment.disturbance_rad,
@@ -283,4 +289,5 @@ def _row(
         recipe=experiment.method,
         core_s=round(core_s, 1),
         queries=queries,
+        account=result.account,
     )

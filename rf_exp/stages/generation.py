@@ -9,7 +9,7 @@ from pathlib import Path
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
 from rf_exp.artifacts.files import sweep, whole
-from rf_exp.artifacts.identity import plain, restored
+from rf_exp.artifacts.identity import plain
 from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate, make_episode
@@ -139,7 +139,8 @@ def _lost(
         if seed in known or seed not in span:
             continue
         try:
-            yield restored(GenerationRow, {**store.certificates[index]["row"], "wall_s": 0.0})
+            values = {**store.certificates[index]["row"], "wall_s": 0.0}
+            yield rows.from_values(values, GenerationRow)
         except (KeyError, TypeError, ArgumentError) as error:
             raise StageError(
                 f"seed {seed} is stored in {store.path}, but has no row, neither in {rows_path} nor in its "
@@ -176,7 +177,6 @@ def generation_row(
         success_paper=outcome.success_paper,
         steps=outcome.steps,
         attempts=outcome.attempts,
-        reason=outcome.reason,
         wall_s=round(outcome.wall_s, 3),
         version=task.version,
         violations=outcome.violations,
@@ -184,4 +184,5 @@ def generation_row(
         generator=generator_version(task),
         commit=commit(),
         disturbance_rad=disturbance_rad,
+        account=outcome.account,
     )

@@ -4,13 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from rf_exp.errors import choices
+from rf_exp.findings import agent_name
 
 TABLE = "table"  # what named places lie on
-
-
-def agent_name(agent: int) -> str:
-    """`Agent_1`, as the paper writes it."""
-    return f"Agent_{agent}"
 
 
 def listed(agents: tuple[int, ...]) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
+from rf_exp.findings import Violation
 from rf_exp.statements import Proposal
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
@@ -16,7 +17,6 @@ from rf_exp.types import (
     Schedule,
     Sight,
     Trajectory,
-    Violation,
 )
 from rf_exp.viz import text
 from rf_exp.viz.elements import Mesh, compressed, dots, expect, lane, opening_mm, placed, voxels

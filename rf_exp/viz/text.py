@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
+from rf_exp.findings import Violation
 from rf_exp.statements import Proposal
-from rf_exp.types import CONTROL_DT_S, Measured, Rollout, Subgoal, Verdict, Violation
+from rf_exp.types import CONTROL_DT_S, Measured, Rollout, Subgoal, Verdict
 
 LEAST = 5e-4  # of a number that is shown
 
@@ -85,8 +86,9 @@ def summary(results: Sequence[CheckResult]) -> str:
 def violation(found: Violation) -> str:
     """Who violated what, with the evidence, in one line. A refusal has no value and no bound."""
     agents = " and ".join(f"agent {agent}" for agent in found.agents)
-    measured = f"{found.value:.4g}, bound {found.bound:.4g}, " if found.value or found.bound else ""
-    return f"{f'{agents}: ' if agents else ''}{found.reason} ({measured}at {found.time_s:.2f} s)"
+    value, bound = quantity(found.value, found.unit), quantity(found.bound, found.unit)
+    numbers = f"{value}, bound {bound}, " if found.value or found.bound else ""
+    return f"{f'{agents}: ' if agents else ''}{found.sentence} ({numbers}at {found.time_s:.2f} s)"
 
 
 def measured(found: Measured, digits: int) -> str:
@@ -108,13 +110,13 @@ def conditions(verdict: Verdict, since: Mapping[str, int]) -> str:
 
 
 def outcome(result: Rollout) -> str:
-    """How a rollout ended, and why: a bullet for each part of the reason."""
+    """How a rollout ended, and why: a bullet for each thing that failed or happened."""
     ended = f"{'Succeeded' if result.success else 'Failed'} after {result.steps * CONTROL_DT_S:.2f} s"
     counts = f"{result.violations} steps with a violation, {result.contacts} with contact between arms."
     if result.interventions:
         counts += f" In {result.interventions} steps the shield kept an arm from its command."
-    reasons = [f"- {part}" for part in result.reason.split("; ") if part]
-    return "\n".join([f"**{ended}**", "", counts, "", *reasons])
+    told = [] if result.success else [f"- {part}" for part in result.account.parts]
+    return "\n".join([f"**{ended}**", "", counts, "", *told])
 
 
 def withheld(reasons: Mapping[int, str]) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append
+from rf_exp.findings import Account, Cause, CheckName, Finding, Unmet, Violation
 
 BUDGET = 4  # violations that end an attempt
 
@@ -25,17 +26,22 @@ def generation(
             task=task, constraints=constraints, brain=brain, seed=first + i, success=i < wins,
             success_paper=i < wins + loose, steps=steps + i,
             attempts=broken + 1 if i < wins else min(broken + 1, BUDGET),
-            reason="" if i < wins else failed(i, broken), wall_s=2.0, version=version, violations=broken,
-            contacts=0, generator="1.1", commit="",
+            wall_s=2.0, version=version, violations=broken, contacts=0, generator="1.1", commit="",
+            account=Account() if i < wins else failed(i, broken),
         )
         for i, broken in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip
 
 
-def failed(i: int, broken: int) -> str:
-    """A reason, as the loop of generation words it."""
-    close = f"agents 1 and 2 came within 0.00{i} m"
-    return f"not lifted; the first violation of {broken}: {close}" if broken else close
+def failed(i: int, broken: int) -> Account:
+    """An account, as the loop of generation gives it; its numbers are those of seed `i`."""
+    close = Violation(
+        check=CheckName.OCCUPANCY, cause=Cause.SPACE, finding=Finding.TOUCHING, value=10.0 + i, bound=1.0,
+        unit="N", time_s=0.1 * i, agents=(1, 2), measured=True,
+    )  # fmt: skip
+    return Account(
+        unmet=(Unmet("lifted", 0.05 * i, 0.01 * i, 0.1, 0.15, "m", True),), rejections=(close,) * broken
+    )
 
 
 def evaluation(
@@ -48,8 +54,8 @@ def evaluation(
             task=task, arch=arch, constraints=constraints, demos=demos, train_seed=train_seed,
             scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
             violations=touched, wall_s=5.0, version=version, contacts=contacts,
-            reason="" if i < wins else "not lifted", commit="", shield=shield, interventions=interventions,
-            **more,
+            commit="", shield=shield, interventions=interventions,
+            account=Account() if i < wins else Account(unmet=(Unmet("lifted", 0.0),)), **more,
         )
         for i, touched in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip

@@ -19,6 +19,7 @@ from rf_exp.ablation.report import publish, write_report
 from rf_exp.ablation.rows import append
 from rf_exp.ablation.suite import configured
 from rf_exp.errors import StageError
+from rf_exp.findings import Account, Closest, Lost, Unmet
 from rf_exp.store import Store
 from rf_exp.types import Episode
 from tests.ablation.conftest import evaluation, generation
@@ -92,20 +93,28 @@ def test_the_report_without_any_result(tmp_path: Path) -> None:
     assert "paper 97.5 %" in text
 
 
-def test_reasons_are_counted_without_their_measured_values(out: Path) -> None:
+def test_attempts_that_failed_alike_are_counted_together_whatever_their_numbers(out: Path) -> None:
+    for row in generation("new_task", "logical", 1, 3, violations=(2,)):
+        append(out / "results/generate/new_task/logical.jsonl", row)
     text = write_report(out).read_text("utf-8")
-    assert "agents 1 and 2 came within … m</td><td>4 of 10</td>" in text
-    assert "agents 1 and 2 came within … m</td><td>3 of 3</td>" in text
+    assert "lifted</td><td>4 of 10</td>" in text and "lifted</td><td>3 of 3</td>" in text
+    assert "lifted; Agent_1 and Agent_2: touch</td><td>3 of 4</td>" in text
 
 
-DROPPED = "failed: lifted (never: 0.1 m, asked > 0.15); at best 3 of 4 (1.05 s); barrier dropped (1.10 s)"
-FELL = "failed: lifted (never: 0.0 m, asked > 0.15); at best 2 of 4 (2.20 s); barrier dropped (0.90 s)"
+DROPPED = Account(
+    unmet=(Unmet("lifted", 0.0, 0.1, 0.1, 0.15, "m", True),),
+    closest=Closest(3, 4, 1.05, 0),
+    lost=(Lost("barrier", "dropped", 1.1),),
+)
+FELL = replace(DROPPED, closest=Closest(2, 4, 2.2, 0), lost=(Lost("barrier", "dropped", 0.9),))
 
 
 def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
     for row in evaluation("place_food", "separate_local", 50, 3, 5):
-        reason = "" if row.success else DROPPED if row.scene_seed % 2 else FELL
-        append(out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, reason=reason))
+        account = Account() if row.success else DROPPED if row.scene_seed % 2 else FELL
+        append(
+            out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, account=account)
+        )
     text = write_report(out).read_text("utf-8")
     section = text[text.index('<section id="policies">') :]
     kind = "<td>lifted; barrier dropped</td><td>5 of 8</td><td>1000003</td>"
@@ -116,8 +125,10 @@ def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> N
     folder = out / "recordings/place_food/full"
     folder.mkdir(parents=True)
     for row in evaluation("place_food", "separate_local", 50, 1, 2):
-        reason = "" if row.success else DROPPED
-        append(out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, reason=reason))
+        account = Account() if row.success else DROPPED
+        append(
+            out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, account=account)
+        )
         name = f"evaluate-separate_local-paper-50-{row.scene_seed}"
         Image.fromarray(np.zeros((20, 30, 3), np.uint8)).save(folder / f"{name}.png")
         if row.scene_seed != 1_000_002:
@@ -129,7 +140,7 @@ def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> N
     films = re.findall(r'<video controls preload="none" src="([^"]*)"', text)
     assert [(out / film).read_bytes() for film in films] == [b"film"] * 2  # relative to the report
     assert text.count("data:image/jpeg;base64,") == 3
-    assert text.count(f'<figcaption class="soft">{DROPPED.replace(">", "&gt;")}') == 2
+    assert text.count(f'<figcaption class="soft">{DROPPED.reason.replace(">", "&gt;")}') == 2
     assert "succeeded after 5.0 s" in text
     assert '<section id="pictures">' not in text  # each is shown once
 
@@ -172,7 +183,7 @@ def test_odd_files_of_rows_are_told(out: Path) -> None:
 
 def test_names_are_escaped(out: Path) -> None:
     (row,) = generation("lift_barrier", "full", 0, 1, first=99)
-    append(out / "results/generate/lift_barrier/full.jsonl", type(row)(**{**vars(row), "reason": "<b>&"}))
+    append(out / "results/generate/lift_barrier/full.jsonl", replace(row, account=Account(ended="<b>&")))
     assert "&lt;b&gt;&amp;" in write_report(out).read_text("utf-8")
 
 

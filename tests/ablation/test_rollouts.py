@@ -5,42 +5,39 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation.rollouts import kind_of, rollout_file, worth_seeing
+from rf_exp.ablation.rollouts import rollout_file, worth_seeing
 from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.findings import Account, Closest, Lost, Touch, Unmet
 from tests.ablation.conftest import evaluation
 
-UP = "failed: up (never: 0.02 m, best 0.11, asked > 0.15); at best 0 of 1"
-UP_LATER = "failed: up (since 3.10 s: 0.1 m, asked > 0.15); at best 1 of 1 (0.05 s)"
-TOO_LATE = "all conditions held, but not for long"
-TOUCHED = (
-    "failed: up (never); at best 0 of 1; agents 1 and 2 touched (0.10 s, 2 steps); steak dropped (0.2 s)"
-)
+UP = Account(unmet=(Unmet("up", 0.0, 0.02, 0.11, 0.15, "m", True),), closest=Closest(0, 1, 0.0, 0))
+UP_LATER = Account(unmet=(Unmet("up", 3.1, 0.1, 0.2, 0.15, "m", True),), closest=Closest(1, 1, 0.05, 1))
+TOUCHED = replace(UP, touches=(Touch((1, 2), 0.1, 2),), lost=(Lost("steak", "dropped", 0.2),))
 
 
 @pytest.mark.parametrize(
-    ("reason", "kind"),
+    ("account", "kind"),
     [
         (UP, "up"),
         (UP_LATER, "up"),
         (TOUCHED, "up; agents 1 and 2 touched; steak dropped"),
-        ("failed: all conditions held, but not for long (2 steps at the end)", TOO_LATE),
-        ("", "no reason given"),
+        (Account(closest=Closest(1, 1, 0.05, 2)), "all conditions held, but not for long"),
     ],
 )
-def test_failures_that_differ_only_in_numbers_are_of_one_kind(reason: str, kind: str) -> None:
-    assert kind_of(reason) == kind
+def test_failures_that_differ_only_in_numbers_are_of_one_kind(account: Account, kind: str) -> None:
+    assert account.kind == kind
 
 
-def rows(*reasons: str) -> list[EvaluationRow]:
-    """A row for each: empty for a success."""
+def rows(*accounts: Account | None) -> list[EvaluationRow]:
+    """A row for each: None for a success."""
     return [
-        replace(row, success=not reason, reason=reason)
-        for row, reason in zip(evaluation("t", "a", 5, 0, len(reasons)), reasons, strict=True)
+        replace(row, success=account is None, account=account or Account())
+        for row, account in zip(evaluation("t", "a", 5, 0, len(accounts)), accounts, strict=True)
     ]
 
 
 def test_failures_of_different_kinds_are_seen_first() -> None:
-    found = rows("", UP, "", UP_LATER, "", TOUCHED)
+    found = rows(None, UP, None, UP_LATER, None, TOUCHED)
     first = 1_000_000
     assert worth_seeing(found, 2) == (first, first + 2, first + 1, first + 5)
     assert worth_seeing(found[::-1], 2) == worth_seeing(found, 2)  # rows may be written in any order
@@ -49,12 +46,12 @@ def test_failures_of_different_kinds_are_seen_first() -> None:
 
 
 def test_a_scene_that_was_never_begun_is_not_filmed() -> None:
-    [row] = rows("ended after 3600 s")
+    [row] = rows(Account(ended="no result after 3600 s"))
     assert worth_seeing([replace(row, steps=0)], 2) == ()
 
 
 def test_files_of_policies_that_were_trained_from_other_seeds_are_apart() -> None:
-    [row] = rows("")
+    [row] = rows(None)
     folder = Path("recordings/t/full")
     assert rollout_file(row, ".mp4") == folder / "evaluate-a-paper-5-1000000.mp4"
     assert rollout_file(replace(row, train_seed=3), ".mp4") == folder / "evaluate-a-paper-5-t3-1000000.mp4"

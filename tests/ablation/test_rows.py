@@ -6,6 +6,7 @@ import multiprocessing
 import random
 import resource
 import zlib
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -13,17 +14,20 @@ import numpy as np
 import pytest
 
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append, load, newest, read
+from rf_exp.artifacts.identity import plain
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.findings import Account, Unmet
+from tests.ablation.conftest import failed
 
 GENERATION = GenerationRow(
     task="lift_barrier", constraints="full", brain="scripted", seed=3, success=True, success_paper=True,
-    steps=80, attempts=1, reason="", wall_s=1.5, version="1", violations=0, contacts=2,
+    steps=80, attempts=1, wall_s=1.5, version="1", violations=0, contacts=2,
     generator="1.1", commit="0123456789ab+",
 )  # fmt: skip
 EVALUATION = EvaluationRow(
     task="lift_barrier", arch="separate_local", constraints="full", demos=150, train_seed=0, scene_seed=1000,
     success=False, success_paper=True, steps=400, step_limit=400, violations=2, wall_s=9.0, version="1",
-    contacts=1, reason="not lifted", commit="",
+    contacts=1, commit="", account=Account(unmet=(Unmet("lifted", 1.5, 0.1, None, 0.15, "m", True),)),
 )  # fmt: skip
 
 
@@ -35,7 +39,11 @@ OLD = (
 
 def sealed(**changes: object) -> str:
     """A line with other values and the checksum that fits them, as the docstring of the module says."""
-    values = {**asdict(GENERATION), **changes}
+    return signed({**plain(GENERATION), "reason": "", **changes})
+
+
+def signed(values: Mapping[str, object]) -> str:
+    """A line with these keys and the checksum that fits them."""
     canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
     return json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"})
 
@@ -51,42 +59,45 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
     append(path, row)
     assert read(path, type(row)) == (row, row)
     written = [json.loads(line) for line in path.read_text().splitlines()]
-    assert [list(line) for line in written] == [[*asdict(row), "crc32"]] * 2
-    assert [{key: line[key] for key in asdict(row)} for line in written] == [asdict(row)] * 2
+    assert [list(line) for line in written] == [[*plain(row), "reason", "crc32"]] * 2
+    assert [{key: line[key] for key in plain(row)} for line in written] == [plain(row)] * 2
+    assert [line["reason"] for line in written] == [row.reason] * 2
 
 
 def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(GENERATION)) == (
-        "task constraints brain seed success success_paper steps attempts reason wall_s version "
-        "violations contacts generator commit schema disturbance_rad"
+        "task constraints brain seed success success_paper steps attempts wall_s version "
+        "violations contacts generator commit schema disturbance_rad account"
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
-        "step_limit violations wall_s version contacts reason commit schema shield interventions "
-        "observation disturbance_rad recipe core_s queries"
+        "step_limit violations wall_s version contacts commit schema shield interventions "
+        "observation disturbance_rad recipe core_s queries account"
     )
 
 
-@pytest.mark.parametrize(("schema", "last"), [(2, "schema"), (3, "disturbance_rad"), (4, "core_s")])
+@pytest.mark.parametrize(
+    ("schema", "last"), [(2, "schema"), (3, "disturbance_rad"), (4, "core_s"), (5, "queries")]
+)
 def test_older_rows_are_read_as_rollouts_without_what_came_later(
     tmp_path: Path, schema: int, last: str
 ) -> None:
     names = list(asdict(EVALUATION))
     values = {k: v for k, v in asdict(EVALUATION).items() if k in names[: names.index(last) + 1]}
-    values["schema"] = schema
-    canonical = json.dumps(values, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
     path = tmp_path / "rows.jsonl"
-    path.write_text(json.dumps({**values, "crc32": f"{zlib.crc32(canonical):08x}"}) + "\n")
+    path.write_text(signed({**values, "schema": schema, "reason": EVALUATION.reason}) + "\n")
     append(path, replace(EVALUATION, shield=True, interventions=3))
     old, new = read(path, EvaluationRow)
-    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 5)
+    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 6)
     assert (new.shield, new.interventions) == (True, 3)
     assert old.identity != new.identity
 
 
 def test_a_row_of_this_schema_tells_of_the_shield(tmp_path: Path) -> None:
     values = {k: v for k, v in asdict(EVALUATION).items() if k != "shield"}
-    (tmp_path / "rows.jsonl").write_text(json.dumps({**values, "crc32": "0"}) + "\n")
+    (tmp_path / "rows.jsonl").write_text(
+        json.dumps({**values, "reason": "", "crc32": "0"}, default=plain) + "\n"
+    )
     with pytest.raises(StageError, match="fields missing: shield"):
         read(tmp_path / "rows.jsonl", EvaluationRow)
 
@@ -102,7 +113,7 @@ def test_numpy_scalars_become_plain(tmp_path: Path) -> None:
     [
         ({"success": 1}, r"success of a GenerationRow is 1 \(int\); expected bool"),
         ({"steps": 80.5}, r"steps of a GenerationRow is 80\.5 \(float\); expected int"),
-        ({"reason": None}, r"reason of a GenerationRow is None \(NoneType\); expected str"),
+        ({"account": "fell"}, r"account of a GenerationRow is 'fell' \(str\); expected Account"),
         ({"steps": -1}, r"steps of a GenerationRow is -1; expected a finite number >= 0"),
         ({"wall_s": float("nan")}, r"wall_s of a GenerationRow is nan; expected a finite number >= 0"),
     ],
@@ -118,11 +129,16 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
         ("{", "Expecting property name"),
         ("[]", "found list, expected an object"),
         (sealed(steps="80"), r"steps of a GenerationRow is '80' \(str\)"),
-        (sealed(color=1), "unknown fields: color; available: attempts, brain"),
-        (sealed(schema=6), "a row of schema 6; this version reads schema 5"),
-        (json.dumps({"task": "lift_barrier"}), "fields missing: attempts, brain, commit, constraints"),
-        (OLD, "a row of schema 1; this version reads schema 5"),
-        (json.dumps({**asdict(GENERATION), "crc32": "00000000"}), "damaged or edited: its checksum is"),
+        (sealed(color=1), "unknown fields: color; available: account, attempts"),
+        (sealed(schema=7), "a row of schema 7; this version reads schema 6"),
+        (sealed(account={"fell": 1}), "can not match"),
+        (sealed(account="fell"), "account is 'fell'; expected an object"),
+        (json.dumps({"task": "lift_barrier"}), "fields missing: account, attempts, brain, commit"),
+        (OLD, "a row of schema 1; this version reads schema 6"),
+        (
+            json.dumps({**plain(GENERATION), "reason": "", "crc32": "00000000"}),
+            "damaged or edited: its checksum is",
+        ),
     ],
 )
 def test_a_bad_line_is_named(tmp_path: Path, line: str, message: str) -> None:
@@ -163,7 +179,7 @@ def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
     """In any line, also where a line end is hit: no row changes or vanishes in silence."""
     path = path_of(tmp_path)
     for seed in range(3):
-        append(path, replace(GENERATION, seed=seed, reason="arms 1 and 2 came within 0.004 m"))
+        append(path, replace(GENERATION, seed=seed, success=False, account=failed(seed, 1)))
     whole = path.read_bytes()
     rng = random.Random(7)
     for bit in rng.sample(range(8 * len(whole)), 600) + [8 * (len(whole) - 1) + k for k in range(8)]:
@@ -183,14 +199,14 @@ def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
 
 def test_text_of_a_model_survives(tmp_path: Path) -> None:
     """Half a surrogate pair is no text that UTF-8 knows, and a language model can send it."""
-    row = replace(GENERATION, reason='caf\u00e9 \ud83d "}\n')
+    row = replace(GENERATION, success=False, account=Account(ended='caf\u00e9 \ud83d "}\n'))
     append(tmp_path / "rows.jsonl", row)
     assert read(tmp_path / "rows.jsonl", GenerationRow) == (row,)
 
 
 def _write_many(path: Path, worker: int) -> None:
     for seed in range(40):
-        append(path, replace(GENERATION, seed=1000 * worker + seed, reason="x" * 500))
+        append(path, replace(GENERATION, seed=1000 * worker + seed, account=Account(ended="x" * 500)))
 
 
 def test_concurrent_writers_lose_nothing(tmp_path: Path) -> None:
@@ -230,7 +246,7 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 
 def test_load_gathers_every_file_and_counts_an_attempt_once(tmp_path: Path) -> None:
     path = path_of(tmp_path)
-    append(path, replace(GENERATION, success=False, reason="dropped"))
+    append(path, replace(GENERATION, success=False, account=Account(ended="dropped")))
     append(path, GENERATION)
     append(path, replace(GENERATION, version="2"))  # another criterion: another attempt
     append(tmp_path / "results/evaluate/lift_barrier/separate_local/full-150.jsonl", EVALUATION)

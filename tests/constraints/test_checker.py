@@ -9,6 +9,7 @@ import pytest
 from rf_exp.constraints import CheckCode, Monitor, RoboChecker, compile
 from rf_exp.constraints.monitor import LOST_STEPS, REFLEX_N, TRACKING_RAD
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Violation
 from rf_exp.statements import (
     AvoidAgents,
     AvoidObjects,
@@ -20,7 +21,7 @@ from rf_exp.statements import (
     Together,
     understood,
 )
-from rf_exp.types import Row, Schedule, Subgoal, Violation
+from rf_exp.types import Row, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, walk
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
@@ -136,8 +137,8 @@ def test_a_parked_arm_in_the_way_asks_for_another_path():
     checker = RoboChecker(BAR, Proposal((), ()), FULL)
     answer = checker.schedule(checker.paths(trajectories, scene))
     assert isinstance(answer, Violation)
-    assert "where Agent_2 stands before and after its motion blocks Agent_1" in answer.reason
-    assert "needs another path" in answer.reason
+    assert "where Agent_2 stands before and after its motion blocks Agent_1" in answer.sentence
+    assert "needs another path" in answer.sentence
 
 
 def test_lockstep_names_what_must_be_one_motion():
@@ -230,7 +231,7 @@ def test_a_lost_object_is_noticed_after_a_moment(running):
     violations = [v for v in seen if v is not None]
     first = violations[0]
     assert first.check == "ValidateInteraction" and first.agents == (1,)
-    assert first.reason == "Agent_1, to lift steak by 0.1 m (lift), no longer holds steak"
+    assert first.sentence == "Agent_1, to lift steak by 0.1 m (lift), no longer holds steak"
     starts = next(step for step in range(len(timed)) if at(step).held[0] == "steak")
     assert seen.index(first) == starts + LOST_STEPS - 1
 
@@ -252,7 +253,7 @@ def test_an_arm_off_its_path_is_noticed(running):
     violation = monitor(replace(scene, qpos=qpos))
     assert violation is not None
     assert (violation.check, violation.agents, violation.bound) == ("Tracking", (2,), TRACKING_RAD)
-    assert "rad off its path (allowed 0.15 rad): something is in its way" in violation.reason
+    assert "rad off its path (allowed 0.15 rad): something is in its way" in violation.sentence
 
 
 def test_contact_between_arms_is_noticed_where_space_counts(running, food):
@@ -260,7 +261,7 @@ def test_contact_between_arms_is_noticed_where_space_counts(running, food):
     pushed = replace(at(10), arm_contacts=((1, 2, 12.0),))
     violation = monitor(pushed)
     assert violation is not None and violation.check == "ValidateSpatialOccupancy"
-    assert violation.reason == "Agent_1 and Agent_2 touch each other with 12 N"
+    assert violation.sentence == "Agent_1 and Agent_2 touch each other with 12 N"
     scene, trajectories, proposal = food
     blind = RoboChecker(FOOD, proposal, TEMPORAL)
     monitor = monitored(blind, trajectories, scene)
@@ -274,7 +275,7 @@ def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
     violation = monitor(replace(scene, arm_contacts=((1, 2, REFLEX_N + 1.0),)))
     assert violation is not None
     assert (violation.check, violation.agents, violation.bound) == ("Collision", (1, 2), REFLEX_N)
-    assert violation.reason == (
+    assert violation.sentence == (
         "Agent_1, to grasp steak at center (move), and Agent_2, to grasp lid at knob (move), "
         "hit each other with 21 N (arms stop at 20 N)"
     )
@@ -288,7 +289,7 @@ def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food)
     assert monitor(replace(scene, finger_forces={(1, "steak"): hard, (2, "pot"): 0.9 * hard})) is None
     violation = monitor(replace(scene, finger_forces={(1, "steak"): 2 * hard, (2, "pot"): hard}))
     assert violation is not None and (violation.check, violation.agents) == ("Collision", (2,))
-    assert violation.reason == (
+    assert violation.sentence == (
         "Agent_2, to grasp lid at knob (move), pushes pot with 21 N (arms stop at 20 N)"
     )
 

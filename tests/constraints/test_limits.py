@@ -54,7 +54,7 @@ def test_timing_keeps_a_distance(parts) -> None:
     (late,) = (
         each for each in asking.check(paths, together.plan.schedule).violations if each.cause == "space"
     )
-    assert late.bound == asked_m and late.value == pytest.approx(nearest_m) and "cm apart" in late.reason
+    assert late.bound == asked_m and late.value == pytest.approx(nearest_m) and "cm apart" in late.sentence
 
 
 def test_a_measured_distance_is_watched() -> None:
@@ -89,7 +89,7 @@ def carrying(tilt_rad: float) -> tuple[Scene, tuple[Trajectory, Trajectory]]:
 def test_what_is_carried_is_tilted_or_not(sentence, ok) -> None:
     scene, trajectories = carrying(np.deg2rad(20))
     checker, watched = checked(sentence, FOOD, scene, trajectories)
-    tilted = [each for each in watched.violations if "tilted" in each.reason]
+    tilted = [each for each in watched.violations if "tilted" in each.sentence]
     assert (not tilted) is ok
     if tilted:
         assert tilted[0].value == pytest.approx(20, abs=0.5) and tilted[0].agents == (1,)
@@ -119,7 +119,7 @@ def test_a_slow_agent_takes_its_time() -> None:
     scene, trajectories = scene_of(BAR), (walk(1, [REST, REACHING], 20), walk(2, [REST, NEAR], 20))
     checker, watched = checked("Agent_1 must not move faster than 0.1 m/s", BAR, scene, trajectories)
     found = watched.violations
-    assert found and found[0].cause == "time" and "m/s" in found[0].reason
+    assert found and found[0].cause == "time" and "m/s" in found[0].sentence
     assert checker.speeds_m_s == {1: 0.1}
     arms = Bodies(BAR, scene).arms
     slow = slowed(trajectories, arms, checker.speeds_m_s)

@@ -15,6 +15,7 @@ from rf_exp.constraints.logical import (
     _carried,
 )
 from rf_exp.constraints.timing import schedule
+from rf_exp.findings import Finding
 from rf_exp.transforms import transform
 from rf_exp.types import Row, Schedule, Subgoal
 from tests.constraints.robots import Hand, idle, real, scene_of
@@ -54,27 +55,29 @@ def test_meeting_another_point_or_missing_it():
     assert not far.ok and far.value == pytest.approx(0.444, abs=0.01)
     missed = ValidateInteraction(1, "barrier", "left").planned(shifted((0, 0, 0.03)))
     assert not missed.ok
-    assert missed.reason == "Agent_1 would meet barrier 3.0 cm from its left point (allowed 1.0 cm)"
+    assert missed.sentence == "Agent_1 would meet barrier 3.0 cm from its left point (allowed 1.0 cm)"
 
 
 def test_a_contact_that_is_demanded_and_never_made(grasp):
     """Agent 2 stands still; the constraint says that it grasps."""
     position = ValidateInteraction(2, "barrier", "right").planned(grasp)
     assert not position.ok and position.value > position.bound
-    assert position.reason == (
+    assert position.sentence == (
         "Agent_2 must meet barrier at its right point, but Agent_2 neither holds barrier nor makes contact "
         "with it in this plan; its subgoals that move: none"
     )
     direction = ValidateDirection(2, "barrier", "perpendicular").planned(grasp)
     assert not direction.ok and direction.value > direction.bound
-    assert direction.reason.startswith("the gripper of Agent_2 must be perpendicular at barrier, but Agent_2")
+    assert direction.sentence.startswith(
+        "the gripper of Agent_2 must be perpendicular at barrier, but Agent_2"
+    )
 
 
 def test_the_reason_lists_what_the_agent_does_instead():
     scene = scene_of(FOOD)
     busy = plan_of(FOOD, scene, Hand(FOOD, scene, 1).grasp("steak", "center").trajectory, idle(2))
     evidence = ValidateInteraction(1, "lid", "knob").planned(busy)
-    assert not evidence.ok and evidence.reason.endswith("its subgoals that move: grasp steak at center")
+    assert not evidence.ok and evidence.sentence.endswith("its subgoals that move: grasp steak at center")
 
 
 def test_what_is_held_already_was_met_before():
@@ -109,7 +112,7 @@ def test_real_contact_is_judged_once_the_fingers_have_closed(grasp):
     poses = {"barrier": transform((0.0, 0.0, 0.05)) @ grasp.scene.poses["barrier"]}
     bad = check.measured(measured(grasp, closed, poses=poses), grasp)
     assert bad is not None and not bad.ok
-    assert bad.reason == "Agent_1 meets barrier 5.0 cm from its left point (allowed 3.0 cm)"
+    assert bad.sentence == "Agent_1 meets barrier 5.0 cm from its left point (allowed 3.0 cm)"
 
 
 def test_real_direction_is_judged_once_the_fingers_have_closed(grasp):
@@ -149,7 +152,7 @@ def test_a_tilted_grasp_is_measured_in_degrees(degrees, ok):
     evidence = ValidateDirection(1, "barrier", "perpendicular").planned(tilted(degrees))
     assert evidence.ok is ok
     assert evidence.value == pytest.approx(degrees, abs=0.5)
-    assert evidence.reason.startswith(
+    assert evidence.sentence.startswith(
         f"the gripper of Agent_1 is {degrees} deg off the annotated direction at barrier"
     )
 
@@ -175,7 +178,9 @@ def test_a_thing_is_put_at_the_place_point():
         evidence = check.planned(plan_of(FOOD, scene, hand.trajectory, idle(2)))
         assert evidence.ok is ok
         assert evidence.value == pytest.approx(offset_m, abs=2e-3)
-    assert evidence.reason == "Agent_1 would put steak 6.0 cm beside the inside point of pot (allowed 4.0 cm)"
+    assert (
+        evidence.sentence == "Agent_1 would put steak 6.0 cm beside the inside point of pot (allowed 4.0 cm)"
+    )
 
 
 def lifting(heights_m, row=FULL, joined: str | None = "lift barrier", task=BAR) -> Plan:
@@ -200,7 +205,9 @@ def test_heights_in_lockstep_are_consistent():
 def test_heights_that_drift_apart():
     evidence = ConsistentHeight((1, 2)).planned(lifting((0.15, 0.10)))
     assert not evidence.ok and evidence.value == pytest.approx(0.05, abs=2e-3)
-    assert evidence.reason == "the gripper heights of [Agent_1, Agent_2] drift 5.0 cm apart (allowed 2.0 cm)"
+    assert (
+        evidence.sentence == "the gripper heights of [Agent_1, Agent_2] drift 5.0 cm apart (allowed 2.0 cm)"
+    )
 
 
 def test_without_a_model_of_time_only_the_end_counts():
@@ -227,7 +234,7 @@ def test_measured_heights_of_two_that_hold_one_thing():
 def test_nothing_carried_has_no_height(grasp):
     evidence = ConsistentHeight((1, 2)).planned(grasp)
     assert evidence.ok
-    assert evidence.reason == "[Agent_1, Agent_2] carry nothing together in this plan"
+    assert evidence.finding is Finding.IDLE
 
 
 def test_the_height_is_that_of_what_they_carry_together():

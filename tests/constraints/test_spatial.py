@@ -39,7 +39,7 @@ def test_arms_that_meet_are_named_with_time_and_links(crossing):
     evidence = AvoidAgents((1,)).planned(crossing)
     assert not evidence.ok and evidence.value < 0.05 and 0 < evidence.time_s < 1.0
     near = f"comes within {evidence.value * 100:.1f} cm of Agent_2, to carry thing0 (move) (panda_"
-    assert evidence.reason.startswith(f"at {evidence.time_s:.2f} s Agent_1, to carry thing0 (move), {near}")
+    assert evidence.sentence.startswith(f"at {evidence.time_s:.2f} s Agent_1, to carry thing0 (move), {near}")
 
 
 def test_taking_turns_is_proven_clear_with_its_distance(crossing):
@@ -77,8 +77,8 @@ def test_objects_in_the_way_are_named():
     hand.to(over, 20, Subgoal(1, "carry", "steak"), "move")  # fingers into the lid's knob
     evidence = AvoidObjects((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
     assert not evidence.ok and evidence.value < 0.01
-    assert "Agent_1, to carry steak (move), comes within" in evidence.reason
-    assert "of lid (panda_" in evidence.reason and evidence.reason.endswith("which it may not touch")
+    assert "Agent_1, to carry steak (move), comes within" in evidence.sentence
+    assert "of lid (panda_" in evidence.sentence and evidence.sentence.endswith("which it may not touch")
 
 
 def test_what_a_segment_is_about_may_be_touched():
@@ -86,7 +86,7 @@ def test_what_a_segment_is_about_may_be_touched():
     hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
     evidence = AvoidObjects((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
     assert evidence.ok and evidence.value > 0.003
-    assert evidence.reason.startswith("Agent_")
+    assert evidence.sentence.startswith("Agent_")
 
 
 def test_an_arm_in_the_table_is_named():
@@ -96,7 +96,7 @@ def test_an_arm_in_the_table_is_named():
     low[1] = 1.6
     evidence = AvoidObjects((1,)).planned(plan_of(BAR, scene, (walk(1, [aside, low], 20), idle(2))))
     assert not evidence.ok and evidence.value < 0.02
-    assert "of the table (arm), which it may not touch" in evidence.reason
+    assert "of the table (arm), which it may not touch" in evidence.sentence
 
 
 def test_a_zone_is_kept_or_entered():
@@ -104,10 +104,12 @@ def test_a_zone_is_kept_or_entered():
     plan = plan_of(BAR, scene, (walk(1, [REST, REACHING], 20), idle(2)))
     empty = StayOut(1, (0.5, 0.5, 0.0), (0.7, 0.7, 0.5)).planned(plan)
     assert empty.ok and empty.value > 0.2
-    assert empty.reason.startswith("Agent_1 stays out of the zone (0.5, 0.5, 0.0) to (0.7, 0.7, 0.5) (panda_")
+    assert empty.sentence.startswith(
+        "Agent_1 stays out of the zone (0.5, 0.5, 0.0) to (0.7, 0.7, 0.5) (panda_"
+    )
     crossed = StayOut(1, (-0.1, -0.05, 0.0), (0.1, 0.2, 0.6)).planned(plan)
     assert not crossed.ok and 0 < crossed.time_s < 1
-    assert f"Agent_1 at {crossed.time_s:.2f} s enters the zone" in crossed.reason
+    assert f"Agent_1 at {crossed.time_s:.2f} s enters the zone" in crossed.sentence
     here = plan.bodies.arms[0].tcp(REST)[:3, 3]
     zone = StayOut(1, tuple((here - 0.05).tolist()), tuple((here + 0.05).tolist()))
     measured = zone.measured(scene, plan)
@@ -137,12 +139,14 @@ def test_the_monitor_of_policies_sees_force_and_overlap():
     assert (pushed.check, pushed.agents, pushed.time_s, pushed.value, pushed.bound) == (
         "ValidateSpatialOccupancy", (1, 2), 2.0, 7.0, 1.0,
     )  # fmt: skip
-    assert pushed.reason == "Agent_1 and Agent_2 touch each other with 7 N"
+    assert pushed.sentence == "Agent_1 and Agent_2 touch each other with 7 N"
     qpos = scene.qpos.copy()
     qpos[:, :7] = REACHING
     crossed = monitor(replace(scene, qpos=qpos))
     assert crossed is not None and crossed.value < 0
-    assert crossed.reason.startswith(f"Agent_1 and Agent_2 overlap by {-crossed.value * 1000:.0f} mm (panda_")
+    assert crossed.sentence.startswith(
+        f"Agent_1 and Agent_2 overlap by {-crossed.value * 1000:.0f} mm (panda_"
+    )
 
 
 def test_touching_agrees_with_the_exact_distance():
@@ -177,7 +181,7 @@ def test_what_an_arm_holds_is_part_of_it():
         found = touching(FOOD, scene, ((1, 2),))
         assert (found is None) == (exact.distance_m > 0)
         if found is not None and alone.distance_m > 0:
-            blamed.add("steak" if "(steak with panda_" in found.reason else found.reason)
+            blamed.add("steak" if "(steak with panda_" in found.sentence else found.sentence)
     assert blamed == {"steak"}
 
 
@@ -200,7 +204,7 @@ def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
     monitor = PolicyMonitor(FOOD)
     assert monitor(in_fingers) is None
     hit = monitor(in_elbow)
-    assert hit is not None and "(steak with panda_link" in hit.reason
+    assert hit is not None and "(steak with panda_link" in hit.sentence
 
 
 def test_what_two_hold_together_is_no_obstacle_between_them():
@@ -221,4 +225,4 @@ def test_the_plan_says_what_a_gripper_is_about():
     check = AvoidAgents((1, 2))
     assert check.measured(replace(given, step=len(hand.trajectory)), taking) is None
     found = check.measured(given, standing)
-    assert found is not None and not found.ok and "steak" in found.reason
+    assert found is not None and not found.ok and "steak" in found.sentence

@@ -6,8 +6,9 @@ import pytest
 from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous, span
 from rf_exp.constraints.timing import Delays, Demands, actions, intended, schedule, serial
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Step
-from rf_exp.types import Schedule, Violation
+from rf_exp.types import Schedule
 from tests.constraints.robots import REST, idle, walk
 
 KEYS = [REST + 0.1 * k for k in range(5)]
@@ -194,8 +195,9 @@ def test_joined_segments_of_different_length_are_refused():
     answer = schedule(trajectories)
     assert isinstance(answer, Violation)
     assert (
-        answer.reason
-        == "Agent_1 and Agent_2 do 'lift barrier' together but plan 0.5 s and 0.6 s; plan it as one motion"
+        answer.sentence
+        == "Agent_1 and Agent_2 do 'lift barrier' together but one of them plans 0.1 s more; plan it as one "
+        "motion"
     )
 
 
@@ -206,7 +208,7 @@ def test_a_deadline_is_met_or_explained():
     late = schedule(trajectories, rules=[order, Deadline(Step(2), 2.0)])
     assert isinstance(late, Violation)
     assert late.agents == (2,)
-    assert late.reason == "Agent_2 cannot be done within 2 s; the shortest schedule needs 2.95 s"
+    assert late.sentence == "Agent_2 cannot be done within 2 s; the shortest schedule needs 2.95 s"
 
 
 def test_sharing_a_space_demands_nothing_by_itself():
@@ -237,7 +239,7 @@ def test_reason_already_too_close():
     diagram = np.zeros((31, 31), dtype=bool)
     diagram[0, 0] = True
     assert (
-        blocked(diagram).reason
+        blocked(diagram).sentence
         == "Agent_1 and Agent_2 already stand too close to each other; move one of them away first"
     )
 
@@ -245,7 +247,7 @@ def test_reason_already_too_close():
 def test_reason_would_end_too_close():
     diagram = np.zeros((31, 31), dtype=bool)
     diagram[30, 30] = True
-    reason = blocked(diagram).reason
+    reason = blocked(diagram).sentence
     assert reason.startswith("Agent_1 and Agent_2 would end too close to each other")
     assert "timing cannot help" in reason
 
@@ -261,7 +263,7 @@ def test_reason_a_parked_arm_blocks_the_way(blocker):
     answer = blocked(diagram)
     other = 3 - blocker
     assert answer.agents == (1, 2)
-    assert answer.reason == (
+    assert answer.sentence == (
         f"where Agent_{blocker} stands before and after its motion blocks Agent_{other} 0.70 s along its own "
         f"way, to carry thing1 (move); timing cannot help, Agent_{other} needs another path "
         f"or Agent_{blocker} must make room"
@@ -271,7 +273,7 @@ def test_reason_a_parked_arm_blocks_the_way(blocker):
 def test_reason_an_idle_arm_blocks_the_way():
     diagram = np.zeros((31, 1), dtype=bool)
     diagram[14] = True
-    reason = blocked(diagram, trajectories=(pair()[0], idle(2))).reason
+    reason = blocked(diagram, trajectories=(pair()[0], idle(2))).sentence
     assert "where Agent_2 stands before and after its motion blocks Agent_1" in reason
 
 
@@ -281,7 +283,7 @@ def test_reason_both_block_each_other():
     diagram[np.arange(31), 30 - np.arange(31)] = True
     diagram[0, 30] = diagram[30, 0] = True
     diagram[np.arange(30), 29 - np.arange(30)] = True
-    reason = blocked(diagram).reason
+    reason = blocked(diagram).sentence
     assert reason.startswith(("Agent_1 and Agent_2 block each other", "where Agent_"))
 
 
@@ -289,7 +291,7 @@ def test_reason_contradicting_orders():
     orders = [Sequential(Step(1), Step(2)), Sequential(Step(2), Step(1))]
     answer = schedule(pair(), rules=orders)
     assert isinstance(answer, Violation)
-    assert answer.reason == (
+    assert answer.sentence == (
         "the constraints on the order of Agent_1 and Agent_2 contradict one another: they get no further "
         "than Agent_1 0.00 s along its own way, to carry thing0 (move) and Agent_2 0.00 s along its own way, "
         "to carry thing0 (move); drop or change one of them"
@@ -302,7 +304,7 @@ def test_reason_three_agents_in_a_circle():
     answer = schedule(trajectories, rules=orders)
     assert isinstance(answer, Violation)
     assert (
-        answer.reason
+        answer.sentence
         == "every pair of agents could pass, but not all together; let some of them finish first"
     )
 
@@ -316,7 +318,7 @@ def test_reason_out_of_budget():
         diagrams[pair_][0, 0] = diagrams[pair_][-1, -1] = False
     answer = schedule(trajectories, diagrams, budget=1)
     assert isinstance(answer, Violation)
-    assert answer.reason == (
+    assert answer.sentence == (
         "no schedule was found within the search budget; plan fewer subgoals at once or in turns"
     )
 

@@ -7,11 +7,12 @@ from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, appl
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Cause, CheckName
 from rf_exp.sim.simulator import Simulator
 from rf_exp.statements import Before, Unread, read
-from rf_exp.types import Row, Subgoal, Violation
+from rf_exp.types import Row
 from tests.conftest import CONF, read_task
-from tests.scenes import start_scene
+from tests.scenes import rejection, start_scene
 
 FULL = Row("full")
 
@@ -28,7 +29,7 @@ class Watcher(Nobody):
 
     def rejected(self, violation):
         self.rejected_at.append(self.steps)
-        self.reasons.append(violation.reason)
+        self.reasons.append(violation.sentence)
 
     def stepped(self, scene, action, pictures):
         self.steps += 1
@@ -144,8 +145,9 @@ def test_after_feedback_it_answers_as_scripted(lift_barrier):
     sound = lift_barrier.module.plan(scene, lift_barrier)
     first = from_json(brain.answer(Question(lift_barrier, scene, {})), lift_barrier)
     assert first != sound and first.constraints == sound.constraints
-    feedback = (Violation("ValidateInteraction", "interaction", (1,), 0.0, 0.4, 0.01, "wrong end"),)
-    second = Question(lift_barrier, scene, {}, feedback=feedback)
+    found = rejection(lift_barrier, "wrong_point")
+    assert found.check is CheckName.CODE and found.cause is Cause.ANSWER and not found.measured
+    second = Question(lift_barrier, scene, {}, feedback=(found,))
     assert from_json(brain.answer(second), lift_barrier) == sound
 
 
@@ -155,10 +157,12 @@ def test_only_the_first_feedback_is_about_the_fault():
     scene, brain = start_scene(task, 0), FaultySpec("through_arm").make(task, FULL, 0)
     brain.answer(Question(task, scene, {}))
     assert brain.placed
-    feedback = (Violation("Motion", "space", (1, 2), 0.0, 0.0, 0.0, "Agent_2 is in the way"),)
-    later = Question(task, scene, {}, feedback=feedback)
+    found = rejection(task, "through_arm")
+    assert found.cause is Cause.SPACE and len(found.agents) == 2
+    later = Question(task, scene, {}, feedback=(found,))
     assert from_json(brain.answer(later), task) == task.module.plan(scene, task)
-    assert from_json(brain.answer(later), task).subgoals == (Subgoal(2, "aside"),)
+    (leaves,) = from_json(brain.answer(later), task).subgoals
+    assert leaves.verb == "aside" and leaves.agent in found.agents
 
 
 def test_the_documentation_lists_every_fault():

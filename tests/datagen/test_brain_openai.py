@@ -26,11 +26,11 @@ from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.simulator import Simulator
 from rf_exp.statements import Proposal
-from rf_exp.types import Subgoal, Violation
+from rf_exp.types import Subgoal
 from tests.conftest import CONF, read_task
 from tests.datagen.guard import FULL, Guard
 from tests.datagen.language_server import LanguageServer, Reply, completion, failure
-from tests.scenes import start_scene
+from tests.scenes import rejection, start_scene
 
 KEY = "sk-test-0123456789abcdefghij"
 
@@ -105,7 +105,7 @@ def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, serv
         start_scene(lift_barrier, 0),
         {"global": picture, "agent1": picture},
         (Subgoal(1, "grasp", "barrier", "left"),),
-        (Violation("ValidateDirection", "interaction", (1,), 0.0, 45.0, 10.0, "the gripper is 45 deg off"),),
+        (found := rejection(lift_barrier, "wrong_direction"),),
     )
     openai_spec(server.url).make(lift_barrier, FULL, 0).answer(question)
     (request,) = server.requests
@@ -115,7 +115,11 @@ def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, serv
     system, user = request["messages"]
     assert "Agent_1 must grasp barrier at its left point." in system["content"]
     text = user["content"][0]["text"]
-    for part in ("barrier, point left", "Agent_1: grasp barrier at left", "the gripper is 45 deg off"):
+    for part in (
+        "barrier, point left",
+        "Agent_1: grasp barrier at left",
+        f"ValidateDirection: {found.sentence}",
+    ):
         assert part in text
     labels = [part["text"] for part in user["content"][1:] if part["type"] == "text"]
     assert labels == ["Camera global:", "Camera agent1:"]

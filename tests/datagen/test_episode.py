@@ -11,9 +11,10 @@ from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import CheckName
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Judge
-from rf_exp.types import COLLISION, CONTROL_HZ, Row, Subgoal
+from rf_exp.types import CONTROL_HZ, Row, Subgoal
 from tests.conftest import read_task
 
 FULL = Row("full")
@@ -113,7 +114,7 @@ def test_arms_that_hit_each_other_stop_pushing_draw_aside_and_go_on():
         outcome = maker.make(0)
     assert outcome.success and outcome.attempts == 1 + len(watcher.rejections) >= 2
     for violation in watcher.rejections:
-        assert violation.check == COLLISION and len(violation.agents) == 2
+        assert violation.check is CheckName.COLLISION and len(violation.agents) == 2
     episode, hit = outcome.episode, watcher.rejections[0]
     assert episode is not None
     parting = next(k for k, plan in enumerate(watcher.plans) if plan.proposal.subgoals[0].verb == "aside")
@@ -148,7 +149,7 @@ def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift
     outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain, watcher).make(0)
     assert outcome.success and outcome.attempts == 2
     (violation,) = watcher.rejections
-    assert violation.time_s == pytest.approx(violation.time_s) and "Agent_2" in violation.reason
+    assert violation.time_s == pytest.approx(violation.time_s) and "Agent_2" in violation.sentence
     second = brain.questions[1]
     assert second.feedback == (violation,) and second.scene.step == 0
 

@@ -175,6 +175,6 @@ def test_a_box_that_only_the_cameras_know_is_a_violation():
 
     assert violations() == []
     [found] = violations(seen=box)
-    assert found.check == "ValidateSpatialOccupancy" and found.agents == (1,) and SEEN in found.reason
+    assert found.check == "ValidateSpatialOccupancy" and found.agents == (1,) and SEEN in found.sentence
     assert 0.2 < found.time_s < 1.0  # on the way there
     assert violations(seen=box + np.array([0, 40, 0])) == []

@@ -8,14 +8,17 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.findings import Account, Closest, Violation
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import proprioception
 from rf_exp.policy.rollout import Actor, load_actors, rollout
 from rf_exp.policy.shield import Decision
 from rf_exp.policy.views import View, views
-from rf_exp.types import Rollout, RolloutStep, Scene, Verdict, Violation
+from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
+from tests.conftest import read_task
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture
 
 FASTEST_RAD = 0.02  # a control step, of the policies here
@@ -78,7 +81,7 @@ def test_every_architecture_commands_every_agent(arch, agents: int, make_actor) 
     world = Table(agents)
     actors = [make_actor(view) for view in views(arch, agents)]
     assert rollout(world, judge, actors, 3, 8) == Rollout(
-        3, False, False, 8, 0, 0, "failed: success was not held long enough"
+        3, False, False, 8, 0, 0, Account(closest=Closest(0, 0, 0.0, 8))
     )
     actions = np.stack(world.actions)  # (T, N, 8)
     assert actions.shape == (8, agents, 8)
@@ -201,18 +204,26 @@ def test_success_is_looked_at_after_every_step(make_actor) -> None:
         seen.append(scene.step)
         return Verdict(scene.step == 11, scene.step == 4, {})
 
-    assert rollout(world, at_eleven, actors, 0, 40) == Rollout(0, True, True, 11, 0, 0, "")
+    assert rollout(world, at_eleven, actors, 0, 40) == Rollout(0, True, True, 11, 0, 0)
     assert seen == list(range(1, 12))
+
+
+def touching(scene: Scene) -> Violation:
+    """What the monitor of evaluation says where two arms press on one another."""
+    pressed = replace(scene, arm_contacts=((1, 2, 12.0),))
+    found = PolicyMonitor(read_task("lift_barrier"))(pressed)
+    assert found is not None
+    return found
 
 
 def test_violations_are_counted_in_steps(make_actor) -> None:
     world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
-    violation = Violation("ValidateSpatialOccupancy", "space", (1,), 0.0, 0.0, 0.0, "too close")
 
     def monitor(scene: Scene) -> Violation | None:
-        return violation if scene.step in (2, 3, 7) else None
+        return touching(scene) if scene.step in (2, 3, 7) else None
 
-    assert rollout(world, judge, actors, 0, 9, monitor).violations == 3
+    result = rollout(world, judge, actors, 0, 9, monitor)
+    assert result.violations == 3 and [each.time_s for each in result.account.violations] == [0.1]
 
 
 def test_a_failure_has_its_reason_and_a_success_has_none(make_actor) -> None:
@@ -228,12 +239,13 @@ def test_a_failure_has_its_reason_and_a_success_has_none(make_actor) -> None:
 
 def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_actor) -> None:
     world, actors = Table(2), [make_actor(view) for view in views(ARCHS[3], 2)]
-    violation = Violation("ValidateSpatialOccupancy", "space", (1,), 0.0, 0.0, 0.0, "too close")
     told: list[RolloutStep] = []
-    rollout(world, judge, actors, 3, 8, lambda scene: violation if scene.step == 2 else None, told.append)
+    rollout(
+        world, judge, actors, 3, 8, lambda scene: touching(scene) if scene.step == 2 else None, told.append
+    )
     assert [step.scene.step for step in told] == list(range(1, 9))
     assert np.array_equal(np.stack([step.action for step in told]), np.stack(world.actions))
-    assert [step.violation for step in told[:3]] == [None, violation, None]
+    assert [step.violation for step in told[:3]] == [None, touching(told[1].scene), None]
     assert [sorted(step.predicted) for step in told] == [[1, 2], *[[]] * 5, [1, 2], []]  # six steps a chunk
     chunk = told[0].predicted[2]
     assert chunk.shape == (6, 8)

@@ -15,11 +15,12 @@ from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.version import generator_version
+from rf_exp.findings import Violation
 from rf_exp.sim.simulator import Simulator
 from rf_exp.stages.generation import generation_row
 from rf_exp.store import Store
 from rf_exp.tasks import Task
-from rf_exp.types import Row, Violation
+from rf_exp.types import Row
 from tests.conftest import read_task
 
 FULL = Row("full")

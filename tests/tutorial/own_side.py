@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import Check, Evidence, Plan, check_of
+from rf_exp.findings import CheckName
 from rf_exp.statements import Form, OfAgent, agent_name
 from rf_exp.types import CONTROL_DT_S, Kind, Scene
 
@@ -35,7 +36,7 @@ class NearOwnBase:
     """The check of `OwnSide`: how much nearer the own base is. Value and bound in metres."""
 
     kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[str] = "ValidateSpatialOccupancy"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
     unit: ClassVar[str] = "m"
 
     agent: int
@@ -51,7 +52,7 @@ class NearOwnBase:
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence:
         nearer_m = self._nearer_m(plan, scene.qpos[self.agent - 1][None])
-        return self._evidence(nearer_m.min(), scene.step * CONTROL_DT_S)
+        return self._evidence(nearer_m.min(), scene.step * CONTROL_DT_S, True)
 
     def _nearer_m(self, plan: Plan, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
         """(P,) of the tool centre point at joints (P, 7 or more)."""
@@ -60,9 +61,16 @@ class NearOwnBase:
         away_m = np.linalg.norm(tcp_m[:, None] - bases_m, axis=2)
         return np.delete(away_m, self.agent - 1, axis=1).min(axis=1) - away_m[:, self.agent - 1]
 
-    def _evidence(self, nearer_m: float, time_s: float) -> Evidence:
-        reason = f"the gripper of {agent_name(self.agent)} is {-nearer_m:.2f} m on the side of another agent"
-        return Evidence(bool(nearer_m > 0), float(nearer_m), 0.0, reason, time_s)
+    def _evidence(self, nearer_m: float, time_s: float, measured: bool = False) -> Evidence:
+        return Evidence(
+            ok=bool(nearer_m > 0),
+            value=float(nearer_m),
+            unit=self.unit,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            constraint=self.text,
+        )
 
 
 @check_of.register

@@ -27,9 +27,10 @@ from pydantic import (
 
 from rf_exp.datagen.brain.reading import BadAnswer, plain, printable, read_object
 from rf_exp.errors import ArgumentError
+from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
-from rf_exp.types import Kind, Scene, Subgoal, Violation
+from rf_exp.types import Kind, Scene, Subgoal
 
 _COMMENTS = (  # keys under which a model says why it answers so
     "reason reasons reasoning rationale explanation explanations thought thoughts thinking analysis comment "

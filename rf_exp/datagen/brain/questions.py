@@ -33,7 +33,7 @@ def messages(question: Question, *, pictures: bool) -> tuple[Message, Message]:
         objects=listed(_objects(question)),
         places=listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
         previous=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
-        feedback=listed(f"{violation.check}: {violation.reason}" for violation in question.feedback),
+        feedback=listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
     return Message("system", system), Message("user", text, jpegs(question.pictures) if pictures else {})
 

@@ -8,11 +8,12 @@ from typing import ClassVar
 import numpy as np
 
 from rf_exp.datagen.brain.protocol import Question, to_json
+from rf_exp.findings import Cause, CheckName, Violation
 from rf_exp.statements import Before, Proposal, Step, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.tasks.measure import holders
-from rf_exp.types import ARM_JOINTS, COLLISION, MOTION, Row, Scene, Subgoal, Violation
+from rf_exp.types import ARM_JOINTS, Row, Scene, Subgoal
 
 _NEAR_RAD = 0.1  # from where an arm would go: it is there already
 
@@ -37,13 +38,13 @@ def _leaving(violation: Violation, proposal: Proposal, scene: Scene) -> list[int
     the other stood. Of two that are in each other's way who has nothing to do, or whose work comes later.
     One that finds no way begins again from farther off. Of more than two nothing says who should.
     """
-    alone = len(violation.agents) == 1 and violation.check not in (COLLISION, MOTION)
-    if violation.cause not in ("contact", "space") or len(violation.agents) > 2 or alone:
+    alone = len(violation.agents) == 1 and violation.check not in (CheckName.COLLISION, CheckName.MOTION)
+    if violation.cause not in (Cause.CONTACT, Cause.SPACE) or len(violation.agents) > 2 or alone:
         return []
     planned = [subgoal.agent for subgoal in proposal.subgoals]
     able = [agent for agent in violation.agents if not (_shares(agent, scene) or _is_aside(agent, scene))]
     later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
-    if violation.check == COLLISION:
+    if violation.check is CheckName.COLLISION:
         return later
     return [*(agent for agent in later if agent not in planned), *later][:1]
 

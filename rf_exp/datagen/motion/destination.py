@@ -4,6 +4,7 @@ import numpy as np
 
 from rf_exp.datagen.motion.reach import Tiers, above, turned
 from rf_exp.datagen.motion.state import State, Unreachable
+from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Panda
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
@@ -66,10 +67,8 @@ def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, In
     if target in state.places:
         return state.places[target], _SPOT
     if target not in state.poses:
-        known = ", ".join(sorted([*state.places, *state.poses]))
-        raise Unreachable(
-            "reach", (subgoal.agent,), f"there is no place or object {target!r}; available: {known}"
-        )
+        known = tuple(sorted([*state.places, *state.poses]))
+        raise Unreachable(Cause.REACH, Finding.NO_TARGET, (subgoal.agent,), aspect=target, known=known)
     point = _placing(task, subgoal)
     return state.poses[target] @ point.object_from_tcp, point
 
@@ -80,7 +79,6 @@ def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
     placing = {name: point for name, point in points.items() if point.kind in ("place", "drop")}
     name = subgoal.target_point or next(iter(placing), None)
     if name not in placing:
-        listed = ", ".join(sorted(placing)) or "none"
-        text = f"{subgoal.target} has no place point {name!r}; available: {listed}"
-        raise Unreachable("reach", (subgoal.agent,), text)
+        about = {"object": subgoal.target, "aspect": name or "", "known": tuple(sorted(placing))}
+        raise Unreachable(Cause.REACH, Finding.NO_POINT, (subgoal.agent,), **about)
     return placing[name]

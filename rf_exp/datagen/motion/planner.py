@@ -9,6 +9,7 @@ from rf_exp.datagen.motion.primitives import Primitives
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
+from rf_exp.findings import Cause, Finding, agent_name
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
@@ -136,9 +137,8 @@ def _next_group(
             for member in members:
                 waiting[member.agent].pop(0)
             return members
-    names = "; ".join(f"Agent_{queue[0].agent}: {queue[0].text}" for queue in waiting.values() if queue)
-    text = f"the subgoals wait for one another: their orders are in conflict ({names})"
-    raise Unreachable("time", tuple(agent for agent, queue in waiting.items() if queue), text)
+    stuck = {agent: f"{agent_name(agent)}: {queue[0].text}" for agent, queue in waiting.items() if queue}
+    raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(stuck), subgoals=tuple(stuck.values()))
 
 
 def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -> list[Segment]:
@@ -146,7 +146,7 @@ def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -
     lines = [primitives.lift_line(subgoal, state) for subgoal in subgoals]
     if len({len(line) for line in lines}) > 1:
         agents = tuple(subgoal.agent for subgoal in subgoals)
-        raise Unreachable("interaction", agents, f"agents lift {subgoals[0].object} by different heights")
+        raise Unreachable(Cause.INTERACTION, Finding.UNEVEN_LIFT, agents, object=subgoals[0].object)
     timed = parameterise(np.hstack(lines), primitives.reach.limits)  # (T, 7 * agents)
     label = f"{subgoals[0].verb} {subgoals[0].object}"
     return [

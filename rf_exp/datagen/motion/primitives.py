@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.destination import ends, support
 from rf_exp.datagen.motion.reach import CLEARANCE_M, Onward, Reach, Tiers, above, length_rad, turned
-from rf_exp.datagen.motion.state import State, Unreachable, in_the_way
+from rf_exp.datagen.motion.state import State, Unreachable, name_of
 from rf_exp.datagen.motion.timing import parameterise
+from rf_exp.findings import Cause, Finding
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import ASIDE_QPOS
 from rf_exp.transforms import Matrix, inverse, transform
@@ -53,7 +54,7 @@ class Primitives:
         if agent in state.held:
             if state.held[agent][0] == name:
                 return []
-            raise Unreachable("grip", (agent,), f"Agent_{agent} already holds {state.held[agent][0]}")
+            raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
         point = self.task.asset(name).points[_required(subgoal.point)]
         touches = frozenset({name})
         goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
@@ -163,12 +164,11 @@ class Primitives:
         goal = above(start, _required(subgoal.height_m))
         line = self.reach.line(subgoal.agent, state.qpos[subgoal.agent], start, goal)
         if line is None:
-            text = f"Agent_{subgoal.agent} cannot {subgoal.text}: the arm does not reach that high"
-            raise Unreachable("reach", (subgoal.agent,), text)
+            raise Unreachable(Cause.REACH, Finding.TOO_HIGH, (subgoal.agent,), subgoals=(subgoal.text,))
         if obstacle := self.reach.blocked(subgoal.agent, line, state, self._touches_lifting(subgoal, state)):
             agents = (subgoal.agent, obstacle) if isinstance(obstacle, int) else (subgoal.agent,)
-            text = f"Agent_{subgoal.agent} cannot {subgoal.text}: {in_the_way(obstacle)}"
-            raise Unreachable("space", agents, text)
+            blocked = {"subgoals": (subgoal.text,), "obstacles": (name_of(obstacle),)}
+            raise Unreachable(Cause.SPACE, Finding.BLOCKED, agents, **blocked)
         return line
 
     def commit(self, subgoal: Subgoal, primitive: str, points, state: State, joined: str | None) -> Segment:
@@ -188,8 +188,7 @@ class Primitives:
         start = self.reach.arms[agent].tcp(state.qpos[agent])
         line = self.reach.line(agent, state.qpos[agent], start, start @ transform((0.0, 0.0, -RETREAT_M)))
         if line is None:
-            text = f"Agent_{agent} cannot draw back after letting go of {subgoal.object}"
-            raise Unreachable("reach", (agent,), text)
+            raise Unreachable(Cause.REACH, Finding.NO_RETREAT, (agent,), object=subgoal.object)
         return [
             opened,
             self._segment(subgoal, "retreat", parameterise(line, self.reach.limits), state, touches),
@@ -198,8 +197,8 @@ class Primitives:
     def _holding(self, subgoal: Subgoal, state: State) -> tuple[str, Matrix]:
         held = state.held.get(subgoal.agent)
         if held is None or held[0] != subgoal.object:
-            text = f"Agent_{subgoal.agent} cannot {subgoal.text}: it does not hold {subgoal.object}"
-            raise Unreachable("grip", (subgoal.agent,), text)
+            missing = {"subgoals": (subgoal.text,), "object": subgoal.object}
+            raise Unreachable(Cause.GRIP, Finding.HOLDS_NOT, (subgoal.agent,), **missing)
         return held
 
     def _segment(

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.path import find_path
-from rf_exp.datagen.motion.state import Blocked, Obstacle, State, Unreachable, in_the_way
+from rf_exp.datagen.motion.state import Blocked, Obstacle, State, Unreachable, name_of
 from rf_exp.datagen.motion.timing import blend, densify, parameterise
+from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Panda
 from rf_exp.tasks.base import REST_QPOS
 from rf_exp.transforms import Matrix, interpolate, inverse, transform
-from rf_exp.types import Cause, JointLimits
+from rf_exp.types import JointLimits
 
 LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
@@ -58,21 +59,16 @@ class Reach:
         The approach comes along the tool's z axis from `standoff_m` away, or straight down. With `rise`
         the motion begins straight up. All of it is one motion with rounded corners.
         """
-        reasons: list[str] = []
-        others: list[int] = []  # agents in the way
-
-        def refused(obstacle: Obstacle) -> None:
-            reasons.append(in_the_way(obstacle))
-            others.extend([obstacle] if isinstance(obstacle, int) else [])
-
+        obstacles: dict[Obstacle, None] = {}  # what was in the way, in the order in which it was found
+        no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
         for pre, line in self._ways(agent, up[-1], tiers, standoff_m, down, onward):
             if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
-                refused(obstacle)
+                obstacles[obstacle] = None
                 continue
             path = self._path(agent, up[-1], pre, state)
             if path is None:
-                reasons.append("no free path")
+                no_path = True
                 continue
             corners = densify(np.concatenate([up, path, line]))
             for radius_rad in BLEND_RAD:
@@ -81,10 +77,12 @@ class Reach:
                 if obstacle is None:
                     return parameterise(points, self.limits)
                 if radius_rad == BLEND_RAD[-1]:
-                    refused(obstacle)
-        reason = ", ".join(dict.fromkeys(reasons)) or "out of reach"
-        cause: Cause = "space" if reasons else "reach"
-        raise Unreachable(cause, (agent, *dict.fromkeys(others)), f"Agent_{agent} cannot {what}: {reason}")
+                    obstacles[obstacle] = None
+        if not obstacles and not no_path:
+            raise Unreachable(Cause.REACH, Finding.OUT_OF_REACH, (agent,), subgoals=(what,))
+        agents = agent, *(each for each in obstacles if isinstance(each, int))
+        blocked = {"subgoals": (what,), "obstacles": tuple(map(name_of, obstacles))}
+        raise Unreachable(Cause.SPACE, Finding.BLOCKED if obstacles else Finding.NO_PATH, agents, **blocked)
 
     def _ways(
         self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward | None
@@ -169,7 +167,7 @@ class Reach:
         """Timed points (T, 7) to joints (7,). Raises Unreachable."""
         path = self._path(agent, state.qpos[agent], goal, state)
         if path is None:
-            raise Unreachable("space", (agent,), f"Agent_{agent} cannot {what}: no free path")
+            raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
         return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
 
     def arrive(self, agent: int, goal: Matrix, joints: Points) -> Points | None:

@@ -2,32 +2,35 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.findings import Cause, Finding, Found, agent_name
 from rf_exp.transforms import Matrix
-from rf_exp.types import Cause
 
 Obstacle = int | str  # the number of an agent, or the name of a thing
 
 
 class Unreachable(Exception):
-    """No motion carries out a subgoal; the text says why.
+    """No motion carries out a subgoal.
 
-    `agents`: the one that cannot, then those that are in its way.
+    `agents`: the one that cannot, then those that are in its way. `facts` are those of `Found` beside them.
     """
 
-    def __init__(self, cause: Cause, agents: tuple[int, ...], text: str) -> None:
-        super().__init__(text)
-        self.cause: Cause = cause
-        self.agents = agents
+    def __init__(self, cause: Cause, finding: Finding, agents: tuple[int, ...], **facts: Any) -> None:
+        super().__init__(finding)
+        self.cause, self.agents = cause, agents
+        self.facts = {"finding": finding, **facts}
+
+    def __str__(self) -> str:
+        return Found(time_s=0.0, agents=self.agents, **self.facts).sentence
 
 
-def in_the_way(obstacle: Obstacle) -> str:
-    """In words."""
-    return f"{f'Agent_{obstacle}' if isinstance(obstacle, int) else obstacle} is in the way"
+def name_of(obstacle: Obstacle) -> str:
+    """As it is called."""
+    return agent_name(obstacle) if isinstance(obstacle, int) else obstacle
 
 
 @dataclass

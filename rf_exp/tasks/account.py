@@ -1,14 +1,8 @@
-"""Why a rollout failed, in one line: conditions, arms that touched, things that were lost.
-
-    failed: held by both arms (since 4.10 s), lifted (never: 0.02 m, best 0.11, asked > 0.15);
-    at best 3 of 4 (3.95 s); agents 1 and 2 touched (2.30 s, 14 steps); barrier dropped (4.10 s)
-
-All that differs from scene to scene stands in parentheses: without them and without "at best", equal
-failures are equal texts.
-"""
+"""Keeps the account of an episode or rollout while it runs: conditions, arms that touched, things lost."""
 
 from dataclasses import dataclass
 
+from rf_exp.findings import Account, Closest, Lost, Touch, Unmet
 from rf_exp.types import CONTROL_DT_S, Measured, Scene, Verdict
 
 
@@ -22,8 +16,8 @@ class _History:
     best: float | None = None  # of the values against the bound it has now
 
 
-class Account:
-    """Sees every step of a rollout and says at the end why it was no success."""
+class Ledger:
+    """Sees every step, and gives the account at the end."""
 
     def __init__(self) -> None:
         self._conditions: dict[str, _History] = {}
@@ -64,41 +58,31 @@ class Account:
             better(measured.value, history.best) if same and history.best is not None else measured.value
         )
 
-    def reason(self) -> str:
-        """The line, for a rollout that has ended without success."""
-        if self._verdict is None or not self._verdict.evidence:
-            return "failed: success was not held long enough"
-        failing = {
-            name: self._conditions[name] for name, holds in self._verdict.evidence.items() if not holds
-        }
-        if failing:
-            lines = ["failed: " + ", ".join(f"{name} ({_told(each)})" for name, each in failing.items())]
-            lines += [f"at best {self._most} of {len(self._conditions)}{self._when_best()}"]
-        else:
-            lines = [f"failed: all conditions held, but not for long ({self._holding} steps at the end)"]
-        lines += [
-            f"agents {a} and {b} touched ({_s(first)}, {steps} steps)"
-            for (a, b), (first, steps) in sorted(self._touched.items())
-        ]
-        lines += [f"{name} {how} ({_s(first)})" for (name, how), first in self._lost.items()]
-        return "; ".join(lines)
-
-    def _when_best(self) -> str:
-        if not self._most:
-            return ""
-        long = f", for {self._longest} steps" if self._longest else ""
-        return f" ({_s(self._most_at)}{long})"
+    def account(self) -> Account:
+        """As it stands: of a success the touches alone."""
+        touches = tuple(
+            Touch(pair, _s(first), steps) for pair, (first, steps) in sorted(self._touched.items())
+        )
+        if self._verdict is None or self._verdict.success:
+            return Account(touches=touches)
+        failing = [name for name, holds in self._verdict.evidence.items() if not holds]
+        return Account(
+            touches=touches,
+            unmet=tuple(_unmet(name, self._conditions[name]) for name in failing),
+            closest=Closest(
+                self._most, len(self._conditions), _s(self._most_at) if self._most else 0.0, self._longest
+            ),
+            lost=tuple(Lost(name, how, _s(first)) for (name, how), first in self._lost.items()),
+        )
 
 
-def _told(condition: _History) -> str:
-    """Since when a condition does not hold, and its value at the end and at best."""
-    parts = [f"since {_s(condition.failing_since)}" if condition.held else "never"]
-    if (found := condition.measured) is not None and condition.best is not None:
-        better = not condition.held and f"{condition.best:.2g}" != f"{found.value:.2g}"
-        best = f", best {condition.best:.2g}" if better else ""
-        parts += [f"{found.value:.2g} {found.unit}{best}, asked {found.asked}"]
-    return ": ".join(parts)
+def _unmet(name: str, history: _History) -> Unmet:
+    since_s = _s(history.failing_since) if history.held else 0.0
+    found = history.measured
+    if found is None:
+        return Unmet(name, since_s)
+    return Unmet(name, since_s, found.value, history.best, found.bound, found.unit, found.above)
 
 
-def _s(step: int) -> str:
-    return f"{step * CONTROL_DT_S:.2f} s"
+def _s(step: int) -> float:
+    return step * CONTROL_DT_S

@@ -1,0 +1,21 @@
+"""What went wrong, as values: violations, and the account of an episode. Sentences are written from them."""
+
+from rf_exp.findings.account import Account, Closest, Lost, Touch, Unmet
+from rf_exp.findings.finding import Finding, agent_name, names
+from rf_exp.findings.violation import Cause, CheckName, Doing, Found, Violation
+
+__all__ = [
+    "Account",
+    "Cause",
+    "CheckName",
+    "Closest",
+    "Doing",
+    "Finding",
+    "Found",
+    "Lost",
+    "Touch",
+    "Unmet",
+    "Violation",
+    "agent_name",
+    "names",
+]

@@ -1,0 +1,318 @@
+"""The findings there are, and the form of the sentence about each. Nothing reads such a sentence.
+
+What a form names in braces is a fact of `Found`, or written from them by `Words`.
+"""
+
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rf_exp.findings.violation import Doing, Found
+
+
+class Finding(StrEnum):
+    """What was found, with the form of its sentence."""
+
+    form: str
+
+    def __new__(cls, code: str, form: str) -> "Finding":
+        found = str.__new__(cls, code)
+        found._value_, found.form = code, form
+        return found
+
+    # Where and how an object is met.
+    BESIDE_POINT = (
+        "meets it beside the point",
+        "{a} {meets} {object} {cm:.1f} cm from its {aspect} point (allowed {bound_cm:.1f} cm)",
+    )
+    PUT_BESIDE_POINT = (
+        "puts it beside the point",
+        "{a} would put {object} {cm:.1f} cm beside the {aspect} (allowed {bound_cm:.1f} cm)",
+    )
+    NO_CONTACT = (
+        "makes no contact",
+        "{a} must meet {object} at its {aspect} point, but {a} neither holds {object} nor makes contact with "
+        "it in this plan; its subgoals that move: {listed}",
+    )
+    NO_DIRECTION = (
+        "makes no contact that has a direction",
+        "the gripper of {a} must be {aspect} at {object}, but {a} neither holds {object} nor makes contact "
+        "with it in this plan; its subgoals that move: {listed}",
+    )
+    OFF_DIRECTION = (
+        "comes from another direction",
+        "the gripper of {a} is {value:.0f} deg off {aspect} at {object} (allowed {bound:.0f} deg)",
+    )
+    UNEVEN = (
+        "heights drift apart",
+        "the gripper heights of {agents} drift {cm:.1f} cm apart (allowed {bound_cm:.1f} cm)",
+    )
+    TILTED = (
+        "tilts it",
+        "{at} {object}, held by {a} ({state}), is tilted by {value:.1f} deg (allowed {bound:g} deg)",
+    )
+    HOLDS_IT = "holds it already", "{a} holds {object} already"
+
+    # Order and time.
+    TOO_SOON = (
+        "begins too soon",
+        "{then} begins {value:.2f} s after {first} has ended (at least {bound:g} s)",
+    )
+    NOT_TOGETHER = (
+        "does not begin together",
+        "{agents} begin {first} {value:.2f} s apart (allowed {bound:g} s)",
+    )
+    TOO_LATE = (
+        "ends too late",
+        "{first} ends {value:.2f} s after the start of the plan (allowed {bound:g} s)",
+    )
+    TOO_FAST = (
+        "moves too fast",
+        "{at} the gripper of {a} ({state}) moves at {value:.2f} m/s (allowed {bound:.2f} m/s)",
+    )
+    SHARED = "shares space", "{agents} share space at different times in {value:.1%} of the cases"
+
+    # Room.
+    CLOSE = (
+        "comes too close",
+        "{at} {a}, {a_does}, comes within {cm:.1f} cm of {b}, {b_does} ({parts[0]} near {parts[1]})",
+    )
+    CLOSE_TO_THING = (
+        "comes too close to a thing",
+        "{at} {a}, {a_does}, comes within {cm:.1f} cm of {obstacle} ({parts[0]}), which it may not touch",
+    )
+    TOUCHING = "touch", "{both} touch each other with {value:.0f} N"
+    OVERLAPPING = "overlap", "{both} overlap by {depth_mm:.0f} mm ({parts[0]} with {parts[1]})"
+    TOO_NEAR = (
+        "does not keep its distance",
+        "{at} the {aspect} of {everyone}, are {cm:.1f} cm apart (at least {bound_cm:.1f} cm)",
+    )
+    OFF_HEIGHT = (
+        "leaves its heights",
+        "{at} the gripper of {a} ({state}) is {cm:.1f} cm over the table (it has to stay {aspect} "
+        "{bound_cm:.1f} cm)",
+    )
+    IN_ZONE = "enters a zone", "{a} {at} enters the {obstacle} ({parts[0]}, {state})"
+    OUT_OF_ZONE = "stays out of a zone", "{a} stays out of the {obstacle} ({parts[0]}, {state})"
+    CLEAR = "stays clear", "{both} stay {cm:.1f} cm apart"
+    CLEAR_OF_THING = "stays clear of a thing", "{a} stays {cm:.1f} cm clear of {obstacle}"
+
+    # Schedules: why there is none.
+    UNEQUAL = (
+        "plans of other lengths",
+        "{both} do {first!r} together but one of them plans {value:g} s more; plan it as one motion",
+    )
+    NO_SCHEDULE = (
+        "no schedule within the budget",
+        "no schedule was found within the search budget; plan fewer subgoals at once or in turns",
+    )
+    CLOSE_AT_FIRST = (
+        "stand too close",
+        "{both} already stand too close to each other; move one of them away first",
+    )
+    CLOSE_AT_LAST = (
+        "would end too close",
+        "{both} would end too close to each other ({a} {a_is}, {b} {b_is}); timing cannot help, choose "
+        "another end or retreat",
+    )
+    PARKED = (
+        "stands in the way",
+        "where {parked} stands before and after its motion blocks {blocked} {blocked_is}; timing cannot "
+        "help, {blocked} needs another path or {parked} must make room",
+    )
+    BLOCKED_BOTH = (
+        "block each other",
+        "{both} block each other: they get no further than {a} {a_is} and {b} {b_is}; one of them needs "
+        "another path or a place to wait",
+    )
+    ORDERS = (
+        "orders that contradict one another",
+        "the constraints on the order of {both} contradict one another: they get no further than {a} {a_is} "
+        "and {b} {b_is}; drop or change one of them",
+    )
+    ORDERS_OR_WAYS = (
+        "orders that contradict one another, or the way past each other",
+        "the constraints on the order of {both} contradict one another or their way past each other: they "
+        "get no further than {a} {a_is} and {b} {b_is}; drop or change one of them",
+    )
+    DEADLINE = (
+        "cannot be done in time",
+        "{a} cannot be done within {bound:g} s; the shortest schedule needs {value:g} s",
+    )
+    NOT_ALL = (
+        "cannot pass all together",
+        "every pair of agents could pass, but not all together; let some of them finish first",
+    )
+
+    # Motion: why there is none.
+    BLOCKED = "is blocked", "{a} cannot {first}: {in_the_way}"
+    NO_PATH = "finds no free path", "{a} cannot {first}: no free path"
+    OUT_OF_REACH = "is out of reach", "{a} cannot {first}: out of reach"
+    TOO_HIGH = "does not reach that high", "{a} cannot {first}: the arm does not reach that high"
+    NO_RETREAT = "cannot draw back", "{a} cannot draw back after letting go of {object}"
+    HOLDS_OTHER = "holds something", "{a} already holds {object}"
+    HOLDS_NOT = "does not hold it", "{a} cannot {first}: it does not hold {object}"
+    NO_TARGET = "no such place", "there is no place or object {aspect!r}; available: {names}"
+    NO_POINT = "no such point", "{object} has no place point {aspect!r}; available: {names}"
+    CIRCLE = (
+        "subgoals that wait for one another",
+        "the subgoals wait for one another: their orders are in conflict ({listed})",
+    )
+    UNEVEN_LIFT = "lift by different heights", "agents lift {object} by different heights"
+
+    # Execution.
+    HIT = "hit each other", "{everyone}, hit each other with {value:.0f} N (arms stop at {bound:g} N)"
+    PUSHES = "pushes", "{everyone}, pushes {obstacle} with {value:.0f} N (arms stop at {bound:g} N)"
+    DROPPED = "no longer holds", "{everyone}, no longer holds {object}"
+    STRAYED = (
+        "off its path",
+        "{everyone}, is {value:.2f} rad off its path (allowed {bound:g} rad): something is in its way",
+    )
+    KNOCKED = "knocked", "a disturbed arm has moved {object} by {mm:.0f} mm"
+
+    # Whatever else.
+    REFUSED = "not understood", "{refusal}"
+    IDLE = "not in this plan", "nothing in this plan is about it"
+    CONSTRAINT = "breaks a constraint", "{at} {constraint!r}: {value:.4g} {unit} (bound {bound:g} {unit})"
+
+
+class Words:
+    """What forms name, written from the facts; only what is asked for."""
+
+    def __init__(self, found: "Found") -> None:
+        self._found = found
+
+    def __getitem__(self, name: str) -> object:
+        return getattr(self if hasattr(type(self), name) else self._found, name)
+
+    @property
+    def agents(self) -> str:
+        return names(self._found.agents)
+
+    @property
+    def a(self) -> str:
+        return agent_name(self._found.agents[0])
+
+    @property
+    def b(self) -> str:
+        return agent_name(self._found.agents[1])
+
+    @property
+    def both(self) -> str:
+        return f"{self.a} and {self.b}"
+
+    @property
+    def a_does(self) -> str:
+        return doing(self._found.doing[0])
+
+    @property
+    def b_does(self) -> str:
+        return doing(self._found.doing[1])
+
+    @property
+    def a_is(self) -> str:
+        return _on_its_way(self._found.doing[0])
+
+    @property
+    def b_is(self) -> str:
+        return _on_its_way(self._found.doing[1])
+
+    @property
+    def everyone(self) -> str:
+        """Each agent and what it does, where that is known."""
+        found = self._found
+        if not found.doing:
+            return self.agents
+        each = zip(found.agents, found.doing, strict=True)
+        return ", and ".join(f"{agent_name(agent)}, {doing(does)}" for agent, does in each)
+
+    @property
+    def state(self) -> str:
+        return "as measured" if self._found.measured else self.a_does
+
+    @property
+    def meets(self) -> str:
+        return "meets" if self._found.measured else "would meet"
+
+    @property
+    def _moves(self) -> int:
+        """Which of two agents is on its way."""
+        return next((k for k, does in enumerate(self._found.doing) if does is not None), 0)
+
+    @property
+    def blocked(self) -> str:
+        return agent_name(self._found.agents[self._moves])
+
+    @property
+    def blocked_is(self) -> str:
+        return _on_its_way(self._found.doing[self._moves])
+
+    @property
+    def parked(self) -> str:
+        return agent_name(self._found.agents[1 - self._moves])
+
+    @property
+    def at(self) -> str:
+        return f"at {self._found.time_s:.2f} s"
+
+    @property
+    def cm(self) -> float:
+        return self._found.value * 100
+
+    @property
+    def bound_cm(self) -> float:
+        return self._found.bound * 100
+
+    @property
+    def mm(self) -> float:
+        return self._found.value * 1000
+
+    @property
+    def depth_mm(self) -> float:
+        return -self.mm
+
+    @property
+    def first(self) -> str:
+        return self._found.subgoals[0]
+
+    @property
+    def then(self) -> str:
+        return self._found.subgoals[1]
+
+    @property
+    def listed(self) -> str:
+        return "; ".join(self._found.subgoals) or "none"
+
+    @property
+    def names(self) -> str:
+        return ", ".join(self._found.known) or "none"
+
+    @property
+    def obstacle(self) -> str:
+        return self._found.obstacles[0]
+
+    @property
+    def in_the_way(self) -> str:
+        return ", ".join(f"{each} is in the way" for each in self._found.obstacles)
+
+
+def agent_name(agent: int) -> str:
+    """`Agent_1`, as the paper writes it."""
+    return f"Agent_{agent}"
+
+
+def names(agents: tuple[int, ...]) -> str:
+    """`Agent_1` or `[Agent_1, Agent_2]`, as the paper prints check code."""
+    listed = ", ".join(agent_name(agent) for agent in agents)
+    return listed if len(agents) == 1 else f"[{listed}]"
+
+
+def doing(now: "Doing | None") -> str:
+    """What an agent is about, in words."""
+    return "standing still" if now is None else f"to {now.subgoal} ({now.primitive})"
+
+
+def _on_its_way(now: "Doing | None") -> str:
+    if now is None:
+        return "where it stands"
+    return f"{now.along_s:.2f} s along its own way, {doing(now)}"
