@@ -29,6 +29,7 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         import numpy as np
         from tests.tutorial.own_side import OwnSide
         from rf_exp.constraints import RoboChecker, serial
+        from rf_exp.constraints.stl import Execution, judged, kept
         from rf_exp.datagen.brain.questions import constraint_forms
         from rf_exp.statements import Proposal, read
         from rf_exp.types import Row
@@ -49,6 +50,11 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         qpos[0, :7] = across
         assert checked.monitor()(scene) is None
         assert checked.monitor()(replace(scene, qpos=qpos)).reason == violation.reason
+        (check,) = (each for each in checker.checks if repr(each).startswith("NearOwnBase"))
+        for seen in (scene, replace(scene, qpos=qpos)):
+            execution = Execution(checked.plan, [seen])
+            (found,) = judged(execution, check)
+            assert found.holds == kept(execution, check) == (seen is scene)
         """
     )
     assert told.startswith("the gripper of Agent_1 is 0.") and "on the side of another agent" in told
