@@ -1,5 +1,6 @@
 """The page of a demonstration: phases, check code and verdicts of a real episode, mistake included."""
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -58,6 +59,17 @@ def test_every_check_of_a_plan_is_decided_in_one_of_its_phases(page):
     measured = shown.split("As measured when it happened:")[1]
     for agent, side in ((1, "left"), (2, "right")):  # also of the one who arrives in the very last step
         assert f"| holds | `VI(Agent_{agent}, barrier, {side})` |" in measured
+
+
+def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
+    kept = json.loads(page.with_suffix(".json").read_text())
+    assert len(kept["stl"]) == 2 and kept["certificate"]["evidence"]["lifted"]
+    for plan in kept["stl"]:
+        steps = {len(signal["values"]) for signal in plan["signals"].values()}
+        formulas = [each for check in plan["checks"] for each in check["formulas"]]
+        assert len(steps) == 1 and formulas and all(each["holds"] for each in formulas)
+        assert all(f"`{each['stl']}`" in page.read_text() for each in formulas)
+        assert any((each["robustness"] or 0) > 0.01 for each in formulas)
 
 
 def test_pictures_and_recording_lie_beside_the_page(page):

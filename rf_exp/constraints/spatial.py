@@ -5,9 +5,9 @@ pieces, which are as safe as voxels filled from volume (`occupancy`, what people
 cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import combinations
 from typing import ClassVar
 
@@ -79,17 +79,8 @@ def overlapping(
     What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
     gripper of an agent, and what it holds, may touch in the hands of another one.
     """
-    bodies = Bodies(task, scene)
-
-    @cache
-    def body(agent: int, load: str | None) -> Swept:
-        return _with_load(bodies, agent, load, (may_touch or {}).get(agent, frozenset()))
-
-    for a, b in pairs:
-        loads = scene.held[a - 1], scene.held[b - 1]
-        if loads[0] == loads[1]:  # what two hold together is no obstacle between them
-            loads = None, None
-        gap = overlap(body(a, loads[0]), body(b, loads[1]))
+    for (a, b), bodies in zip(pairs, _bodies(task, scene, pairs, may_touch or {}), strict=True):
+        gap = overlap(*bodies)
         if gap is not None:
             return Evidence(
                 ok=False,
@@ -101,6 +92,34 @@ def overlapping(
                 parts=(gap.a, gap.b),
             )
     return None
+
+
+def apart_m(plan: Plan, scene: Scene, pair: tuple[int, int]) -> float:
+    """How far two measured arms are from what `AvoidAgents` stops them for; negative: penetration depth."""
+    (bodies,) = _bodies(plan.task, scene, (pair,), {agent: _about(plan, agent, scene) for agent in pair})
+    gap = nearest(*bodies)
+    assert gap is not None  # links must always keep apart
+    return gap.distance_m
+
+
+def _bodies(
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]],
+) -> Iterator[tuple[Swept, Swept]]:
+    """Pairs of measured arms, each with what it holds."""
+    bodies = Bodies(task, scene)
+
+    @cache
+    def body(agent: int, load: str | None) -> Swept:
+        return _with_load(bodies, agent, load, may_touch.get(agent, frozenset()))
+
+    for a, b in pairs:
+        loads = scene.held[a - 1], scene.held[b - 1]
+        if loads[0] == loads[1]:  # what two hold together is no obstacle between them
+            loads = None, None
+        yield body(a, loads[0]), body(b, loads[1])
 
 
 def _with_load(bodies: Bodies, agent: int, load: str | None, may_touch: frozenset[str]) -> Swept:
@@ -270,9 +289,7 @@ class StayOut:
         return agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else str(self.occupied_by)
 
     def _zone(self) -> Swept:
-        low, high = np.array(self.low_m), np.array(self.high_m)
-        box = trimesh.creation.box(high - low, transform((low + high) / 2))
-        return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))
+        return _box(self.low_m, self.high_m)
 
     def _inside(self, paths: Paths, agent: int) -> Mask:
         """(P,) the path positions at which an agent, with what it carries, is in the zone."""
@@ -365,6 +382,14 @@ class StayOut:
             doing=() if measured else (does,),
             parts=(gap.a,),
         )
+
+
+@lru_cache(maxsize=64)  # asked for at every control step
+def _box(low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Swept:
+    """A zone between two corners, as a body that stands (P = 1)."""
+    low, high = np.array(low_m), np.array(high_m)
+    box = trimesh.creation.box(high - low, transform((low + high) / 2))
+    return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,13 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.artifacts.files import whole
+from rf_exp.artifacts.files import whole, write_json
+from rf_exp.artifacts.identity import plain
 from rf_exp.command import CONF, explained, guarded
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Settings
+from rf_exp.datagen.trace import Trace
+from rf_exp.demonstration.formulas import specified
 from rf_exp.demonstration.notes import Notes, Overheard, Together
 from rf_exp.demonstration.page import write_page
 from rf_exp.errors import ArgumentError, StageError
@@ -50,19 +53,23 @@ def main(config: DictConfig) -> None:
 
 
 def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
-    """Makes the episode of a seed; for a success `<task>-<seed>.md` and `.rrd` in `folder`."""
+    """Makes the episode of a seed; for a success `<task>-<seed>.md`, `.rrd` and `.json` in `folder`."""
     task, row = settings.task, settings.row
-    world, notes = simulator(task, pictures), Notes(task, row)
+    world, notes, trace = simulator(task, pictures), Notes(task, row), Trace()
     page = folder / f"{task.name}-{seed}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
     with whole(page.with_suffix(".rrd")) as draft:
         title = f"{task.title}, {row.name}, scene {seed}"
         with EpisodeRecorder(draft, task, world, title) as recorder:
             brain = Overheard(settings.make_brain(seed), notes)
-            outcome = EpisodeMaker(settings, world, brain, Together(recorder, notes)).make(seed)
-    if outcome.success:
+            outcome = EpisodeMaker(settings, world, brain, Together(recorder, notes, trace)).make(seed)
+    if outcome.episode is not None:
+        plans = [specified(made.checked, execution) for made, execution in trace.executions()]
         end = world.pictures()["global"] if world.cameras else None
-        write_page(page, settings, outcome, notes.rounds, end)
+        write_page(page, settings, outcome, notes.rounds, plans, end)
+        write_json(
+            page.with_suffix(".json"), {"certificate": plain(outcome.episode.certificate), "stl": plans}
+        )
         console.print(f"wrote {page} and {page.with_suffix('.rrd').name} beside it")
     else:
         page.with_suffix(".rrd").unlink()

@@ -1,8 +1,9 @@
 """A demonstration as a Markdown page with its pictures; templates/page.md says how it reads."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 
@@ -55,22 +56,33 @@ class RoundShown:
     calls: tuple[str, ...]  # of the check code
     figures: tuple[Shown, ...]
     phases: tuple[PhaseShown, ...]
+    specified: Mapping[str, Any] | None  # in signal temporal logic, where it was executed
 
 
 def write_page(
-    path: Path, settings: Settings, outcome: Outcome, rounds: Sequence[Round], end: Picture | None
+    path: Path,
+    settings: Settings,
+    outcome: Outcome,
+    rounds: Sequence[Round],
+    plans: Sequence[Mapping[str, Any]],
+    end: Picture | None,
 ) -> None:
-    """Writes `path` (.md) and, beside it, a folder of the same name with the pictures."""
+    """Writes `path` (.md) and, beside it, a folder of the same name with the pictures.
+
+    `plans`: of each round that was executed what it is in signal temporal logic.
+    """
     folder = path.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
     known = [None, *(each.violation for each in rounds)]
+    executed = iter(plans)
     page = rendered(
         TEMPLATE,
         text=text,
         task=settings.task,
         facts=_facts(settings, outcome, len(rounds)),
         recording=path.with_suffix(".rrd").name,
-        rounds=[_round(folder, k, each, known[k - 1]) for k, each in enumerate(rounds, 1)],
+        rounds=[_round(folder, k, each, known[k - 1], executed) for k, each in enumerate(rounds, 1)],
+        data=path.with_suffix(".json").name,
         succeeded=outcome.success,
         end=_picture(
             folder, "end.jpg", end if outcome.success else None, "The end, seen by the global camera"
@@ -91,7 +103,13 @@ def _facts(settings: Settings, outcome: Outcome, rounds: int) -> dict[str, objec
     }
 
 
-def _round(folder: Path, number: int, made: Round, feedback: Violation | None) -> RoundShown:
+def _round(
+    folder: Path,
+    number: int,
+    made: Round,
+    feedback: Violation | None,
+    executed: Iterator[Mapping[str, Any]],
+) -> RoundShown:
     verdict = "executed" if made.violation is None else "stopped" if made.results else "rejected"
     drawn = (
         _picture(folder, f"round-{number}-{name}.png", made.figures.get(name), caption)
@@ -106,6 +124,7 @@ def _round(folder: Path, number: int, made: Round, feedback: Violation | None) -
         tuple(repr(check) for check in made.code.checks) if made.code is not None else (),
         tuple(each for each in drawn if each is not None),
         tuple(_phase(folder, number, index, phase, made) for index, phase in enumerate(reached)),
+        next(executed) if made.results else None,
     )
 
 

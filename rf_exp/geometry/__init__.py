@@ -9,13 +9,14 @@ World frame, metres.
 from rf_exp.geometry.clearance import closer_than
 from rf_exp.geometry.distance import Nearest, folded, nearest, overlap
 from rf_exp.geometry.occupancy import VOXEL_M, Voxels, among, beside, centres_m, shared, voxels
-from rf_exp.geometry.planning_scene import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, lowest_m
+from rf_exp.geometry.planning_scene import AGENT_MARGIN_M, OBJECT_MARGIN_M, TABLE_MARGIN_M, Bodies, lowest_m
 from rf_exp.geometry.shapes import Piece
 from rf_exp.geometry.swept import Mask, Swept
 
 __all__ = [
     "AGENT_MARGIN_M",
     "OBJECT_MARGIN_M",
+    "TABLE_MARGIN_M",
     "VOXEL_M",
     "Bodies",
     "Mask",

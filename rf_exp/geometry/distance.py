@@ -93,7 +93,7 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
     Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
     """
     gaps = np.linalg.norm(a.centres[0, :, None] - b.centres[0], axis=-1) - a.radii_m[:, None] - b.radii_m
-    if gaps.min() > 0:
+    if not gaps.size or gaps.min() > 0:  # nothing can touch a mark on the table, which has no pieces
         return None
     found = nearest(a, b, np.zeros((1, 2), dtype=np.int64))
     return found if found is not None and found.distance_m <= 0 else None

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import Check, Evidence, Plan, check_of
+from rf_exp.constraints.stl import Specification, bounded, stl_of
 from rf_exp.findings import CheckName
 from rf_exp.statements import Form, OfAgent, agent_name
 from rf_exp.types import CONTROL_DT_S, Kind, Scene
@@ -76,3 +77,9 @@ class NearOwnBase:
 @check_of.register
 def _(stated: OwnSide, plans: object) -> Check:
     return NearOwnBase(stated.agent, stated.sentence)
+
+
+@stl_of.register
+def _(check: NearOwnBase, task: object) -> Specification:
+    how = f"how much nearer the gripper of Agent_{check.agent} is to its own base than to any other one"
+    return bounded(check, (f"nearer_{check.agent}", how), ">", 0.0)

@@ -30,6 +30,7 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         import numpy as np
         from tests.tutorial.own_side import OwnSide
         from rf_exp.constraints import RoboChecker, serial
+        from rf_exp.constraints.stl import Execution, judged, kept
         from rf_exp.datagen.brain.questions import constraint_forms
         from rf_exp.statements import Proposal, read
         from rf_exp.types import Row
@@ -51,6 +52,11 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         assert checked.monitor()(scene) is None
         now = checked.monitor()(replace(scene, qpos=qpos))
         assert now.measured and not violation.measured and now.value == violation.value
+        (check,) = (each for each in checker.checks if repr(each).startswith("NearOwnBase"))
+        for seen in (scene, replace(scene, qpos=qpos)):
+            execution = Execution(checked.plan, [seen])
+            (found,) = judged(execution, check)
+            assert found.holds == kept(execution, check) == (seen is scene)
         """
     )
     assert re.fullmatch(r"at [\d.]+ s 'Agent_1 must stay on its own side.': -0\.\d+ m \(bound 0 m\)\n", told)

@@ -309,8 +309,9 @@ def _impossible_distance(proposal: Proposal, question: Question, rng: np.random.
 
 @_fault(breaks=True)
 def _impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
-    """What an agent moves may not be tilted at all, not even by what no arm is without."""
-    chosen = _any([s for s in proposal.subgoals if s.verb in ("lift", "carry", "place") and s.object], rng)
+    """What an agent puts somewhere may not be tilted at all, not even by what no such motion is without."""
+    # A lift alone is no room for it: straight up, the tilt may be exactly none.
+    chosen = _any([s for s in proposal.subgoals if s.verb == "place" and s.object], rng)
     return chosen and _with(proposal, KeepLevel(chosen.object or "", 0.0, chosen.agent))
 
 

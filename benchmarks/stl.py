@@ -1,0 +1,210 @@
+"""Whether signal temporal logic, evaluated by rtamt, and the monitor say the same of executed episodes.
+
+    python benchmarks/stl.py [--episodes 20] [--tasks all] [--log FILE]
+
+Every other episode is made with all constraints on, the others with the logical ones alone, so that what the
+rest demands is broken at times. Each executed plan is judged by all constraints of its proposal, whether they
+were on or not, and by limits, orders and zones drawn at random. A verdict is one check on one executed plan:
+the monitor's, and that of the robustness of its formulas. Violations of a schedule that was not carried out
+so far are undecided. With --log every episode is a line of that file, and those that are there already are
+not made again. The last line is JSON.
+"""
+
+import argparse
+import json
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from omegaconf import OmegaConf
+
+from rf_exp.constraints import Check, RoboChecker
+from rf_exp.constraints.compile import compiled
+from rf_exp.constraints.stl import judged, kept
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.datagen.episode import EpisodeMaker
+from rf_exp.datagen.planning import Settings
+from rf_exp.datagen.trace import Trace
+from rf_exp.errors import ArgumentError
+from rf_exp.sim.pool import simulator
+from rf_exp.statements import (
+    Before,
+    Deadline,
+    Direction,
+    KeepApart,
+    KeepHeight,
+    KeepLevel,
+    KeepOut,
+    PlaceAt,
+    Proposal,
+    SameHeight,
+    ShareSpace,
+    SpeedLimit,
+    Statement,
+    Step,
+    Together,
+)
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import load_task
+from rf_exp.types import Pictures, Row
+
+CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
+FULL, LOGICAL, BLIND = Row("full"), Row("logical", spatial=False, temporal=False), Pictures(render=False)
+
+
+def drawn(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> Iterator[Statement]:
+    """Constraints that an episode may break or keep."""
+    agent, other = (int(each) for each in rng.choice(task.agents, 2, replace=len(task.agents) < 2))
+    thing = str(rng.choice(sorted(task.objects)))
+    goals = [goal for goal in proposal.subgoals if goal.object]
+    yield KeepHeight(agent, float(rng.uniform(0.1, 0.6)), rng.choice(["below", "above"]))
+    yield SpeedLimit(agent, float(rng.uniform(0.05, 0.4)))
+    some = [goals[int(at)] for at in rng.permutation(len(goals))[:3]]
+    for goal in some:
+        yield KeepLevel(goal.object or "", float(rng.uniform(0, 6)), goal.agent)
+        yield Direction(goal.agent, goal.object or "", rng.choice(["vertical", "horizontal", "level"]))
+        yield Direction(goal.agent, goal.object or "", rng.choice(["vertical", "level"]), goal.verb)
+        if goal.target in task.objects and goal.target_point:
+            yield PlaceAt(goal.agent, goal.object or "", goal.target or "", goal.target_point)
+    for step in (Step(agent), *(Step(goal.agent, goal.verb, goal.object) for goal in some)):
+        yield Deadline(step, float(rng.uniform(0, length_s)))
+    low = rng.uniform((-0.5, -0.5, 0), (0.3, 0.3, 0.3))
+    low_m, high_m = (tuple(np.round(each, 2).tolist()) for each in (low, low + 0.2))
+    yield KeepOut(agent, low_m, high_m)
+    yield KeepOut(agent, low_m, high_m, occupied_by=thing)
+    if agent == other:
+        return
+    yield KeepOut(agent, low_m, high_m, occupied_by=other)
+    yield KeepOut(agent, low_m, high_m, until=Step(other))
+    pair = min(agent, other), max(agent, other)
+    yield KeepApart(pair, float(rng.uniform(0.1, 0.8)), "grippers")
+    yield KeepApart(pair, float(rng.uniform(0.02, 0.4)), "arms")
+    yield SameHeight(pair)
+    yield ShareSpace(pair)
+    yield Together(pair, within_s=float(rng.uniform(0, 4)))
+    both = [[goal for goal in goals if goal.agent == each] for each in (agent, other)]
+    if all(both):
+        chosen = (own[int(rng.permutation(len(own))[0])] for own in both)
+        steps = (Step(goal.agent, goal.verb, goal.object) for goal in chosen)
+        yield Before(*steps, wait_s=float(rng.choice([0.0, rng.uniform(0, 2)])))
+
+
+def checks(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> list[Check]:
+    """Those of the proposal, implied ones with them, and of the drawn constraints those that fit it."""
+    found = list(RoboChecker(task, proposal, FULL).checks)
+    for stated in drawn(task, proposal, length_s, rng):
+        try:
+            found.append(compiled(stated, task, proposal))
+        except ArgumentError:
+            continue
+    return list(dict.fromkeys(found))
+
+
+def episode(task: Task, seed: int) -> dict[str, Any]:
+    """Kind of check -> how many verdicts, formulas, violations and disagreements; and the two times."""
+    settings = Settings(task, FULL if seed % 2 == 0 else LOGICAL, ScriptedSpec())
+    trace, began, rng = Trace(), time.process_time(), np.random.default_rng([seed, 3])
+    EpisodeMaker(settings, simulator(task, BLIND), settings.make_brain(seed), trace).make(seed)
+    made_s, kinds, differ = time.process_time() - began, defaultdict(lambda: [0, 0, 0, 0]), []
+    undecided = 0
+    for planned, execution in trace.executions():
+        for check in checks(task, planned.proposal, execution.clock_s[-1:].sum(), rng):
+            counts, robust = kinds[type(check).__name__], judged(execution, check)
+            expected, found = kept(execution, check), all(each.holds for each in robust)
+            if expected is None:
+                undecided += 1
+                continue
+            counts[0] += 1
+            counts[1] += any(each.judged for each in robust)
+            counts[2] += not expected
+            counts[3] += expected != found
+            if expected != found:
+                differ.append(f"{planned.checker.code!r}: {check!r}: {[each.robustness for each in robust]}")
+    judged_s = time.process_time() - began - made_s
+    return {
+        "task": task.name,
+        "seed": seed,
+        "row": settings.row.name,
+        "kinds": kinds,
+        "differ": differ,
+        "undecided": undecided,
+        "made_s": round(made_s, 2),
+        "judged_s": round(judged_s, 2),
+    }
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Markdown: agreeing verdicts of all, and how many of them are violations, for each task and kind."""
+    names = sorted({name for row in rows for name in row["kinds"]})
+    lines = [("kind", "verdicts", "with a number", "violated", "agree"), ("---",) * 5]
+    for name in names:
+        lines.append((name, *_cells([row["kinds"].get(name, (0, 0, 0, 0)) for row in rows])))
+    lines += [("**task**", "", "", "", "")]
+    for task in sorted({row["task"] for row in rows}):
+        mine = [counts for row in rows if row["task"] == task for counts in row["kinds"].values()]
+        lines.append((task, *_cells(mine)))
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _cells(counts: list[Any]) -> tuple[str, ...]:
+    verdicts, numbers, violated, differ = np.sum(counts, axis=0).tolist()
+    return str(verdicts), str(numbers), str(violated), f"{100 * (verdicts - differ) / max(1, verdicts):.2f} %"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--episodes", type=int, default=20, help="of each task")
+    parser.add_argument("--tasks", default="all", help="with commas between")
+    parser.add_argument("--log", type=Path, help="keep results here, and continue from it")
+    given = parser.parse_args()
+    names = (
+        sorted(path.stem for path in CONF.glob("*.yaml")) if given.tasks == "all" else given.tasks.split(",")
+    )
+    rows = (
+        [json.loads(line) for line in given.log.read_text().splitlines()]
+        if given.log and given.log.exists()
+        else []
+    )
+    known = {(row["task"], row["seed"]) for row in rows}
+    for name in names:
+        node = OmegaConf.to_object(OmegaConf.load(CONF / f"{name}.yaml"))
+        assert isinstance(node, dict)
+        task = load_task(name, node[name])
+        for seed in range(given.episodes):
+            if (name, seed) in known:
+                continue
+            rows.append(episode(task, seed))
+            if given.log:
+                with given.log.open("a") as log:
+                    log.write(json.dumps(rows[-1]) + "\n")
+    print(table(rows))
+    for row in rows:
+        for each in row["differ"]:
+            print(f"differs: {row['task']} {row['seed']}: {each}")
+    verdicts, numbers, violated, differ = np.sum(
+        [counts for row in rows for counts in row["kinds"].values()], axis=0
+    ).tolist()
+    print(
+        json.dumps(
+            {
+                "benchmark": "stl",
+                "episodes": len(rows),
+                "verdicts": verdicts,
+                "with_a_number": numbers,
+                "violated": violated,
+                "differ": differ,
+                "undecided": sum(row["undecided"] for row in rows),
+                "made_s": round(float(np.mean([row["made_s"] for row in rows])), 2),
+                "judged_s": round(float(np.mean([row["judged_s"] for row in rows])), 2),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,269 @@
+"""Signal temporal logic: every kind of check has a form, and rtamt's verdict on it is the monitor's."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rf_exp.constraints import Check, Plan, RoboChecker, check_of, serial
+from rf_exp.constraints import limits as checks_of_limits
+from rf_exp.constraints.compile import compiled
+from rf_exp.constraints.limits import MEASURED_DEG, MEASURED_M, MEASURED_SPEED
+from rf_exp.constraints.logical import ANGLE_MEASURED_DEG, POSITION_MEASURED_M
+from rf_exp.constraints.plan import Paths
+from rf_exp.constraints.stl import VOID, Execution, evaluated, judged, kept, signals, stl_of
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.datagen.episode import EpisodeMaker
+from rf_exp.datagen.planning import Planned, Settings
+from rf_exp.datagen.trace import Trace
+from rf_exp.errors import ArgumentError
+from rf_exp.sim.pool import simulator
+from rf_exp.statements import (
+    AvoidAgents,
+    AvoidObjects,
+    Before,
+    ContactAt,
+    Deadline,
+    Direction,
+    KeepApart,
+    KeepHeight,
+    KeepLevel,
+    KeepOut,
+    PlaceAt,
+    Proposal,
+    SameHeight,
+    ShareSpace,
+    SpeedLimit,
+    Statement,
+    Step,
+    Together,
+)
+from rf_exp.transforms import transform
+from rf_exp.types import CONTROL_DT_S, Pictures, Row, Scene
+from tests.constraints.robots import REACHING, REST, idle, real, scene_of, walk
+
+Executed = tuple[Planned, Execution]
+TASKS = ("lift_barrier", "place_food")
+
+
+@pytest.fixture(scope="module")
+def episodes() -> dict[str, list[Executed]]:
+    """Task -> the executed plans of its first episode."""
+    found = {}
+    for name in TASKS:
+        task, trace = real(name), Trace()
+        settings = Settings(task, Row("full"), ScriptedSpec())
+        world = simulator(task, Pictures(render=False))
+        assert EpisodeMaker(settings, world, settings.make_brain(0), trace).make(0).success
+        found[name] = trace.executions()
+    return found
+
+
+def agreed(execution: Execution, check: Check) -> bool:
+    """The verdict on which both agree."""
+    found = all(each.holds for each in judged(execution, check))
+    assert found == kept(execution, check), (check, judged(execution, check))
+    return found
+
+
+def check_for(made: Planned, execution: Execution, stated: Statement) -> Check:
+    return compiled(stated, execution.plan.task, made.proposal)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_on_a_real_episode_both_agree_on_every_check(episodes, name):
+    for made, execution in episodes[name]:
+        assert len(execution) > 20 and all(agreed(execution, check) for check in made.checked.checks)
+        times = [scene.step for scene in execution.scenes]
+        assert times == list(range(times[0], times[0] + len(execution)))
+        assert times[0] == execution.plan.scene.step + 1
+        forms = [stl_of(check, execution.plan.task) for check in made.checked.checks]
+        said = {(signal.name, signal.how) for form in forms for signal in form.signals}
+        assert len(said) == len(signals(execution, made.checked.checks))  # the same name is the same number
+
+
+# statement, field of its check, bound of the field for a worst value, unit steps beyond the boundary
+LIMITS: list[tuple[str, Statement, str, Any]] = [
+    ("lift_barrier", KeepApart((1, 2), 0.1), "at_least_m", lambda value: value + MEASURED_M),
+    ("lift_barrier", KeepApart((1, 2), 0.1, "arms"), "at_least_m", lambda value: value + MEASURED_M),
+    ("lift_barrier", KeepLevel("barrier"), "within_deg", lambda value: value - MEASURED_DEG),
+    ("lift_barrier", KeepHeight(1, 0.3), "limit_m", lambda value: value - MEASURED_M),
+    ("lift_barrier", KeepHeight(1, 0.3, "above"), "limit_m", lambda value: value + MEASURED_M),
+    ("lift_barrier", SpeedLimit(2, 0.3), "at_most_m_s", lambda value: value / MEASURED_SPEED),
+    ("lift_barrier", Together((1, 2)), "within_s", lambda value: value),
+    ("lift_barrier", Deadline(Step(1, "grasp", "barrier"), 5.0), "within_s", lambda value: value),
+    ("place_food", Before(Step(2, "lift", "lid"), Step(1, "place", "steak")), "wait_s", lambda value: value),
+]
+
+
+@pytest.mark.parametrize(("name", "stated", "field", "bound"), LIMITS, ids=lambda each: str(each)[:40])
+def test_a_limit_is_judged_alike_at_below_and_above_what_was_measured(episodes, name, stated, field, bound):
+    made, execution = episodes[name][0]
+    check: Any = check_for(made, execution, stated)  # a frozen dataclass
+    values = [each.value for each in execution.measured(check) if each is not None]
+    values = values or [check.planned(execution.plan).value]
+    least = field in ("at_least_m", "wait_s") or getattr(check, "side", "") == "above"
+    at = bound(min(values) if least else max(values))
+    inside, outside = (-1e-6, 1e-6) if least else (1e-6, -1e-6)
+    agreed(execution, replace(check, **{field: at}))
+    assert agreed(execution, replace(check, **{field: at + inside}))
+    assert not agreed(execution, replace(check, **{field: at + outside}))
+    robust = judged(execution, replace(check, **{field: at + inside}))
+    assert robust[0].robustness == pytest.approx(1e-6, rel=0.5)
+
+
+def changed(execution: Execution, **values: Any) -> Execution:
+    """The same with something else in every scene; a function is asked for each of them."""
+    scenes = []
+    for scene in execution.scenes:
+        found = {name: each(scene) if callable(each) else each for name, each in values.items()}
+        scenes.append(replace(scene, **found))
+    return Execution(execution.plan, scenes)
+
+
+@pytest.mark.parametrize("far_m", [0.0, POSITION_MEASURED_M - 1e-6, POSITION_MEASURED_M, 0.031])
+def test_where_the_gripper_meets_an_object(episodes, far_m):
+    made, execution = episodes["lift_barrier"][0]
+    check = check_for(made, execution, ContactAt(1, "grasp", "barrier", "left"))
+    point = execution.plan.task.asset("barrier").points["left"].object_from_tcp
+
+    def poses(scene: Scene) -> dict[str, np.ndarray]:
+        tcp = execution.plan.bodies.arms[0].tcp(scene.qpos[0])
+        aside = transform((far_m, 0, 0)) @ tcp @ np.linalg.inv(point)
+        return {**scene.poses, "barrier": aside}
+
+    verdict = agreed(changed(execution, poses=poses), check)
+    if far_m != POSITION_MEASURED_M:  # there the last bit decides, for both alike
+        assert verdict == (far_m < POSITION_MEASURED_M)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, ANGLE_MEASURED_DEG - 3, ANGLE_MEASURED_DEG + 3])
+def test_how_the_gripper_meets_an_object(episodes, turn_deg):
+    made, execution = episodes["lift_barrier"][0]
+    turn = transform((0, 0, 0), Rotation.from_euler("z", turn_deg, degrees=True))
+    check = check_for(made, execution, Direction(1, "barrier"))
+    turned = changed(execution, poses=lambda scene: {"barrier": scene.poses["barrier"] @ turn})
+    assert agreed(turned, check) == (turn_deg < ANGLE_MEASURED_DEG)
+    throughout = check_for(made, execution, Direction(1, "barrier", "vertical", "grasp"))
+    agreed(execution, throughout)
+
+
+def test_several_that_raise_one_thing(episodes):
+    made, execution = episodes["lift_barrier"][-1]
+    check = check_for(made, execution, SameHeight((1, 2)))
+    assert agreed(execution, check) and judged(execution, check)[0].judged
+    bent = changed(execution, qpos=lambda scene: scene.qpos + np.eye(2, 1) @ np.eye(1, 9, 3) * 0.1)
+    assert not agreed(bent, check)
+
+
+def test_what_is_put_down(episodes):
+    made, execution = episodes["place_food"][0]
+    check = check_for(made, execution, PlaceAt(1, "steak", "pot", "inside"))
+    assert agreed(execution, check) and judged(execution, check)[0].judged
+    paths = execution.plan.paths
+    poses = {**paths.scene.poses, "pot": transform((0.2, 0, 0)) @ paths.scene.poses["pot"]}
+    elsewhere = Paths(paths.task, paths.row, replace(paths.scene, poses=poses), paths.trajectories)
+    assert not agreed(Execution(Plan(elsewhere, execution.plan.schedule), execution.scenes), check)
+
+
+ACROSS = np.array([0.0, 1.1, 0.0, -0.8, 0.0, 1.9, 0.785])  # stretched out over the middle
+DOWN = REACHING + np.array([0, 0.5, 0, 0, 0, 0, 0])  # on the table
+
+
+def reaching(goal: NDArray[np.float64], *agents: int) -> Execution:
+    """Some of two arms go to a position, one after the other."""
+    task = real("lift_barrier")
+    moving = tuple(walk(each, [REST, goal], 20) if each in agents else idle(each) for each in (1, 2))
+    checker = RoboChecker(task, Proposal((), ()), Row("full"))
+    paths = checker.paths(moving, scene_of(task))
+    plan = Plan(paths, serial(moving, Proposal((), ())))
+    steps = range(1, len(plan.schedule) + 1)
+    scenes = []
+    for step in steps:
+        qpos = paths.scene.qpos.copy()
+        for agent in (1, 2):
+            qpos[agent - 1, :7] = moving[agent - 1].path()[plan.positions(agent)[step], :7]
+        scenes.append(replace(paths.scene, step=step, qpos=qpos))
+    return Execution(plan, scenes)
+
+
+@pytest.mark.parametrize(
+    ("agents", "force_n", "holds"),
+    [((1,), 0.0, True), ((1,), 1.0, True), ((1,), 1.001, False), ((1, 2), 0.0, False)],
+)
+def test_arms_that_touch(agents, force_n, holds):
+    execution = changed(reaching(REACHING, *agents), arm_contacts=((2, 1, force_n),))
+    check = compiled(AvoidAgents((1, 2)), execution.plan.task, Proposal((), ()))
+    assert agreed(execution, check) == holds
+
+
+@pytest.mark.parametrize(("agents", "holds"), [((), True), ((1,), False)])
+def test_an_arm_that_comes_too_near_to_things(agents, holds):
+    execution = reaching(DOWN, *agents)
+    assert agreed(execution, compiled(AvoidObjects(1), execution.plan.task, Proposal((), ()))) == holds
+
+
+@pytest.mark.parametrize(
+    ("low_m", "more", "holds"),
+    [
+        ((0.5, 0.5, 0.5), {}, True),
+        ((-0.2, -0.2, 0.0), {}, False),
+        ((-0.2, -0.2, 0.0), {"occupied_by": 2}, False),
+        ((-0.2, -0.2, 0.0), {"occupied_by": "barrier"}, False),
+        ((-0.2, -0.2, 0.0), {"until": Step(2)}, True),
+    ],
+)
+def test_a_zone(low_m, more, holds):
+    execution = reaching(ACROSS, 1)
+    zone = KeepOut(1, low_m, tuple(side + 0.4 for side in low_m), **more)
+    assert agreed(execution, compiled(zone, execution.plan.task, Proposal((), ()))) == holds
+
+
+def test_a_permission_says_that_it_has_no_formula(episodes):
+    made, execution = episodes["place_food"][0]
+    form = stl_of(check_for(made, execution, ShareSpace((1, 2))), execution.plan.task)
+    assert not form.formulas and "permission" in form.silent
+
+
+def test_every_kind_of_statement_has_a_form_and_a_case_here(episodes):
+    """A kind that is added to the package needs both."""
+    cases = {type(stated) for _, stated, *_ in LIMITS}
+    cases |= {ContactAt, Direction, SameHeight, PlaceAt, AvoidAgents, AvoidObjects, KeepOut, ShareSpace}
+    assert cases == {
+        kind for kind in check_of.registry if kind is not object and "rf_exp." in kind.__module__
+    }
+    kinds = {kind for kind in stl_of.registry if kind is not object}
+    assert vars(checks_of_limits)["Tilt"] in kinds
+    with pytest.raises(TypeError, match="no form in signal temporal logic is registered for str"):
+        stl_of("a check", real("lift_barrier"))  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("always(x <= 0.03)", 0.0),
+        ("always((g >= 0) implies (x <= 0.02))", pytest.approx(0.01)),
+        ("always(x >= 0.015)", pytest.approx(-0.005)),
+        ("always(((g >= 0) and (x >= 1)) implies (x <= 0.0))", pytest.approx(0.99)),
+    ],
+)
+def test_robustness_is_the_least_margin(text, expected):
+    assert evaluated(text, {"x": [0.03, 0.01, 0.02], "g": [-VOID, VOID, -VOID]}) == expected
+    once = evaluated(text, {"x": [0.03], "g": [-VOID]})
+    assert once == evaluated(text, {"x": [0.03, 0.03], "g": [-VOID, -VOID]})
+
+
+def test_without_rtamt_it_is_said_what_to_install(monkeypatch):
+    monkeypatch.setattr("rf_exp.constraints.stl.robustness.find_spec", lambda name: None)
+    with pytest.raises(ArgumentError, match=r"pip install 'rf_exp\[stl\]'"):
+        evaluated("always(x <= 1)", {"x": [0.0, 0.0]})
+
+
+def test_nothing_that_was_carried_out_is_judged_to_hold(episodes):
+    made, execution = episodes["lift_barrier"][0]
+    nothing = Execution(execution.plan, ())
+    assert all(agreed(nothing, check) for check in made.checked.checks)
+    assert execution.clock_s[-1] == len(execution) * CONTROL_DT_S
