@@ -1,6 +1,6 @@
 """Serves the policy of a factory by openpi's websocket protocol, for `foreign.server`: see docs/foreign.md.
 
-    python examples/foreign/serve.py examples.foreign.hold:make [--options '{"steps": 8}'] [--port 8000]
+    PYTHONPATH=. python examples/foreign/serve.py examples.foreign.hold:make [--options '{"steps": 8}'] [--port 8000]
 
 Runs where the policy does, in an environment of its own: it needs this repository in PYTHONPATH, numpy,
 msgpack and websockets, and nothing else of it. Each connection has a policy to itself.
@@ -8,11 +8,7 @@ msgpack and websockets, and nothing else of it. Each connection has a policy to 
 
 import argparse
 import json
-import sys
 import traceback
-from pathlib import Path
-
-sys.path.append(str(Path(__file__).parents[2]))
 
 import numpy as np
 from websockets.exceptions import ConnectionClosed
@@ -43,6 +39,7 @@ def main() -> None:
         except ConnectionClosed:
             pass  # by a worker that has ended
         except Exception:
+            traceback.print_exc()
             socket.send(traceback.format_exc())  # as openpi tells of an error
             socket.close(1011)
 

@@ -5,6 +5,7 @@ and each answer a map with `actions`; a text in its place is an error of the ser
 of an episode has `reset`, the seed of its scene: who keeps nothing between observations need not look.
 """
 
+from contextlib import ExitStack
 from typing import Any
 
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI, WebSocketException
@@ -14,6 +15,7 @@ from rf_exp.errors import StageError
 from rf_exp.observations import Observation
 from rf_exp.policy.foreign.wire import pack, unpack
 
+LEAVE_S = 1.0  # how long a server may take to say goodbye
 LARGEST = 2**24  # bytes of an answer; what is larger is no chunk of actions
 
 
@@ -22,12 +24,18 @@ class Remote:
 
     def __init__(self, server: str, connect_s: float, answer_s: float) -> None:
         """Connects within `connect_s` seconds; each answer may take `answer_s`."""
-        self._server, self._answer_s = server, answer_s
+        self._server, self._answer_s, self._open = server, answer_s, ExitStack()
         self._seed: int | None = None  # of an episode that has not begun yet
         try:
-            # A server that computes in its event loop cannot answer pings meanwhile.
-            self._socket: ClientConnection = connect(
-                server, open_timeout=connect_s, compression=None, max_size=LARGEST, ping_interval=None
+            self._socket: ClientConnection = self._open.enter_context(
+                connect(
+                    server,
+                    open_timeout=connect_s,
+                    close_timeout=LEAVE_S,
+                    compression=None,
+                    max_size=LARGEST,
+                    ping_interval=None,  # who computes in the event loop of a server cannot answer them
+                )
             )
         except TimeoutError as error:
             raise self._failed(f"does not answer within {connect_s:g} s (foreign.connect_s)") from error
@@ -56,7 +64,7 @@ class Remote:
 
     def close(self) -> None:
         """Leaves the server."""
-        self._socket.close()
+        self._open.close()
 
     def _answer(self, limit_s: float, key: str) -> dict[Any, Any]:
         try:
@@ -77,4 +85,5 @@ class Remote:
         return answer
 
     def _failed(self, how: str) -> StageError:
+        self.close()
         return StageError(f"policy server {self._server} {how}")

@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, get_args
 
-from rf_exp.errors import ArgumentError
-from rf_exp.observations import Observations
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.observations import Observations, State
 from rf_exp.secrets import check_policy_server
+from rf_exp.types import CameraChoice
 
 WAYS = ("factory", "server")
 
@@ -71,4 +72,8 @@ def foreign_policy(node: Mapping[str, Any], picture: Mapping[str, int]) -> dict[
         raise ArgumentError(
             f"foreign.{ways[0]} is given, and foreign.name is missing: its rows are called by it"
         )
-    return {**node, "observations": {**node["observations"], **picture}}
+    told = node["observations"]
+    for key, possible in (("state", get_args(State)), ("cameras", get_args(CameraChoice))):
+        if told[key] not in possible:
+            raise choices(f"foreign.observations.{key}", told[key], possible)
+    return {**node, "observations": {**told, **picture}}
