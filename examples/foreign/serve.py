@@ -1,6 +1,6 @@
 """Serves the policy of a factory by openpi's websocket protocol, for `foreign.server`: see docs/foreign.md.
 
-    PYTHONPATH=. python examples/foreign/serve.py examples.foreign.hold:make [--options '{"steps": 8}'] [--port 8000]
+    PYTHONPATH=. python examples/foreign/serve.py examples.foreign.hold:make [--options '{"steps": 8}']
 
 Runs where the policy does, in an environment of its own: it needs this repository in PYTHONPATH, numpy,
 msgpack and websockets, and nothing else of it. Each connection has a policy to itself.
