@@ -276,7 +276,7 @@ def test_a_server_that_is_absent_deaf_or_no_websocket() -> None:
         address = f"ws://127.0.0.1:{deaf.getsockname()[1]}"
         with pytest.raises(StageError, match=r"does not answer within 0.2 s \(foreign.connect_s\)"):
             Remote(address, 0.2, 1.0)
-    with pytest.raises(StageError, match="cannot be reached: .*; start it first"):
+    with pytest.raises(StageError, match=r"cannot be reached: .*; start it first"):
         Remote(address, 1.0, 1.0)
 
     def refuses(connection: Any, request: Any) -> Any:
@@ -284,7 +284,7 @@ def test_a_server_that_is_absent_deaf_or_no_websocket() -> None:
 
     with (
         server(says(b""), process_request=refuses) as address,
-        pytest.raises(StageError, match="refuses the connection: .*403"),
+        pytest.raises(StageError, match=r"refuses the connection: .*403"),
     ):
         Remote(address, 1.0, 1.0)
 
