@@ -10,6 +10,7 @@ from rf_exp.ablation.rows import EvaluationRow, load, newest
 from rf_exp.ablation.statistics import wilson
 from rf_exp.ablation.suite import configured
 from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, title_of
+from rf_exp.types import FOREIGN
 
 ROOT = Path(__file__).parents[1]
 HEADING = (
@@ -111,7 +112,7 @@ def cells(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[E
     """The rows of each policy, in the order of the paper's tasks, with one of them."""
     found: dict[tuple[object, ...], list[EvaluationRow]] = {}
     for row in rows:
-        if row.constraints == BASELINE_CONSTRAINTS:
+        if row.constraints == BASELINE_CONSTRAINTS and row.arch != FOREIGN.name:
             key = (row.task, row.recipe, row.arch != BASELINE_ARCH, row.arch, row.demos, row.shield)
             found.setdefault(key, []).append(row)
     order = [*paper().levels, *sorted({row.task for row in rows} - {*paper().levels})]

@@ -11,9 +11,10 @@ import dacite
 from rf_exp.datagen.brain import BrainSpec, read_brain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy.foreign.spec import Foreign, foreign_policy
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Arch, JointLimits, Occupancy, Pictures, Row
+from rf_exp.types import FOREIGN, Arch, JointLimits, Occupancy, Pictures, Row
 
 if TYPE_CHECKING:
     from rf_exp.datagen.planning import Settings
@@ -71,6 +72,7 @@ class Experiment:
     wandb: Literal["online", "offline", "disabled"]
     scenes: int
     shield: bool
+    foreign: Foreign | None
 
     def __post_init__(self) -> None:
         check_file_name("name", self.name)
@@ -102,7 +104,9 @@ class Experiment:
                 f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, "
                 "where the seeds of evaluation begin"
             )
-        looks = self.policy.observation == "pictures"
+        if self.foreign is not None:
+            self._check_foreign(self.foreign)
+        looks = self.policy.observation == "pictures" and self.foreign is None
         if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(
                 "render=false makes no pictures to learn from; use it with stages=[generate], "
@@ -113,6 +117,23 @@ class Experiment:
                 "occupancy=depth looks through the depth cameras, and render=false has none; "
                 "use render=true or occupancy=state"
             )
+
+    def _check_foreign(self, foreign: Foreign) -> None:
+        if "train" in self.stages or self.dagger.rounds:
+            raise ArgumentError(
+                f"foreign.name is {foreign.name!r}: a policy of others is evaluated, and neither trained nor "
+                "corrected; use stages=[evaluate,report] dagger.rounds=0"
+            )
+        if foreign.observations.draws and not self.pictures.render and "evaluate" in self.stages:
+            raise ArgumentError(
+                "render=false makes no pictures for a policy of others to see; use render=true, or "
+                "foreign.observations.pictures=false"
+            )
+
+    @property
+    def learned_from(self) -> int:
+        """The demonstrations behind the policies that are evaluated, as their rows say."""
+        return self.demos if self.foreign is None else self.foreign.demos
 
     @property
     def method(self) -> str:
@@ -187,6 +208,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
     if node["occupancy"] not in get_args(Occupancy):
         raise choices("occupancy", node["occupancy"], get_args(Occupancy))
     picture = node["picture"]
+    foreign = foreign_policy(node["foreign"], picture)
     try:
         plain: dict[str, Any] = {
             key: node[key]
@@ -201,7 +223,10 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             "out": Path(node["out"]),
             "pictures": {**picture, "render": node["render"], "cameras": node["cameras"]},
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
+            "foreign": foreign,
         }
+        if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
+            plain |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
         experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
         if any(override.startswith("demos=") for override in given):
             _refuse_demos_without_effect(experiment)

@@ -43,6 +43,23 @@ def check_address(url: str) -> str:
     return url
 
 
+def check_policy_server(url: str) -> str:
+    """A ws(s) address without anything secret in it. Raises ArgumentError."""
+    expected = (
+        "expected ws://host:port or wss://host:port, without user, password and query, as it is recorded"
+    )
+    try:
+        parts = urlsplit(url)
+        usable = parts.scheme in ("ws", "wss") and bool(parts.hostname) and (parts.port or 1) > 0
+    except ValueError:
+        raise ArgumentError(f"foreign.server cannot be read; {expected}") from None
+    if parts.username or parts.password or parts.query or parts.fragment:
+        raise ArgumentError(f"foreign.server holds more than an address; {expected}")
+    if not usable:
+        raise ArgumentError(f"foreign.server is {url!r}; {expected}")
+    return url
+
+
 def refuse_keys(arguments: Sequence[str]) -> None:
     """Raises ArgumentError for command line arguments that hold a key.
 
@@ -58,6 +75,8 @@ def refuse_keys(arguments: Sequence[str]) -> None:
             check_environment_name(value)
         if last == "base_url" and value not in ("", "null"):
             check_address(value)
+        if name == "foreign.server" and value not in ("", "null"):
+            check_policy_server(value)
 
 
 def no_key_here(name: str) -> ArgumentError:

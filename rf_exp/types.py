@@ -47,6 +47,9 @@ class Arch:
     both_views: bool = False  # the other view as well: a separate policy with the own and the global camera
 
 
+FOREIGN = Arch("foreign", shared_policy=True, global_view=True)  # of a policy that is somebody else's
+
+
 @dataclass(frozen=True)
 class Pictures:
     """What the cameras take: size in pixels, or nothing at all. Raises ArgumentError for other sizes."""

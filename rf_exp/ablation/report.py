@@ -61,16 +61,13 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
 def _summary(results: Results) -> Section:
     made, tried = sum(row.success for row in results.generation), len(results.generation)
     hours = sum(row.wall_s for row in results.generation) / 3600
+    own = tables.ours(results)
     tasks = {row.task for row in (*results.generation, *results.evaluation)}
     tiles = (
         Tile(f"{made} of {tried}", "scene seeds gave a demonstration, all rows of constraints together"),
         Tile(f"{made / hours:,.0f}" if hours else "missing", "demonstrations an hour of one worker's time"),
-        *_rollout_tiles(results, "rollouts", shield=False),
-        *(
-            _rollout_tiles(results, "shielded rollouts", True)
-            if any(r.shield for r in results.evaluation)
-            else ()
-        ),
+        *_rollout_tiles(own, "rollouts", shield=False),
+        *(_rollout_tiles(own, "shielded rollouts", True) if any(r.shield for r in own.evaluation) else ()),
         Tile(str(len(tasks)), "tasks with results"),
     )
     command = "" if tried or results.evaluation else "python -m rf_exp.run"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.types import FOREIGN
 
 RECORDING, FILM, PICTURE = ".rrd", ".mp4", ".png"
 
@@ -35,5 +36,7 @@ def rollout_file(row: EvaluationRow, suffix: str) -> Path:
 def learnt_from(row: EvaluationRow) -> str:
     """What the policies of a rollout have learnt from, and how, in words."""
     trained = f", training seed {row.train_seed}" if row.train_seed else ""
+    if row.arch == FOREIGN.name:
+        return f"a policy of others, {row.recipe}{trained}{', shielded' * row.shield}"
     recipe = f", recipe {row.recipe}" if row.recipe != "paper" else ""
     return f"{row.constraints}, {row.demos} demonstrations{recipe}{trained}{', shielded' * row.shield}"

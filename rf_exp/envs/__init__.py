@@ -5,8 +5,8 @@ stand on `core.EpisodeCore`, and both are told by `Observations` what they see. 
 """
 
 from rf_exp.envs.core import ResetNeeded
-from rf_exp.envs.observations import Observations
 from rf_exp.envs.registration import environment_id, parallel_env, register, register_configured
+from rf_exp.observations import Observations
 
 register_configured()
 

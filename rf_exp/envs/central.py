@@ -9,7 +9,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from rf_exp.envs.core import METADATA, EpisodeCore, Face
-from rf_exp.envs.observations import Observation, Observations, action_space, space
+from rf_exp.envs.observations import action_space, space
+from rf_exp.observations import Observation, Observations
 from rf_exp.tasks import Task
 
 

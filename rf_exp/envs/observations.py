@@ -1,70 +1,24 @@
-"""What environments show, by configuration: spaces, and the arrays in them.
+"""What environments show of `rf_exp.observations`: spaces, and the part of a single agent.
 
-Keys are those of the store: `qpos` and `qvel`, `pose_<object>`, `rgb_<camera>`; then `depth_<camera>`,
-`segmentation_<camera>` and `language`. An agent of its own sees through `global` and through its own camera,
-which is called `local` for every agent, so that all agents have one space.
+An agent of its own sees through `global` and through its own camera, which is called `local` for every
+agent, so that all agents have one space.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from collections.abc import Callable
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.observations import Observation, Observations, labels
 from rf_exp.robots import limits_rad
-from rf_exp.sim import Simulator
 from rf_exp.sim.environment import FAR_M
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import position_and_quaternion
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, CameraChoice, Pictures, Scene
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Pictures, Scene
 
-State = Literal["full", "joints", "none"]
 OVERSHOOT = 0.1  # rad, m: so far beyond its limit a joint may be measured that something pushes
-TABLE = "table"  # with the room around it
-
-Observation = dict[str, Any]  # key -> array, or a string for `language`
-
-
-@dataclass(frozen=True)
-class Observations:
-    """What an environment shows. Raises ArgumentError for values that are not possible.
-
-    `state`: `full` is all joints and the poses of all objects, `joints` what an arm measures of itself,
-    `none` neither. `pictures`, `depth` and `segmentation` are taken by `cameras`, as `width` x `height` px;
-    without them nothing is drawn, and no Vulkan device is needed.
-    """
-
-    state: State = "full"
-    pictures: bool = False  # (H, W, 3) uint8, RGB
-    depth: bool = False  # (H, W) float32, metres along the viewing direction, to the millimetre; 0 is nothing
-    segmentation: bool = False  # (H, W) uint8, numbers of `labels`
-    language: bool = False  # the task, in a sentence or two
-    cameras: CameraChoice = "all"  # all | local (those of the agents) | global
-    width: int = 320
-    height: int = 240
-
-    def __post_init__(self) -> None:
-        if self.state not in get_args(State):
-            raise choices("state", self.state, get_args(State))
-        Pictures(self.width, self.height, cameras=self.cameras)  # looks at its arguments
-        if self.state == "none" and not (self.draws or self.language):
-            raise ArgumentError(
-                "nothing is observed; expected state, pictures, depth, segmentation or language"
-            )
-
-    @property
-    def draws(self) -> bool:
-        """Whether a camera has to look."""
-        return self.pictures or self.depth or self.segmentation
-
-
-def labels(task: Task) -> tuple[str, ...]:
-    """What the numbers of a segmentation mean: 0 nothing, 1 table and room, objects, agents."""
-    return ("nothing", TABLE, *task.objects, *(f"agent{agent}" for agent in task.agents))
 
 
 def action_space(agents: int | None = None) -> spaces.Box:
@@ -117,45 +71,6 @@ def _pose_space() -> spaces.Box:
 
 def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
     return spaces.Box(-np.inf, np.inf, shape, np.float32)
-
-
-class Eyes:
-    """Observes the present step of a simulator, for one controller of all arms."""
-
-    def __init__(self, seen: Observations, world: Simulator) -> None:
-        self._seen, self._world, self._task = seen, world, world.task
-        self._cameras = Pictures(cameras=seen.cameras).of(len(world.task.agents))
-        self._poses = [(f"pose_{name}", name) for name in world.task.objects]
-
-    def __call__(self, scene: Scene) -> Observation:
-        """What there is to see; all arrays are new ones."""
-        seen, shown = self._seen, Observation()
-        if seen.state != "none":
-            shown["qpos"], shown["qvel"] = scene.qpos.astype(np.float32), scene.qvel.astype(np.float32)
-        if seen.state == "full":
-            for key, name in self._poses:
-                shown[key] = np.array(position_and_quaternion(scene.poses[name]), np.float32)
-        if seen.pictures:
-            shown |= _named("rgb", self._world.pictures(self._cameras))
-        if seen.depth:
-            shown |= _named("depth", self._world.depth(self._cameras))
-        if seen.segmentation:
-            shown |= _named("segmentation", self._segmentation())
-        if seen.language:
-            shown["language"] = self._task.description
-        return shown
-
-    def _segmentation(self) -> dict[str, NDArray[np.uint8]]:
-        bodies = self._world.bodies()
-        images = self._world.segmentation(self._cameras)
-        number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
-        for label, name in enumerate(labels(self._task)):
-            number[list(bodies.get(name, ()))] = label
-        return {name: number[image] for name, image in images.items()}
-
-
-def _named(kind: str, images: Mapping[str, NDArray]) -> Observation:
-    return {f"{kind}_{name}": image for name, image in images.items()}
 
 
 def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observation], Observation]:

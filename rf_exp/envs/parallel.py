@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, Face, shaped
-from rf_exp.envs.observations import (
-    Observation,
-    Observations,
-    action_space,
-    of_agent,
-    space,
-    state_space,
-    state_vector,
-)
+from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
 from rf_exp.errors import ArgumentError
+from rf_exp.observations import Observation, Observations
 from rf_exp.tasks import Task
 
 Of = dict[str, Any]  # agent -> something

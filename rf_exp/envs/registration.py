@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from rf_exp.envs.observations import Observations
 from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.observations import Observations
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import CONFIGURED, read_task
 

@@ -41,7 +41,7 @@ def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Pat
 
 
 def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    name = f"{row.name}-{experiment.method}-{experiment.demos}{'-shield' * experiment.shield}.jsonl"
+    name = f"{row.name}-{experiment.method}-{experiment.learned_from}{'-shield' * experiment.shield}.jsonl"
     return experiment.out / "results" / "evaluate" / task.name / arch.name / name
 
 

@@ -23,8 +23,9 @@ from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS, Experiment
 from rf_exp.findings import Account
 from rf_exp.policy.coordination import sent_on
-from rf_exp.stages.artifacts import corrected_path, correction_path, data_path, owned, policy_path
-from rf_exp.stages.evaluation import scene_of, step_limit, trained
+from rf_exp.stages.acting import acting, learning
+from rf_exp.stages.artifacts import corrected_path, correction_path, data_path, owned
+from rf_exp.stages.evaluation import scene_of
 from rf_exp.stages.generation import collect
 from rf_exp.stages.identity import correction_identity
 from rf_exp.stages.logs import rate_log
@@ -60,9 +61,8 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
     """
     rounds = experiment.dagger.rounds
     before = replace(experiment.after(rounds - 1), shield=False)
-    limit = step_limit(experiment, task, row)
-    policies = trained(before, task, arch, policy_path(before, task, row, arch))
-    made_of = correction_identity(experiment, task, row, limit, policies)
+    who, policies = acting(before, task, row, arch), learning(before, task, row, arch).made_of
+    made_of = correction_identity(experiment, task, row, who.limit, policies)
     data, demos = demonstrations(before, task, row, arch)
     source = Store.open(data).first(demos)
     path = corrected_path(experiment, task, row, arch)
@@ -72,7 +72,7 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
         expert = partial(
             make_episode, settings, experiment.pictures, cameras=store.cameras, known=_usual(source)
         )
-        act = scene_of(before, task, row, arch, limit)
+        act = scene_of(before, task, who)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
 
         collect(

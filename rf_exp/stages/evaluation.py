@@ -3,42 +3,31 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
-from functools import lru_cache, partial
-from itertools import islice
+from functools import partial
 from pathlib import Path
-from statistics import mean
 from typing import Any
 
 import torch
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.artifacts.files import sweep, whole
 from rf_exp.artifacts.provenance import commit
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen.coordinator import Coordinator
-from rf_exp.datagen.planning import Settings
-from rf_exp.errors import StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.findings import Account
-from rf_exp.policy.config import LEARNER, PolicyConfig
-from rf_exp.policy.curves import cost_s
-from rf_exp.policy.rollout import Actor, load_actors, rollout
-from rf_exp.policy.saved import expect, made_of
+from rf_exp.policy.rollout import Actor, Performer, rollout
 from rf_exp.policy.shield import Shield
-from rf_exp.policy.views import views
 from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim.pool import simulator
+from rf_exp.stages.acting import Acting, Learning, acting, learning
 from rf_exp.stages.artifacts import (
-    correction_path,
     evaluation_path,
-    generation_path,
     owned,
-    policy_path,
     recording_path,
     same_configuration,
 )
@@ -47,21 +36,16 @@ from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import Arch, Pictures, Rollout, RolloutStep, Row
 
-STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
-
 
 def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
-    folder, path = policy_path(experiment, task, row, arch), evaluation_path(experiment, task, row, arch)
-    limit = step_limit(experiment, task, row)
-    policies = trained(experiment, task, arch, folder)
-    core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
-    asked = _queries(experiment, task, row, arch)
-    with owned(path, evaluation_identity(experiment, task, row, arch, limit)):
+    path = evaluation_path(experiment, task, row, arch)
+    who, learned = acting(experiment, task, row, arch), learning(experiment, task, row, arch)
+    with owned(path, evaluation_identity(experiment, task, row, arch, who.limit)):
         known = rows.read(path, EvaluationRow) if path.exists() else ()
         of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
         there = any(r.train_seed == experiment.train_seed for r in known)
-        same_configuration(of_seed, policies, there, [path])
+        same_configuration(of_seed, learned.made_of, there, [path])
         sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
@@ -76,30 +60,30 @@ def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) 
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
             rate_log(experiment, "evaluate", task, row, arch, ours) as log,
         ):
-            scene = scene_of(experiment, task, row, arch, limit)
+            scene = scene_of(experiment, task, who)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
-                tells = _row(experiment, task, row, arch, limit, core_s, asked, result, wall_s)
+                tells = _row(experiment, task, row, arch, who.limit, learned, result, wall_s)
                 rows.append(path, tells)
                 ours.append(tells)
                 log(tells)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        _look(experiment, task, row, arch, limit, ours)
+        _look(experiment, task, row, arch, who, ours)
 
 
 def _look(
-    experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int, known: Sequence[EvaluationRow]
+    experiment: Experiment, task: Task, row: Row, arch: Arch, who: Acting, known: Sequence[EvaluationRow]
 ) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
-    scene = scene_of(experiment, task, row, arch, limit)
+    scene = scene_of(experiment, task, who)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
     stage = rollout_name(
-        arch.name, experiment.method, experiment.demos, experiment.train_seed, experiment.shield
+        arch.name, experiment.method, experiment.learned_from, experiment.train_seed, experiment.shield
     )
     before = {r.scene_seed: r for r in known}
     looks: list[tuple[int, list[Path]]] = []
@@ -137,49 +121,24 @@ def _look(
             )
 
 
-def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
-    """What the policies were made of: as this experiment says, from which data, with which weights.
-
-    Raises StageError for policies that were made otherwise.
-    """
-    made = {}
-    for view in views(arch, len(task.agents)):
-        made[view.name] = made_of(folder / view.name)
-        config = replace(experiment.training, seed=experiment.train_seed)
-        wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
-        expect(folder / view.name, wanted)
-    weights = {name: one.pop("weights") for name, one in made.items()}
-    return {"data": next(iter(made.values()))["data"], "weights": weights}
-
-
-def scene_of(
-    experiment: Experiment, task: Task, row: Row, arch: Arch, limit: int
-) -> Callable[..., tuple[Rollout, float]]:
+def scene_of(experiment: Experiment, task: Task, who: Acting) -> Callable[..., tuple[Rollout, float]]:
     """`evaluate_scene` of an experiment, which lacks the seed alone."""
-    folder = policy_path(experiment, task, row, arch)
-    kept = {"limit": limit, "shield": experiment.shield}
-    if arch.coordinated:
-        kept["plans"] = replace(experiment.settings(task, row), disturbance_rad=0.0)
-    return partial(evaluate_scene, task, experiment.pictures, folder, experiment.policy, **kept)
+    return partial(evaluate_scene, task, experiment.pictures, who, shield=experiment.shield)
 
 
 def evaluate_scene(
     task: Task,
     pictures: Pictures,
-    folder: Path,
-    acting: PolicyConfig,
+    who: Acting,
     seed: int,
-    limit: int,
     shield: bool = False,
-    plans: Settings | None = None,
     record: Path | None = None,
     film: Path | None = None,
     watch: Callable[[RolloutStep], None] | None = None,
 ) -> tuple[Rollout, float]:
     """A rollout in this process and the seconds it took; recorded and filmed to the files that are named.
 
-    A film has the picture of its last moment beside it. `watch` is told of every step. With `plans` a
-    coordinator tells the policies who is at which subgoal of a plan that is made so.
+    A film has the picture of its last moment beside it. `watch` is told of every step.
     """
     began = time.perf_counter()
     threads = torch.get_num_threads()
@@ -205,14 +164,21 @@ def evaluate_scene(
                 watch(step)
 
         guard = Shield(task) if shield else None
-        actors = _actors(folder, acting)
-        coordinator = Coordinator(plans, seed, start, actors[0].senses.names) if plans else None
+        actors = who.cast(world)
+        coordinator = Coordinator(who.plans, seed, start, _subgoals(actors)) if who.plans else None
         result = rollout(
-            world, Judge(task, start), actors, seed, limit, monitor, look, start, guard, coordinator
+            world, Judge(task, start), actors, seed, who.limit, monitor, look, start, guard, coordinator
         )
         for observer in observers:
             observer.ended(result)
     return result, time.perf_counter() - began
+
+
+def _subgoals(actors: Sequence[Performer]) -> tuple[tuple[str, ...], ...]:
+    """Of each agent, that trained policies know by their numbers."""
+    (first, *_) = actors
+    assert isinstance(first, Actor)
+    return first.senses.names
 
 
 def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
@@ -228,49 +194,22 @@ def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
     return lost, overdue.limit_s
 
 
-@lru_cache(maxsize=1)
-def _actors(folder: Path, acting: PolicyConfig) -> tuple[Actor, ...]:
-    """The policies of a folder, loaded once a process; a finished folder never changes."""
-    return load_actors(folder, acting=acting)
-
-
-def step_limit(experiment: Experiment, task: Task, row: Row) -> int:
-    """Twice the mean length of the first successful expert episodes (supplementary B)."""
-    path = generation_path(experiment, task, row)
-    if not path.exists():
-        raise StageError(f"no generated episodes of {task.name}/{row.name}; run stages=[generate] first")
-    succeeded = (r.steps for r in rows.read(path, GenerationRow) if r.success and r.version == task.version)
-    steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
-    if not steps:
-        raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
-    return round(2 * mean(steps))
-
-
-def _queries(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
-    """How many proposals the expert was asked for to correct the policies, in all rounds."""
-    count = 0
-    for rounds in range(1, experiment.dagger.rounds + 1):
-        path = correction_path(experiment.after(rounds), task, row, arch)
-        count += sum(made.attempts for made in rows.read(path, GenerationRow))
-    return count
-
-
 def _row(
     experiment: Experiment,
     task: Task,
     row: Row,
     arch: Arch,
     limit: int,
-    core_s: float,
-    queries: int,
+    learned: Learning,
     result: Rollout,
     wall_s: float,
 ) -> EvaluationRow:
+    foreign = experiment.foreign
     return EvaluationRow(
         task=task.name,
         arch=arch.name,
         constraints=row.name,
-        demos=experiment.demos,
+        demos=experiment.learned_from,
         train_seed=experiment.train_seed,
         scene_seed=result.seed,
         success=result.success,
@@ -282,12 +221,12 @@ def _row(
         version=task.version,
         contacts=result.contacts,
         commit=commit(),
-        observation=experiment.policy.observation,
-        disturbance_rad=experiment.disturbance_rad,
+        observation=foreign.observation if foreign else experiment.policy.observation,
+        disturbance_rad=0.0 if foreign else experiment.disturbance_rad,
         shield=experiment.shield,
         interventions=result.interventions,
         recipe=experiment.method,
-        core_s=round(core_s, 1),
-        queries=queries,
+        core_s=round(learned.core_s, 1),
+        queries=learned.queries,
         account=result.account,
     )

@@ -57,15 +57,17 @@ def evaluation_identity(
     if arch.coordinated:  # by plans that are made as those of generation are
         aided["coordinator"] = COORDINATOR
         aided["plans"] = generation_identity(replace(experiment, disturbance_rad=0.0), task, row)
+    who = {"policy": experiment.policy.identity, "training": experiment.training.identity}
+    if experiment.foreign is not None:
+        who = {"foreign": experiment.foreign.identity, "velocity_rad_s": experiment.limits.velocity_rad_s}
     return plain(
         {
             **aided,
             "task": task.name,
             "scene": task.identity,
-            "demos": experiment.demos,
+            "demos": experiment.learned_from,
             "pictures": [experiment.pictures.width, experiment.pictures.height],
             "step_limit": step_limit,
-            "policy": experiment.policy.identity,
-            "training": experiment.training.identity,
+            **who,
         }
     )

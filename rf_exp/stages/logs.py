@@ -134,7 +134,7 @@ def identity(
     experiment: Experiment, stage: str, task: Task, row: Row, arch: Arch | None, view: str = ""
 ) -> dict[str, Any]:
     """Name, group, tags and configuration of a run: what it is about, and all that it was made with."""
-    counted = f"{experiment.demos} demos"
+    counted = f"{experiment.learned_from if stage == 'evaluate' else experiment.demos} demos"
     if stage == "generate" and experiment.episodes is not None:
         counted = f"{experiment.episodes} episodes"
     learned = [experiment.method] if arch else []

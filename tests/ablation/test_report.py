@@ -219,7 +219,7 @@ def test_curves_need_rows(tmp_path: Path) -> None:
 
 def test_the_command_rebuilds_from_rows_alone(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--out", str(out)]) == 0
-    assert len(list((out / "tables").iterdir())) == 21
+    assert len(list((out / "tables").iterdir())) == 24
     first = {path: path.read_bytes() for path in (out / "tables").iterdir()}
     assert main(["--out", str(out)]) == 0
     assert first == {path: path.read_bytes() for path in (out / "tables").iterdir()}

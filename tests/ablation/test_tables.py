@@ -24,6 +24,7 @@ from rf_exp.errors import ArgumentError, StageError
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
 NAMES = ["tasks", "comparison", "benchmark", "architectures", "shield", "ablation_success", "ablation_length"]
+NAMES += ["foreign"]
 EMPTY = Results()
 SUITE = {
     "lift_barrier": TaskFacts("Lift Barrier", 2, "Two arms lift a barrier.", "It is up.", "1"),
@@ -229,7 +230,7 @@ def counted() -> tuple[dict[GenerationRow, int], dict[EvaluationRow, int]]:
                     some = [rng.choice((0, 0, 1, 2, BUDGET - 1, BUDGET)) for _ in range(7)]
                     rows = generation(task, constraints, 4, 3, brain=brain, version=version, violations=some)
                     made.update(zip(rows, some, strict=True))
-            for arch in (*paper().architectures, "my_arch"):
+            for arch in (*paper().architectures, "my_arch", "foreign"):
                 for demos in (20, *paper().demos):
                     for constraints in ("full", "logical"):
                         for shield in (False, True):
@@ -256,6 +257,9 @@ def by_hand(name: str, line: str, column: str) -> list[int]:
     shield = name == "shield" and column == "with"
     if name == "shield":
         task, arch, demos, _ = line.split("-")
+    elif name == "foreign":
+        (task, _, demos, *shielded), arch = line.split("-"), "foreign"
+        shield = bool(shielded)
     elif name == "architectures":
         task, (arch, demos) = column, line.split("-")
     else:
@@ -610,3 +614,19 @@ def test_disturbed_seeds_measure_no_expert_and_are_counted_apart() -> None:
     for name, table in both.items():
         assert table.notes[-1] == said, name
         assert table.notes[-2].startswith("10 seeds of disturbed demonstrations do not measure the expert")
+
+
+def test_policies_of_others_count_in_no_table_of_ours() -> None:
+    """Though they have more rows, and are called as a recipe of ours is."""
+    ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast")
+    others = evaluation("lift_barrier", "foreign", 0, 40, 10, recipe="fast", violations=(3,))
+    alone, beside = build(evaluated(ours), SUITE), build(evaluated(ours, others), SUITE)
+    assert {name: table for name, table in beside.items() if name != "foreign"} == {
+        name: table for name, table in alone.items() if name != "foreign"
+    }
+    assert alone["foreign"].lines == ()
+    (line,) = beside["foreign"].lines
+    assert (line.key, line.title) == ("lift_barrier-fast-0", "Lift Barrier, fast")
+    cell = at(beside["foreign"], line.key, "success")
+    assert (cell.value, cell.interval) == (0.8, wilson(40, 50).interval)
+    assert at(beside["foreign"], line.key, "success_violations").value == 1.0

@@ -14,9 +14,10 @@ from rf_exp.ablation.tables.baseline import benchmark
 from rf_exp.ablation.tables.cells import CLEAN, MISSING, Cell, Length, Rate, Text, Violations, escape_latex
 from rf_exp.ablation.tables.expert import ablation_length, ablation_success
 from rf_exp.ablation.tables.notes import learnt_from
+from rf_exp.ablation.tables.others import foreign
 from rf_exp.ablation.tables.overview import comparison, tasks
 from rf_exp.ablation.tables.policies import architectures, shield
-from rf_exp.ablation.tables.selection import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes
+from rf_exp.ablation.tables.selection import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, ours
 from rf_exp.ablation.tables.table import Column, Line, Table, title_of
 
 __all__ = [
@@ -36,17 +37,24 @@ __all__ = [
     "build",
     "core_minutes",
     "escape_latex",
+    "ours",
     "title_of",
 ]
 
 TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
     builder.__name__: builder
-    for builder in (tasks, comparison, benchmark, architectures, shield, ablation_success, ablation_length)
+    for builder in (
+        *(tasks, comparison, benchmark, architectures, shield),
+        *(ablation_success, ablation_length, foreign),
+    )
 }
 
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
     """Every table, by name, for a suite of tasks."""
-    tables = {name: builder(results, suite) for name, builder in TABLES.items()}
-    notes = learnt_from(results)
+    own = ours(results)  # no table of ours counts rollouts of others
+    tables = {
+        name: builder(results if builder is foreign else own, suite) for name, builder in TABLES.items()
+    }
+    notes = learnt_from(own)
     return {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}

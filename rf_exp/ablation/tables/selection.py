@@ -8,6 +8,7 @@ from statistics import fmean
 from rf_exp.ablation.paper import paper
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results
 from rf_exp.ablation.suite import Suite
+from rf_exp.types import FOREIGN
 
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
 COORDINATED_ARCH = "separate_coordinated"  # ours
@@ -29,6 +30,16 @@ def agents_of(task: str, suite: Suite) -> int | None:
 def unshielded(results: Results) -> Results:
     """The results without shielded rollouts, which have a table of their own."""
     return replace(results, evaluation=tuple(row for row in results.evaluation if not row.shield))
+
+
+def ours(results: Results) -> Results:
+    """The results without rollouts of policies that are somebody else's."""
+    return replace(results, evaluation=tuple(row for row in results.evaluation if row.arch != FOREIGN.name))
+
+
+def others(results: Results) -> Results:
+    """The results with these rollouts alone."""
+    return replace(results, evaluation=tuple(row for row in results.evaluation if row.arch == FOREIGN.name))
 
 
 def is_baseline(row: EvaluationRow) -> bool:

@@ -1,0 +1,79 @@
+"""Whose policy acts in the place of ours, and how: `foreign` in conf/config.yaml, checked."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, get_args
+
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.observations import Observations, State
+from rf_exp.secrets import check_policy_server
+from rf_exp.types import CameraChoice
+
+WAYS = ("factory", "server")
+
+
+@dataclass(frozen=True)
+class Foreign:
+    """One policy of all agents, by one of two ways. Raises ArgumentError for values that are not possible."""
+
+    name: str  # of its rows and files, in the place of a recipe
+    factory: str | None  # package.module:function
+    options: Mapping[str, Any] | None = field(hash=False)  # keyword arguments of the factory
+    server: str | None  # ws://host:port
+    connect_s: float
+    answer_s: float  # for one answer of the server
+    action_steps: int | None  # of a chunk that are executed; None: all
+    step_limit: int | None  # control steps of a scene; None: as for our policies
+    demos: int  # of ours that it has learned from, as its rows say
+    observations: Observations
+
+    def __post_init__(self) -> None:
+        if self.factory is None and self.options:
+            raise ArgumentError("foreign.options are arguments of foreign.factory; there is none")
+        if self.factory is not None:
+            module, _, function = self.factory.partition(":")
+            if not (function.isidentifier() and all(part.isidentifier() for part in module.split("."))):
+                raise ArgumentError(
+                    f"foreign.factory is {self.factory!r}; expected package.module:function, e.g. "
+                    "my_package.my_module:make"
+                )
+        if self.server is not None:
+            check_policy_server(self.server)
+        for name in ("connect_s", "answer_s", "action_steps", "step_limit"):
+            if (value := getattr(self, name)) is not None and value <= 0:
+                raise ArgumentError(f"foreign.{name} is {value}; it must be positive")
+        if self.demos < 0:
+            raise ArgumentError(f"foreign.demos is {self.demos}; it must be at least 0")
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What decides its rollouts. Where its server is, is not among it: the name stands for the policy."""
+        fields = ("name", "factory", "options", "action_steps")
+        return {**{key: getattr(self, key) for key in fields}, "observations": asdict(self.observations)}
+
+    @property
+    def observation(self) -> str:
+        """What its rows say: `state` where it is told the true poses, which makes it an oracle."""
+        return "state" if self.observations.state == "full" else "pictures"
+
+
+def foreign_policy(node: Mapping[str, Any], picture: Mapping[str, int]) -> dict[str, Any] | None:
+    """The fields of a Foreign from `foreign` and `picture` of a configuration; None where nobody is named.
+
+    Raises ArgumentError for a name without a way to the policy, for two ways, and for one without a name.
+    """
+    ways = [way for way in WAYS if node[way] is not None]
+    if not ways and node["name"] is None:
+        return None
+    if len(ways) != 1:
+        found = "both are given" if ways else "neither is given"
+        raise ArgumentError(f"foreign.factory or foreign.server makes a policy known, one of them; {found}")
+    if node["name"] is None:
+        raise ArgumentError(
+            f"foreign.{ways[0]} is given, and foreign.name is missing: its rows are called by it"
+        )
+    told = node["observations"]
+    for key, possible in (("state", get_args(State)), ("cameras", get_args(CameraChoice))):
+        if told[key] not in possible:
+            raise choices(f"foreign.observations.{key}", told[key], possible)
+    return {**node, "observations": {**told, **picture}}

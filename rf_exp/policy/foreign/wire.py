@@ -1,0 +1,48 @@
+"""Observations and actions as bytes: msgpack with NumPy arrays in the form of openpi's `msgpack_numpy`.
+
+An array is a map of the binary keys `__ndarray__` (true), `data` (its bytes, C order), `dtype` (e.g. `<f4`)
+and `shape`, a NumPy number one of `__npgeneric__`, `data` and `dtype`. That client itself cannot be
+installed beside the NumPy of the suite, so its form is written and read here; both ends understand it.
+"""
+
+from typing import Any
+
+import msgpack
+import numpy as np
+
+ARRAY, NUMBER = b"__ndarray__", b"__npgeneric__"
+KINDS = "biuf"  # of dtypes that travel: truth values and real numbers
+
+
+def pack(value: Any) -> bytes:
+    """Raises TypeError for what is neither an array of numbers nor something that msgpack knows."""
+    packed = msgpack.packb(value, default=_told)
+    assert packed is not None
+    return packed
+
+
+def unpack(data: bytes) -> Any:
+    """What `pack` was given; arrays are new ones. Raises ValueError for anything else."""
+    try:
+        return msgpack.unpackb(data, object_hook=_restored)
+    except (msgpack.UnpackException, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{len(data)} bytes that are no message: {type(error).__name__}: {error}") from error
+
+
+def _told(value: Any) -> dict[bytes, Any]:
+    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
+        raise TypeError(f"a {getattr(value, 'dtype', type(value).__name__)} cannot be sent")
+    if isinstance(value, np.generic):
+        return {NUMBER: True, b"data": value.item(), b"dtype": value.dtype.str}
+    return {ARRAY: True, b"data": value.tobytes(), b"dtype": value.dtype.str, b"shape": value.shape}
+
+
+def _restored(found: dict[Any, Any]) -> Any:
+    if ARRAY not in found and NUMBER not in found:
+        return found
+    dtype = np.dtype(found[b"dtype"])
+    if dtype.kind not in KINDS:
+        raise ValueError(f"an array of {dtype}")
+    if NUMBER in found:
+        return dtype.type(found[b"data"])
+    return np.frombuffer(found[b"data"], dtype).reshape(found[b"shape"]).copy()

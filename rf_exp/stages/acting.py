@@ -1,0 +1,120 @@
+"""Who acts in evaluation: the policies that this experiment has trained, or somebody else's."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import islice
+from pathlib import Path
+from statistics import mean
+from typing import Any
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import GenerationRow
+from rf_exp.datagen.planning import Settings
+from rf_exp.errors import StageError
+from rf_exp.experiment import Experiment
+from rf_exp.policy.config import LEARNER, PolicyConfig
+from rf_exp.policy.curves import cost_s
+from rf_exp.policy.foreign.performer import foreigners
+from rf_exp.policy.rollout import Actor, Performer, load_actors
+from rf_exp.policy.saved import expect, made_of
+from rf_exp.policy.views import views
+from rf_exp.sim import Simulator
+from rf_exp.stages.artifacts import correction_path, generation_path, policy_path
+from rf_exp.tasks import Task
+from rf_exp.types import CONTROL_DT_S, Arch, Row
+
+STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
+
+Cast = Callable[[Simulator], Sequence[Performer]]  # who acts in a world; made in the process that asks
+
+
+@dataclass(frozen=True)
+class Acting:
+    """What evaluation has to know of those who act. It travels to worker processes."""
+
+    cast: Cast
+    limit: int  # control steps of a scene
+    plans: Settings | None = None  # with which a coordinator tells policies who is at which subgoal
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What stands behind those who act, for their rows."""
+
+    made_of: dict[str, Any]  # as it is recorded beside the rows
+    core_s: float = 0.0  # CPU seconds of learning, together
+    queries: int = 0  # proposals that the expert was asked for
+
+
+def acting(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Acting:
+    """Who acts. Raises StageError where nobody knows for how long."""
+    if (foreign := experiment.foreign) is not None:
+        limit = foreign.step_limit or step_limit(experiment, task, row, ", or give foreign.step_limit")
+        fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
+        return Acting(partial(foreigners, foreign, fastest_rad), limit)
+    folder = policy_path(experiment, task, row, arch)
+    plans = replace(experiment.settings(task, row), disturbance_rad=0.0) if arch.coordinated else None
+    limit = step_limit(experiment, task, row)
+    return Acting(partial(_trained, folder, experiment.policy), limit, plans)
+
+
+def learning(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Learning:
+    """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
+    if (foreign := experiment.foreign) is not None:
+        return Learning({"foreign": foreign.name})
+    folder = policy_path(experiment, task, row, arch)
+    made = trained(experiment, task, arch, folder)
+    core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
+    return Learning(made, core_s, _queries(experiment, task, row, arch))
+
+
+@lru_cache(maxsize=1)
+def _loaded(folder: Path, config: PolicyConfig) -> tuple[Actor, ...]:
+    """The policies of a folder, loaded once a process; a finished folder never changes."""
+    return load_actors(folder, acting=config)
+
+
+def _trained(folder: Path, config: PolicyConfig, world: Simulator) -> tuple[Actor, ...]:
+    return _loaded(folder, config)  # they see what a rollout shows them, whatever the world
+
+
+def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
+    """What the policies were made of: as this experiment says, from which data, with which weights.
+
+    Raises StageError for policies that were made otherwise.
+    """
+    made = {}
+    for view in views(arch, len(task.agents)):
+        made[view.name] = made_of(folder / view.name)
+        config = replace(experiment.training, seed=experiment.train_seed)
+        wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
+        expect(folder / view.name, wanted)
+    weights = {name: one.pop("weights") for name, one in made.items()}
+    return {"data": next(iter(made.values()))["data"], "weights": weights}
+
+
+def step_limit(experiment: Experiment, task: Task, row: Row, otherwise: str = "") -> int:
+    """Twice the mean length of the first successful expert episodes (supplementary B).
+
+    Raises StageError where there is none; `otherwise` is what else a person can do.
+    """
+    path = generation_path(experiment, task, row)
+    if not path.exists():
+        raise StageError(
+            f"no generated episodes of {task.name}/{row.name}; run stages=[generate] first{otherwise}"
+        )
+    succeeded = (r.steps for r in rows.read(path, GenerationRow) if r.success and r.version == task.version)
+    steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
+    if not steps:
+        raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
+    return round(2 * mean(steps))
+
+
+def _queries(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
+    """How many proposals the expert was asked for to correct the policies, in all rounds."""
+    count = 0
+    for rounds in range(1, experiment.dagger.rounds + 1):
+        path = correction_path(experiment.after(rounds), task, row, arch)
+        count += sum(made.attempts for made in rows.read(path, GenerationRow))
+    return count

@@ -1,0 +1,346 @@
+"""Policies of others: what they are told and give; whatever they do wrong is said, and loses nothing."""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.ablation import rows
+from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.observations import Eyes, Observations
+from rf_exp.policy.foreign.factory import make_policy
+from rf_exp.policy.foreign.performer import Foreigner, foreigners
+from rf_exp.policy.foreign.remote import Remote
+from rf_exp.policy.foreign.spec import Foreign
+from rf_exp.policy.foreign.wire import pack, unpack
+from rf_exp.policy.rollout import rollout
+from rf_exp.robots import limits_rad
+from rf_exp.tasks import Task
+from rf_exp.types import Scene, Verdict
+from tests.conftest import experiment, read_task
+from tests.policy.others import Answer, Policy, says, server, silent, stay
+from tests.policy.scripted import Puppets
+from tests.scenes import start_scene
+
+ROOT = Path(__file__).parents[2]
+TWO = read_task("lift_barrier")
+FASTEST_RAD = 0.045
+SPEC = Foreign("theirs", "a.b:c", None, None, 5.0, 5.0, None, None, 0, Observations(state="joints"))
+BLIND = ("foreign.observations.pictures=false", "render=false")
+
+
+@pytest.fixture(autouse=True)
+def direct(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loopback is reached directly, whatever proxy this machine has."""
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+
+
+class Arms(Puppets):
+    """Arms without a simulator, which a policy can be shown."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self.task = task
+
+
+def performer(answer: Answer, task: Task = TWO, spec: Foreign = SPEC) -> tuple[Foreigner, Policy]:
+    policy = Policy(answer)
+    look = Eyes(spec.observations, Arms(task))  # pyright: ignore[reportArgumentType]
+    return Foreigner(spec, policy, look, len(task.agents), FASTEST_RAD), policy
+
+
+def judge(scene: Scene) -> Verdict:
+    return Verdict(False, False, {})
+
+
+def commands(answer: Answer, steps: int = 6, **kind: Any) -> NDArray[np.float64]:
+    """(T, N, 8) what the arms were told in a rollout."""
+    actor, _ = performer(answer, **kind)
+    world = Arms(kind.get("task", TWO))
+    rollout(world, judge, [actor], 7, steps)
+    return np.stack(world.commands)
+
+
+# -- what a policy is told, and what it gives --------------------------------------------------------
+
+
+def test_a_policy_is_told_what_environments_show_and_when_an_episode_begins(task: Task) -> None:
+    spec = replace(SPEC, observations=Observations(state="full", language=True))
+    actor, policy = performer(stay, task, spec)
+    for seed in (3, 4):
+        rollout(Arms(task), judge, [actor], seed, 7)
+    assert policy.seeds == [3, 4] and len(policy.told) == 4  # chunks of 5 for 7 steps
+    agents, first = len(task.agents), policy.told[0]
+    assert {key: value.shape for key, value in first.items() if key != "language"} == {
+        "qpos": (agents, 9),
+        "qvel": (agents, 9),
+        **{f"pose_{name}": (7,) for name in task.objects},
+    }
+    assert first["language"] == task.description
+    assert np.array_equal(first["qpos"], start_scene(task, 3).qpos.astype(np.float32))
+
+
+def test_chunks_of_both_shapes_are_the_same_commands(task: Task) -> None:
+    def flat(observation: dict[str, Any]) -> NDArray[np.float32]:
+        return stay(observation).reshape(5, -1)
+
+    assert np.array_equal(commands(stay, task=task), commands(flat, task=task))
+    assert np.array_equal(commands(stay, task=task), commands(lambda seen: stay(seen).tolist(), task=task))
+
+
+def test_as_many_steps_of_a_chunk_are_executed_as_is_asked() -> None:
+    actor, policy = performer(stay, spec=replace(SPEC, action_steps=2))
+    rollout(Arms(TWO), judge, [actor], 0, 6)
+    assert len(policy.told) == 3
+
+
+def test_targets_are_clipped_and_approached_at_the_speed_of_the_expert() -> None:
+    _, high = limits_rad()
+    told = commands(lambda seen: np.full((200, 2, 8), 99), steps=200)
+    assert np.allclose(told[-1, :, :7], high) and (told[..., 7] == 1).all()
+    assert np.abs(np.diff(told[..., :7], axis=0)).max() <= FASTEST_RAD + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        (lambda seen: stay(seen)[:, 0], "shape (5, 8); expected finite numbers (T, 2, 8) or (T, 16)"),
+        (lambda seen: stay(seen)[0], "actions of shape (2, 8); expected"),
+        (lambda seen: np.zeros((0, 2, 8)), "actions of shape (0, 2, 8); expected"),
+        (lambda seen: 0.5, "actions of shape (); expected"),
+        (lambda seen: None, "actions of type object (NoneType); expected"),
+        (lambda seen: stay(seen).astype(str), "actions of type <U32 (ndarray); expected"),
+        (lambda seen: stay(seen) > 0, "actions of type bool (ndarray); expected"),
+        (lambda seen: stay(seen) * 1j, "actions of type complex64 (ndarray); expected"),
+        (lambda seen: [[1.0], [1.0, 2.0]], "actions that are no array (list: setting an array element"),
+        (lambda seen: 1 / 0, "it raised ZeroDivisionError: division by zero"),
+    ],
+)  # fmt: skip
+def test_what_is_no_chunk_is_refused(answer: Answer, message: str) -> None:
+    with pytest.raises(StageError, match=re.escape(message)) as refused:
+        commands(answer)
+    assert str(refused.value).startswith("policy 'theirs', scene 7, control step 0: ")
+
+
+@pytest.mark.parametrize(("joint", "name"), [(4, "joint 5"), (7, "gripper")])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_is_found(joint: int, name: str, value: float) -> None:
+    def broken(observation: dict[str, Any]) -> NDArray[np.float32]:
+        chunk = stay(observation)
+        chunk[3, 1, joint] = value
+        return chunk
+
+    with pytest.raises(StageError, match=rf"{name} of agent 2 is {value} in step 3 of a chunk of 5"):
+        commands(broken)
+
+
+# -- factories ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "error", "message"),
+    [
+        ("no.such:make", {}, ArgumentError, "'no.such' cannot be imported: ModuleNotFoundError"),
+        ("tests.policy.others:other", {}, ArgumentError, "has no function 'other'; it has .*make_stays"),
+        ("tests.policy.others:make_raises", {}, StageError, "raised RuntimeError: no checkpoint here"),
+        ("tests.policy.others:make_stays", {"hops": 1}, StageError, "raised TypeError: .*'hops'"),
+        ("tests.policy.others:make_number", {}, StageError, r"returned a int without act\(observation\)"),
+    ],
+)
+def test_a_factory_that_gives_no_policy(name: str, options: dict, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        make_policy(name, options)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["foreign.name=x"], "one of them; neither is given"),
+        (["foreign.name=x", "foreign.factory=a:b", "foreign.server=ws://c:1"], "one of them; both are given"),
+        (["foreign.factory=a:b"], "foreign.name is missing"),
+        (["foreign.name=../x", "foreign.factory=a:b"], "recipe is '../x'; expected a name for a file"),
+        (["foreign.name=x", "foreign.factory=a.b"], "expected package.module:function"),
+        (["foreign.name=x", "foreign.server=http://c:1"], "expected ws://host:port"),
+        (["foreign.name=x", "foreign.server=ws://me:secret@c"], "holds more than an address"),
+        (["foreign.name=x", "foreign.server=ws://c", "foreign.options={a: 1}"], "there is none"),
+        (["foreign.name=x", "foreign.server=ws://c", "foreign.answer_s=0"], "foreign.answer_s is 0"),
+        (["foreign.name=x", "foreign.server=ws://c", "foreign.observations.state=a"], "state 'a'"),
+        (["foreign.name=x", "foreign.server=ws://c", "stages=[train]"], "neither trained nor corrected"),
+        (["foreign.name=x", "foreign.server=ws://c", "dagger.rounds=1"], "neither trained nor corrected"),
+        (["foreign.name=x", "foreign.server=ws://c", "render=false"], "foreign.observations.pictures=false"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_evaluated_is_refused(overrides: list[str], message: str) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(message)):
+        experiment("stages=[evaluate]", *overrides)
+
+
+def test_rows_say_whose_policy_it_is_and_what_it_was_told() -> None:
+    made = experiment("stages=[evaluate]", "arch=all", "foreign.name=x", "foreign.factory=a:b", *BLIND)
+    assert [arch.name for arch in made.archs] == ["foreign"] and made.method == "x"
+    assert made.foreign is not None and made.foreign.observation == "pictures"
+    oracle = replace(made.foreign, observations=Observations(state="full"))
+    assert oracle.observation == "state"
+
+
+# -- servers -----------------------------------------------------------------------------------------
+
+
+def asked(server: str, spec: Foreign = SPEC) -> Remote:
+    return Remote(server, spec.connect_s, spec.answer_s)
+
+
+@pytest.fixture(scope="module")
+def example() -> Iterator[str]:
+    """The address of the server in examples/, which serves a policy that stays."""
+    command = [sys.executable, "examples/foreign/serve.py", "tests.policy.others:make_stays", "--port=0"]
+    command += ["--options", '{"steps": 4}']
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, cwd=ROOT, env=env, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        yield running.stdout.readline().split()[-1]
+        running.terminate()
+
+
+def test_what_a_server_gives_is_what_the_policy_gives(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    world, near = Arms(TWO), Arms(TWO)
+    spec = replace(SPEC, factory=None, server=example)
+    rollout(world, judge, foreigners(spec, FASTEST_RAD, world), 7, 9)  # pyright: ignore[reportArgumentType]
+    local, _ = performer(lambda seen: stay(seen, 4))
+    rollout(near, judge, [local], 7, 9)
+    assert np.array_equal(world.commands, near.commands)
+
+
+def test_an_error_of_the_policy_comes_back_as_a_line(example: str) -> None:
+    remote = asked(example)
+    with pytest.raises(StageError, match=r"ws://127.0.0.1:\d+ reports an error: KeyError: 'qpos'"):
+        remote.act({})
+
+
+def test_a_server_learns_with_the_first_observation_that_an_episode_begins() -> None:
+    heard: list[Any] = []
+
+    def converse(connection: Any) -> None:
+        connection.send(pack({"checkpoint": "a"}))
+        for message in connection:
+            heard.append(unpack(message))
+            connection.send(pack({"actions": np.zeros((1, 2, 8), np.float32), "server_timing": {}}))
+
+    with server(converse) as address:
+        remote = asked(address)
+        assert remote.metadata == {"checkpoint": "a"}
+        picture = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+        for _ in range(2):
+            remote.reset(1000003)
+            for _ in range(2):
+                remote.act({"rgb_global": picture, "language": "lift"})
+        remote.close()
+    assert [message.get("reset") for message in heard] == [1000003, None] * 2
+    assert np.array_equal(heard[0]["rgb_global"], picture) and heard[0]["rgb_global"].dtype == np.uint8
+    assert heard[0]["language"] == "lift"
+
+
+@pytest.mark.parametrize(
+    ("converse", "message"),
+    [
+        (says("Traceback\nValueError: no weights"), "reports an error: ValueError: no weights"),
+        (says(b"\xc1"), "answers with 1 bytes that are no message"),
+        (says(pack([1])), "answers with a list; expected a map"),
+        (says(pack({}), pack({"action": 1})), "answers with ['action']; expected a map with 'actions'"),
+        (says(pack({}), "ValueError: hm"), "reports an error: ValueError: hm"),
+        (says(pack({})), "has closed the connection"),
+        (silent(greets=False), "gives no answer within 0.5 s (foreign.connect_s)"),
+        (silent(greets=True), "gives no answer within 0.3 s (foreign.answer_s)"),
+    ],
+)
+def test_a_server_that_does_not_answer_as_it_should(converse: Any, message: str) -> None:
+    with server(converse) as address, pytest.raises(StageError, match=re.escape(message)):
+        remote = Remote(address, 0.5, 0.3)
+        remote.reset(0)
+        remote.act({"qpos": np.zeros(3)})
+
+
+def test_a_server_that_is_absent_deaf_or_no_websocket() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        address = f"ws://127.0.0.1:{deaf.getsockname()[1]}"
+        with pytest.raises(StageError, match=r"does not answer within 0.2 s \(foreign.connect_s\)"):
+            Remote(address, 0.2, 1.0)
+    with pytest.raises(StageError, match=r"cannot be reached: .*; start it first"):
+        Remote(address, 1.0, 1.0)
+
+    def refuses(connection: Any, request: Any) -> Any:
+        return connection.respond(403, "not you")
+
+    with (
+        server(says(b""), process_request=refuses) as address,
+        pytest.raises(StageError, match=r"refuses the connection: .*403"),
+    ):
+        Remote(address, 1.0, 1.0)
+
+
+def test_arrays_travel_in_the_form_of_openpi() -> None:
+    array = np.arange(6, dtype=np.float32).reshape(2, 3)
+    form = {b"__ndarray__": True, b"data": array.tobytes(), b"dtype": "<f4", b"shape": [2, 3]}
+    assert msgpack.unpackb(pack({"a": array})) == {"a": form}
+    number = {b"__npgeneric__": True, b"data": 3, b"dtype": "<i8"}
+    sent = {"a": form, "n": number, "text": "x", "flag": True}
+    back = unpack(msgpack.packb(sent) or b"")
+    assert np.array_equal(back.pop("a"), array) and back == {"n": 3, "text": "x", "flag": True}
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        *({b"dtype": "|O"}, {b"dtype": "<f9"}, {b"shape": [2, 4]}),
+        *({b"shape": [2**40]}, {b"data": b"1"}, {b"data": 5}),
+    ],
+)
+def test_arrays_that_are_none_are_refused(changed: dict) -> None:
+    form = {b"__ndarray__": True, b"data": bytes(24), b"dtype": "<f4", b"shape": [2, 3], **changed}
+    with pytest.raises(ValueError, match="bytes that are no message"):
+        unpack(msgpack.packb({"actions": form}) or b"")
+    with pytest.raises(TypeError, match="object cannot be sent"):
+        pack(np.array([None]))
+
+
+# -- the stage ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_policy_that_breaks_costs_no_row_and_the_command_goes_on(command: Any, tmp_path: Path) -> None:
+    mended = tmp_path / "mended"
+    arguments = (
+        *("task=pick_meat", "stages=[evaluate]", "scenes=3", "recordings=0", "films=0", "wandb=disabled"),
+        *("foreign.name=brittle", "foreign.factory=tests.policy.others:make_brittle", "foreign.step_limit=4"),
+        *(f"foreign.options={{seed: 1000001, mended: {mended}}}", *BLIND, f"out={tmp_path}"),
+    )
+    broken = command(*arguments, "workers=1")
+    assert broken.returncode == 1
+    assert "policy 'brittle', scene 1000001, control step 0: it raised ZeroDivisionError" in broken.stderr
+    path = tmp_path / "results/evaluate/pick_meat/foreign/full-brittle-0.jsonl"
+    assert [row.scene_seed for row in rows.read(path, EvaluationRow)] == [1000000]
+    mended.touch()
+    assert command(*arguments, "workers=2").returncode == 0
+    found = rows.read(path, EvaluationRow)
+    assert [row.scene_seed for row in found] == [1000000, 1000001, 1000002]
+    assert {(r.arch, r.recipe, r.demos, r.steps, r.success) for r in found} == {
+        ("foreign", "brittle", 0, 4, False)
+    }
+    other = command(*arguments, "foreign.action_steps=2")
+    assert other.returncode == 1 and "foreign.action_steps: found " in other.stderr
+
+
+def test_without_demonstrations_somebody_has_to_say_how_long_a_scene_is(command: Any, tmp_path: Path) -> None:
+    done = command("stages=[evaluate]", "foreign.name=x", "foreign.factory=a:b", *BLIND, f"out={tmp_path}")
+    assert done.returncode == 1 and "run stages=[generate] first, or give foreign.step_limit" in done.stderr
