@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.constraints.spatial import pressing
-from rf_exp.envs.observations import Eyes, Observation, Observations, action_space, labels
+from rf_exp.envs.observations import Eyes, Observation, Observations, action_space
 from rf_exp.envs.registration import find_task
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.sim import Simulator
+from rf_exp.sim.geometry import labels
 from rf_exp.tasks import Judge, Task
 from rf_exp.types import CONTROL_HZ, Scene
 

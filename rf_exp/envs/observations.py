@@ -17,6 +17,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots import limits_rad
 from rf_exp.sim import Simulator
 from rf_exp.sim.environment import FAR_M
+from rf_exp.sim.geometry import labels, segmentation
 from rf_exp.tasks import Task
 from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import position_and_quaternion
@@ -24,7 +25,6 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, CameraChoice, Pictures, S
 
 State = Literal["full", "joints", "none"]
 OVERSHOOT = 0.1  # rad, m: so far beyond its limit a joint may be measured that something pushes
-TABLE = "table"  # with the room around it
 
 Observation = dict[str, Any]  # key -> array, or a string for `language`
 
@@ -60,11 +60,6 @@ class Observations:
     def draws(self) -> bool:
         """Whether a camera has to look."""
         return self.pictures or self.depth or self.segmentation
-
-
-def labels(task: Task) -> tuple[str, ...]:
-    """What the numbers of a segmentation mean: 0 nothing, 1 table and room, objects, agents."""
-    return ("nothing", TABLE, *task.objects, *(f"agent{agent}" for agent in task.agents))
 
 
 def action_space(agents: int | None = None) -> spaces.Box:
@@ -140,18 +135,10 @@ class Eyes:
         if seen.depth:
             shown |= _named("depth", self._world.depth(self._cameras))
         if seen.segmentation:
-            shown |= _named("segmentation", self._segmentation())
+            shown |= _named("segmentation", segmentation(self._world, self._cameras))
         if seen.language:
             shown["language"] = self._task.description
         return shown
-
-    def _segmentation(self) -> dict[str, NDArray[np.uint8]]:
-        bodies = self._world.bodies()
-        images = self._world.segmentation(self._cameras)
-        number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
-        for label, name in enumerate(labels(self._task)):
-            number[list(bodies.get(name, ()))] = label
-        return {name: number[image] for name, image in images.items()}
 
 
 def _named(kind: str, images: Mapping[str, NDArray]) -> Observation:

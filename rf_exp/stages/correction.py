@@ -69,7 +69,12 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
     with owned(rows_path, made_of, [path]), owned(path), _continued(path, source, made_of) as store:
         settings = experiment.settings(task, row)
         expert = partial(
-            make_episode, settings, experiment.pictures, cameras=store.cameras, known=_usual(source)
+            make_episode,
+            settings,
+            experiment.pictures,
+            cameras=store.cameras,
+            known=_usual(source),
+            extras=store.extras,
         )
         act = scene_of(before, task, row, arch, limit)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
@@ -96,7 +101,7 @@ def _continued(path: Path, source: Store, made_of: dict[str, Any]) -> Iterator[S
     else:
         of = source.attrs
         size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        store = Store.create(path, made_of, *size)
+        store = Store.create(path, made_of, *size, source.description)
     with store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))
