@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rf_exp.artifacts.files import write_text
 from rf_exp.datagen.episode import Outcome
 from rf_exp.datagen.generate import make_episode
 from rf_exp.errors import StageError
@@ -27,7 +28,7 @@ from rf_exp.stages.evaluation import scene_of, step_limit, trained
 from rf_exp.stages.generation import collect
 from rf_exp.stages.identity import correction_identity
 from rf_exp.stages.logs import rate_log
-from rf_exp.store import Store
+from rf_exp.store import Store, card
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, Rollout, RolloutStep, Row
 
@@ -91,6 +92,7 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
             partial(rate_log, experiment, "correct", task, row, arch),
             became="corrected",
         )
+        write_text(path.with_suffix(".md"), card(store))
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
-from rf_exp.artifacts.files import sweep, whole
+from rf_exp.artifacts.files import sweep, whole, write_text
 from rf_exp.artifacts.identity import plain, restored, without
 from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
@@ -24,7 +24,7 @@ from rf_exp.stages.artifacts import data_path, generation_path, owned, recording
 from rf_exp.stages.description import described
 from rf_exp.stages.identity import generation_identity
 from rf_exp.stages.logs import rate_log
-from rf_exp.store import Store
+from rf_exp.store import Store, card
 from rf_exp.tasks import Task
 from rf_exp.types import Episode, Pictures, Row
 
@@ -51,6 +51,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
         logged = partial(rate_log, experiment, "generate", task, row, None)
         make = partial(make_episode, settings, pictures, extras=experiment.store)
         made = collect(experiment, settings, title, store, rows_path, span, enough, make, logged)
+        write_text(path.with_suffix(".md"), card(store))
         _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(

@@ -28,9 +28,25 @@ Attributes say the rest: of each array its dimensions, names, units and frame; o
 the conditions of success, cameras and robots (`Description`), and what made it. docs/data.md shows them all.
 """
 
+from rf_exp.store.cards import card, facts
 from rf_exp.store.damaged import Damaged
-from rf_exp.store.description import Description
+from rf_exp.store.description import COMMANDS, JOINTS, POSE, Description
 from rf_exp.store.layout import empty_like
+from rf_exp.store.merging import merge, merge_order
+from rf_exp.store.validation import problems
 from rf_exp.store.writer import Store
 
-__all__ = ["Damaged", "Description", "Store", "empty_like"]
+__all__ = [
+    "COMMANDS",
+    "JOINTS",
+    "POSE",
+    "Damaged",
+    "Description",
+    "Store",
+    "card",
+    "empty_like",
+    "facts",
+    "merge",
+    "merge_order",
+    "problems",
+]
