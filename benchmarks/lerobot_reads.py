@@ -6,6 +6,7 @@ PYTHON is of an environment of its own with lerobot and zarr: lerobot wants anot
 last line is JSON.
 """
 
+# pyright: reportMissingImports=false
 import argparse
 import json
 import time

@@ -5,6 +5,7 @@
 PYTHON is of an environment of its own with robomimic and zarr. The last line is JSON.
 """
 
+# pyright: reportMissingImports=false
 import argparse
 import json
 import time

@@ -22,10 +22,10 @@ FILE = "demonstrations.hdf5"
 def held(pictures: str) -> str:
     """What lies in the folder."""
     return (
-        f"`{FILE}`, for robomimic's `SequenceDataset` with `load_next_obs=False`: a group `data/demo_<k>` "
-        "for each\nepisode, with `actions` (joint targets in rad, gripper commands; one agent behind the other), "
-        "`obs/qpos`,\n`obs/qvel`, `obs/pose_<object>` and `obs/<camera>_image`, "
-        f"pictures as they were ({pictures}), `dones` and `rewards`."
+        f"`{FILE}`, for robomimic's `SequenceDataset` with `load_next_obs=False`: a group `data/demo_<k>`\n"
+        "for each episode, with `actions` (joint targets in rad, gripper commands; one agent behind the\n"
+        "other), `obs/qpos`, `obs/qvel`, `obs/pose_<object>` and `obs/<camera>_image`, pictures as they\n"
+        f"were ({pictures}), `dones` and `rewards`."
     )
 
 

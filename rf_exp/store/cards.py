@@ -77,8 +77,9 @@ def _facts(store: Reader) -> str:
     return (
         "## The data\n\n| what | value |\n| --- | --- |" + rows + "\n\n"
         "Units are metres, radians, seconds; the world frame has its z axis up and the top of the\n"
-        "table at z = 0; quaternions are w, x, y, z. A gripper command goes from -1, closed, to 1, open. A row is\n"
-        "what was measured before its action; the conditions of success are what the action has led to."
+        "table at z = 0; quaternions are w, x, y, z. A gripper command goes from -1, closed, to 1,\n"
+        "open. A row is what was measured before its action; the conditions of success are what the\n"
+        "action has led to."
     )
 
 
@@ -88,9 +89,9 @@ def _made(store: Reader) -> str:
     return (
         "## How it was made\n\n"
         "By `rf_exp`: RoboBrain proposes subgoals and constraints, a planner makes joint paths and a\n"
-        "schedule of them, RoboChecker checks both and watches the simulated arms; only what succeeds is kept. The\n"
-        "certificate of each episode holds proposals, check code and verdicts. The same seeds and versions\n"
-        "give the same states and actions again.\n\n"
+        "schedule of them, RoboChecker checks both and watches the simulated arms; only what succeeds\n"
+        "is kept. The certificate of each episode holds proposals, check code and verdicts. The same\n"
+        "seeds and versions give the same states and actions again.\n\n"
         f"Generator {store.attrs.get('generator')}, commit {store.attrs.get('commit') or 'not known'}; "
         f"{versions}.\n\n<details><summary>Configuration</summary>\n\n```json\n{recipe}\n```\n\n</details>\n\n"
         "## Licence\n\nMIT, as `rf_exp`. If you use the data, cite RoboFactory (Qin et al., ICCV 2025)."
