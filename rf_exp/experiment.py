@@ -14,7 +14,7 @@ from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.foreign.spec import Foreign, foreign_policy
 from rf_exp.tasks import Task
 from rf_exp.tasks.configuration import load_task
-from rf_exp.types import FOREIGN, Arch, JointLimits, Occupancy, Pictures, Row
+from rf_exp.types import FOREIGN, Arch, Extras, JointLimits, Occupancy, Pictures, Row
 
 if TYPE_CHECKING:
     from rf_exp.datagen.planning import Settings
@@ -58,6 +58,7 @@ class Experiment:
     workers: int
     seed_limit_s: float
     pictures: Pictures
+    store: Extras
     occupancy: Occupancy
     attempts: int
     limits: JointLimits
@@ -112,6 +113,9 @@ class Experiment:
                 "render=false makes no pictures to learn from; use it with stages=[generate], "
                 "or with policy.observation=state"
             )
+        for key in ("depth", "segmentation"):
+            if getattr(self.store, key) and not self.pictures.render:
+                raise ArgumentError(f"store.{key}=true is seen by the cameras, and render=false has none")
         if self.occupancy == "depth" and not self.pictures.render:
             raise ArgumentError(
                 "occupancy=depth looks through the depth cameras, and render=false has none; "

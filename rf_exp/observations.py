@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import Task
+from rf_exp.tasks.labels import labelled
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import CameraChoice, Pictures, Scene
 
 State = Literal["full", "joints", "none"]
-TABLE = "table"  # with the room around it
 
 Observation = dict[str, Any]  # key -> array, or a string for `language`
 
@@ -53,11 +53,6 @@ class Observations:
     def draws(self) -> bool:
         """Whether a camera has to look."""
         return self.pictures or self.depth or self.segmentation
-
-
-def labels(task: Task) -> tuple[str, ...]:
-    """What the numbers of a segmentation mean: 0 nothing, 1 table and room, objects, agents."""
-    return ("nothing", TABLE, *task.objects, *(f"agent{agent}" for agent in task.agents))
 
 
 class Shown(Protocol):
@@ -98,18 +93,11 @@ class Eyes:
         if seen.depth:
             shown |= _named("depth", self._world.depth(self._cameras))
         if seen.segmentation:
-            shown |= _named("segmentation", self._segmentation())
+            images = self._world.segmentation(self._cameras)
+            shown |= _named("segmentation", labelled(self._task, images, self._world.bodies()))
         if seen.language:
             shown["language"] = self._task.description
         return shown
-
-    def _segmentation(self) -> dict[str, NDArray[np.uint8]]:
-        bodies = self._world.bodies()
-        images = self._world.segmentation(self._cameras)
-        number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
-        for label, name in enumerate(labels(self._task)):
-            number[list(bodies.get(name, ()))] = label
-        return {name: number[image] for name, image in images.items()}
 
 
 def _named(kind: str, images: Mapping[str, NDArray]) -> Observation:

@@ -77,6 +77,14 @@ class Pictures:
 
 
 @dataclass(frozen=True)
+class Extras:
+    """What demonstrations hold of the cameras beside pictures."""
+
+    depth: bool = False
+    segmentation: bool = False
+
+
+@dataclass(frozen=True)
 class JointLimits:
     """Bounds on every joint of executed motion. Defaults: those of the authors' release."""
 
@@ -229,6 +237,7 @@ class Measured(NamedTuple):  # a frozen dataclass takes three times as long, man
 
 
 Condition = bool | Measured  # of success
+UNITS = ("", "m", "m/s", "deg", "rad", "s", "N", "kg")  # that a `Measured` may have
 
 
 @dataclass(frozen=True)
@@ -240,6 +249,17 @@ class Verdict:
     evidence: Mapping[str, bool]  # named condition -> holds now
     measured: Mapping[str, Measured] = field(default_factory=dict)  # the numbers of those that have one
     lost: Mapping[str, str] = field(default_factory=dict)  # object -> dropped | out of reach | off the table
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How far each of C conditions of success was met. Row t is what action t has led to."""
+
+    names: tuple[str, ...]
+    value: NDArray[np.float32]  # (T, C) 1 or 0 where a condition is a mere yes or no
+    bound: NDArray[np.float32]  # (T, C) against which the value is held
+    unit: NDArray[np.uint8]  # (T, C) of both, an index of UNITS: a condition may have several sides
+    holds: NDArray[np.bool_]  # (T, C)
 
 
 @dataclass(frozen=True)
@@ -257,6 +277,9 @@ class Episode:
     poses: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     # object -> (T, 7) position in m and quaternion w, x, y, z, world frame
     subgoal: NDArray[np.int16] | None = None  # (T, N) each agent's, an index of certificate["subgoals"]
+    judged: Judged | None = None
+    images: Mapping[str, NDArray] = field(default_factory=dict)
+    # depth_<camera> -> (T, H, W) u16 mm, segmentation_<camera> -> (T, H, W) u8; those that were asked for
 
     @property
     def commanded(self) -> NDArray[np.float32]:

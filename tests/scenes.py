@@ -11,15 +11,7 @@ from rf_exp.types import Row, Scene
 
 def start_scene(task: Task, seed: int) -> Scene:
     """The scene of a seed before anything has moved."""
-    start = task.start(seed)
-    return Scene(
-        step=0,
-        qpos=start.qpos,
-        qvel=np.zeros_like(start.qpos),
-        poses=start.poses,
-        speeds=dict.fromkeys(start.poses, 0.0),
-        held=(None,) * len(task.robots),
-    )
+    return task.start(seed).scene
 
 
 def rejection(task: Task, fault: str) -> Violation:

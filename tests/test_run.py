@@ -62,6 +62,10 @@ def run(*arguments, environment=None, timeout_s=600):
         (["seed=1000000"], "generation must stay below 1000000"),
         (["render=false"], "render=false makes no pictures to learn from"),
         (["stages=[generate]", "render=false", "occupancy=depth"], "render=true or occupancy=state"),
+        (
+            ["stages=[generate]", "render=false", "store.depth=true"],
+            "store.depth=true is seen by the cameras",
+        ),
         (["occupancy=guess"], "unknown occupancy 'guess'; available: depth, state"),
         (["task.lift_barrier.objects.barrier.x_m=[0.2,-0.2]"], "the wrong way round; write [-0.2, 0.2]"),
         (["task.lift_barrier.objects.barrier.asset=lamp"], "unknown asset 'lamp'; available: barrier"),

@@ -415,7 +415,9 @@ def test_another_format_is_refused(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [])
     with Store.open(path, writable=True) as store:
         store._group.attrs["format"] = 99
-    with pytest.raises(StageError, match="has format 99; this version reads 1; generate the data again"):
+    with pytest.raises(
+        StageError, match="has format 99; this version reads 1 and 2; generate the data again"
+    ):
         Store.open(path)
 
 

@@ -6,7 +6,7 @@ half-way through costs what is left, not what is done.
 
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import NamedTuple, Protocol
 
@@ -28,10 +28,14 @@ from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import (
     ARM_JOINTS,
     CONTROL_DT_S,
+    UNITS,
     Episode,
+    Judged,
+    Measured,
     Scene,
     SeeingWorld,
     Subgoal,
+    Verdict,
 )
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
@@ -101,17 +105,26 @@ class _Frame(NamedTuple):
     executed: NDArray[np.float64]  # (N, 8)
     pictures: Mapping[str, NDArray[np.uint8]]
     subgoal: NDArray[np.int16]  # (N,)
+    images: Mapping[str, NDArray]
 
 
 class EpisodeMaker:
     """Makes one episode of `settings` in a world. One object for one seed."""
 
     def __init__(
-        self, settings: Settings, world: SeeingWorld, brain: Brain, observer: Observer | None = None
+        self,
+        settings: Settings,
+        world: SeeingWorld,
+        brain: Brain,
+        observer: Observer | None = None,
+        images: Callable[[], Mapping[str, NDArray]] = dict,
     ) -> None:
+        """`images` takes what an episode holds of each step beside its pictures (`Episode.images`)."""
         self._settings, self._world, self._planner = settings, world, Planner(settings, brain)
         self._observer: Observer = observer or Nobody()
+        self._images = images
         self._frames: list[_Frame] = []
+        self._verdicts: list[Verdict] = []  # on what each frame has led to
         self._rounds: list[dict[str, object]] = []
         self._ledger = Ledger()
 
@@ -286,18 +299,19 @@ class EpisodeMaker:
         # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
         action, executed = (each.astype(np.float32).astype(float) for each in (action, executed))
         pictures = self._world.pictures() if self._world.cameras else {}
-        self._frames.append(_Frame(scene, action, executed, pictures, self._doing))
+        self._frames.append(_Frame(scene, action, executed, pictures, self._doing, self._images()))
         self._observer.stepped(scene, action, pictures)
         scene = self._world.step(executed)
         self._verdict = self._judge(scene)
         self._ledger.see(scene, self._verdict)
+        self._verdicts.append(self._verdict)
         self._paper = self._paper or self._verdict.success_paper
         return scene
 
     # -- the result ------------------------------------------------------------------------------
 
     def _episode(self, seed: int) -> Episode:
-        scenes, intended, executed, pictures, subgoals = zip(*self._frames, strict=True)
+        scenes, intended, executed, pictures, subgoals, images = zip(*self._frames, strict=True)
         certificate = {
             "rounds": self._rounds,
             "evidence": dict(self._verdict.evidence),
@@ -317,6 +331,8 @@ class EpisodeMaker:
                 for name in self._settings.task.objects
             },
             np.stack(subgoals),
+            _judged(self._verdicts),
+            {name: np.stack([taken[name] for taken in images]) for name in images[0]},
         )
 
 
@@ -324,3 +340,23 @@ def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
     """(T, 4, 4) -> (T, 7) position in m and quaternion w, x, y, z."""
     parts = [world_from_object[:, :3, 3], quaternion(world_from_object)]
     return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+def _judged(verdicts: Sequence[Verdict]) -> Judged:
+    """How far each condition was met, step by step."""
+    names = tuple(verdicts[0].evidence)
+    found = [
+        [verdict.measured.get(name) or _yes_or_no(verdict.evidence[name]) for name in names]
+        for verdict in verdicts
+    ]
+    return Judged(
+        names,
+        np.array([[each.value for each in row] for row in found], np.float32),
+        np.array([[each.bound for each in row] for row in found], np.float32),
+        np.array([[UNITS.index(each.unit) for each in row] for row in found], np.uint8),
+        np.array([[each.holds for each in row] for row in found], np.bool_),
+    )
+
+
+def _yes_or_no(holds: bool) -> Measured:
+    return Measured(holds, float(holds), 1.0, "", True)

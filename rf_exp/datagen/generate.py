@@ -10,9 +10,12 @@ from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Settings
 from rf_exp.findings import Account
 from rf_exp.processes import Overdue, in_order
+from rf_exp.sim.geometry import geometry
 from rf_exp.sim.pool import simulator
 from rf_exp.sim.simulator import Limited
-from rf_exp.types import Pictures
+from rf_exp.types import Extras, Pictures
+
+NOTHING = Extras()
 
 
 def make_episode(
@@ -22,14 +25,18 @@ def make_episode(
     cameras: Sequence[str] | None = None,
     lead: Iterable[NDArray[np.float64]] = (),
     known: Sequence[Iterable[str]] = (),
+    extras: Extras = NOTHING,
 ) -> Outcome:
     """One episode in this process, seen by these cameras, or those that `pictures` says.
 
-    `lead` and `known` as in `EpisodeMaker.make`. The same arguments give the same bytes, whatever ran before.
+    `extras` says what else it keeps of what they see; `lead` and `known` as in `EpisodeMaker.make`.
+    The same arguments give the same bytes, whatever ran before.
     """
     cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
-    world = Limited(simulator(settings.task, pictures), cameras)
-    return EpisodeMaker(settings, world, settings.make_brain(seed)).make(seed, lead, known)
+    world = simulator(settings.task, pictures)
+    images = partial(geometry, world, cameras, extras)
+    maker = EpisodeMaker(settings, Limited(world, cameras), settings.make_brain(seed), images=images)
+    return maker.make(seed, lead, known)
 
 
 def generate(

@@ -16,9 +16,10 @@ from rf_exp.envs.observations import action_space
 from rf_exp.envs.registration import find_task
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
-from rf_exp.observations import Eyes, Observation, Observations, labels
+from rf_exp.observations import Eyes, Observation, Observations
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Judge, Task
+from rf_exp.tasks.labels import labels
 from rf_exp.types import CONTROL_HZ, Scene
 
 RENDER_MODES = ("rgb_array",)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from rf_exp.artifacts.files import write_text
 from rf_exp.datagen.episode import Outcome
 from rf_exp.datagen.generate import make_episode
 from rf_exp.errors import StageError
@@ -29,7 +30,7 @@ from rf_exp.stages.evaluation import scene_of
 from rf_exp.stages.generation import collect
 from rf_exp.stages.identity import correction_identity
 from rf_exp.stages.logs import rate_log
-from rf_exp.store import Store
+from rf_exp.store import Store, card
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, Rollout, RolloutStep, Row
 
@@ -70,7 +71,12 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
     with owned(rows_path, made_of, [path]), owned(path), _continued(path, source, made_of) as store:
         settings = experiment.settings(task, row)
         expert = partial(
-            make_episode, settings, experiment.pictures, cameras=store.cameras, known=_usual(source)
+            make_episode,
+            settings,
+            experiment.pictures,
+            cameras=store.cameras,
+            known=_usual(source),
+            extras=store.extras,
         )
         act = scene_of(before, task, who)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
@@ -87,6 +93,7 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
             partial(rate_log, experiment, "correct", task, row, arch),
             became="corrected",
         )
+        write_text(path.with_suffix(".md"), card(store))
 
 
 @contextmanager
@@ -97,7 +104,7 @@ def _continued(path: Path, source: Store, made_of: dict[str, Any]) -> Iterator[S
     else:
         of = source.attrs
         size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        store = Store.create(path, made_of, *size)
+        store = Store.create(path, made_of, *size, source.description)
     with store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))

@@ -2,14 +2,14 @@
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
-from rf_exp.artifacts.files import sweep, whole
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts.files import sweep, whole, write_text
+from rf_exp.artifacts.identity import plain, without
 from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.generate import generate, make_episode
@@ -21,9 +21,10 @@ from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim.pool import close_simulator, simulator
 from rf_exp.stages.artifacts import data_path, generation_path, owned, recording_path
+from rf_exp.stages.description import described
 from rf_exp.stages.identity import generation_identity
 from rf_exp.stages.logs import rate_log
-from rf_exp.store import Store
+from rf_exp.store import Store, card
 from rf_exp.tasks import Task
 from rf_exp.types import Episode, Pictures, Row
 
@@ -48,8 +49,9 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
 
         enough = None if experiment.episodes else experiment.demos
         logged = partial(rate_log, experiment, "generate", task, row, None)
-        make = partial(make_episode, settings, pictures)
+        make = partial(make_episode, settings, pictures, extras=experiment.store)
         made = collect(experiment, settings, title, store, rows_path, span, enough, make, logged)
+        write_text(path.with_suffix(".md"), card(store))
         _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(
@@ -112,11 +114,19 @@ def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, obje
     pictures = _pictures(experiment, there, len(task.agents))
     cameras = pictures.of(len(task.agents))
     size = (pictures.height, pictures.width) if pictures.render else (0, 0)
-    identity = {**made_of, "first_seed": experiment.seed, "cameras": list(cameras), "picture": list(size)}
+    identity = {
+        **made_of,
+        **without(asdict(experiment.store), depth=False, segmentation=False),
+        "first_seed": experiment.seed,
+        "cameras": list(cameras),
+        "picture": list(size),
+    }
     if path.exists():
         return Store.open(path, identity, writable=True)
     disturbed = experiment.disturbance_rad > 0
-    return Store.create(path, identity, len(task.agents), cameras, *size, tuple(task.objects), disturbed)
+    description = described(task, pictures, cameras, experiment.store)
+    objects = tuple(task.objects)
+    return Store.create(path, identity, len(task.agents), cameras, *size, objects, disturbed, description)
 
 
 def _pictures(experiment: Experiment, there: Sequence[str], agents: int) -> Pictures:

@@ -5,7 +5,12 @@
     data/action (T, N, 8) f32    joint targets in rad + gripper command, as intended
     data/executed (T, N, 8) f32  what the arms were told, in a store of disturbed demonstrations
     data/rgb_<camera> (T, H, W, 3) u8
+    data/depth_<camera> (T, H, W) u16         mm along the viewing direction, 0 is nothing; if asked for
+    data/segmentation_<camera> (T, H, W) u8   index of the attribute `labels`; if asked for
     data/pose_<object> (T, 7) f32  position in m and quaternion w, x, y, z, world frame
+    data/time_s (T,) f64           since the start of the episode
+    data/condition_{value,bound} (T, C) f32, data/condition_unit (T, C) u8, data/condition_holds (T, C) bool
+                                   the C conditions of success, judged on what each action has led to
     data/subgoal (T, N) i16      what each agent is about: an index of its texts in the certificate's
                                  `subgoals`; -1 where that is not known
     meta/episode_ends (E,) i64   row after the last of each episode
@@ -18,10 +23,30 @@ atomically, so a killed process never damages what was stored.
 Pictures are compressed with plain zstd, 8 frames a chunk. The cameras stand still, so most of a
 frame repeats the one before it, and zstd sees that when frames share a chunk; Blosc cuts chunks
 into blocks too small for it.
+
+Attributes say the rest: of each array its dimensions, names, units and frame; of the store the task in words,
+the conditions of success, cameras and robots (`Description`), and what made it. docs/data.md shows them all.
 """
 
+from rf_exp.store.cards import card, facts
 from rf_exp.store.damaged import Damaged
+from rf_exp.store.description import COMMANDS, JOINTS, POSE, Description
 from rf_exp.store.layout import empty_like
+from rf_exp.store.merging import merge, merge_order
+from rf_exp.store.validation import problems
 from rf_exp.store.writer import Store
 
-__all__ = ["Damaged", "Store", "empty_like"]
+__all__ = [
+    "COMMANDS",
+    "JOINTS",
+    "POSE",
+    "Damaged",
+    "Description",
+    "Store",
+    "card",
+    "empty_like",
+    "facts",
+    "merge",
+    "merge_order",
+    "problems",
+]

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from rf_exp.artifacts.identity import plain
 from rf_exp.errors import StageError
-from rf_exp.store.layout import layout
+from rf_exp.store.layout import JUDGED, layout
 from rf_exp.store.reader import Reader
-from rf_exp.types import Episode
+from rf_exp.types import CONTROL_HZ, Episode
 
 
 def additions(store: Reader, episode: Episode) -> dict[str, NDArray[Any]]:
@@ -56,6 +56,14 @@ def _require_fit(store: Reader, episode: Episode, label: str) -> None:
         raise StageError(
             f"{label} has poses of {sorted(episode.poses)}; {store.path} expects {sorted(store.objects)}"
         )
+    if set(episode.images) != set(store.image_names):
+        raise StageError(
+            f"{label} has depth and segmentation {sorted(episode.images)}; "
+            f"{store.path} expects {sorted(store.image_names)}"
+        )
+    conditions = store.attrs.get("conditions")
+    if conditions is not None and list(names := episode.judged.names if episode.judged else ()) != conditions:
+        raise StageError(f"{label} is judged by {list(names)}; {store.path} expects {conditions}")
     if (episode.executed is not None) != store.disturbed:
         found, expected = ("no", "some") if store.disturbed else ("some", "no")
         raise StageError(f"{label} has {found} executed actions of its own; {store.path} expects {expected}")
@@ -75,4 +83,8 @@ def _data(store: Reader, episode: Episode) -> dict[str, NDArray[Any]]:
     if "data/subgoal" in layout(store.attrs):
         unknown = np.full((len(episode.qpos), store.agents), -1, np.int16)
         data["data/subgoal"] = unknown if episode.subgoal is None else episode.subgoal
-    return data
+    if "data/time_s" in layout(store.attrs):
+        assert episode.judged is not None  # it fits
+        data["data/time_s"] = np.arange(len(episode.qpos)) / CONTROL_HZ
+        data |= {f"data/condition_{name}": getattr(episode.judged, name) for name in JUDGED}
+    return data | {f"data/{name}": images for name, images in episode.images.items()}

@@ -10,8 +10,8 @@ import zarr
 
 from rf_exp.errors import StageError
 from rf_exp.store.integrity import require_file
-from rf_exp.store.layout import array_of, empty_like, rows_a_file
-from rf_exp.types import Episode
+from rf_exp.store.layout import JUDGED, array_of, empty_like, image_names, layout, rows_a_file
+from rf_exp.types import Episode, Judged
 
 
 class Damaged:
@@ -66,10 +66,15 @@ class Damaged:
                 name: self._read(f"data/pose_{name}", start, end) for name in self.attrs.get("objects", ())
             }
         }
+        stored = [name.removeprefix("data/") for name in layout(self.attrs)]
         for name in ("executed", "subgoal"):
-            if name in self._arrays["data"]:  # pyright: ignore[reportOperatorIssue]
+            if name in stored:
                 found[name] = self._read(f"data/{name}", start, end)
-        return found
+        if "conditions" in self.attrs:
+            values = {name: self._read(f"data/condition_{name}", start, end) for name in JUDGED}
+            found["judged"] = Judged(tuple(self.attrs["conditions"]), **values)
+        images = {name: self._read(f"data/{name}", start, end) for name in image_names(self.attrs)}
+        return found | {"images": images}
 
     def seed(self, index: int) -> int:
         """Raises StageError where it cannot be read."""

@@ -10,7 +10,7 @@ import zarr
 from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
-from rf_exp.store.layout import FORMAT, array_of, file_of, layout, rows_a_file
+from rf_exp.store.layout import READABLE, array_of, file_of, layout, rows_a_file
 from rf_exp.types import CONTROL_HZ
 
 ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "height", "width", "control_hz"}
@@ -38,10 +38,11 @@ def check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
     """Raises StageError for attributes that are missing, or of another format."""
     if missing := sorted(ATTRIBUTES - set(attributes)):
         raise damaged(path, f"attributes {', '.join(missing)} are missing")
-    for key, expected in (("format", FORMAT), ("control_hz", CONTROL_HZ)):
-        if attributes[key] != expected:
+    for key, possible in (("format", READABLE), ("control_hz", (CONTROL_HZ,))):
+        if attributes[key] not in possible:
             raise StageError(
-                f"{path} has {key} {attributes[key]}; this version reads {expected}; generate the data again"
+                f"{path} has {key} {attributes[key]}; this version reads {' and '.join(map(str, possible))}; "
+                "generate the data again"
             )
 
 

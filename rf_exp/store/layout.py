@@ -10,31 +10,58 @@ from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
 from rf_exp.artifacts.files import whole
+from rf_exp.store.description import COMMANDS, JOINTS, POSE, dimensions, explained
 
-FORMAT = 1
+FORMAT = 2  # since stores say what they are about, and keep the values of the conditions of success
+READABLE = (1, 2)
+IMAGES = ("rgb", "depth", "segmentation")
+JUDGED = ("value", "bound", "unit", "holds")  # the arrays of the conditions of success
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
 STATE_CHUNK, META_CHUNK = 1024, 256  # rows
-JOINTS, COMMANDS = 9, 8  # values an agent in qpos and qvel, in action
-POSE = 7  # values of an object
 ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always means damage
 
 
 def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Array name -> (shape of one row, dtype), the whole layout of a store."""
-    agents, picture = attributes["agents"], (attributes["height"], attributes["width"], 3)
-    executed = {"data/executed": ((agents, COMMANDS), "float32")} if attributes.get("disturbed") else {}
+    agents, size = attributes["agents"], (attributes["height"], attributes["width"])
+    joints, commands = (agents, len(JOINTS)), (agents, len(COMMANDS))
+    executed = {"data/executed": (commands, "float32")} if attributes.get("disturbed") else {}
     subgoal = {"data/subgoal": ((agents,), "int16")} if "objects" in attributes else {}
     return {
-        "data/qpos": ((agents, JOINTS), "float32"),
-        "data/qvel": ((agents, JOINTS), "float32"),
-        "data/action": ((agents, COMMANDS), "float32"),
+        "data/qpos": (joints, "float32"),
+        "data/qvel": (joints, "float32"),
+        "data/action": (commands, "float32"),
         **executed,
         **subgoal,
-        **{f"data/pose_{name}": ((POSE,), "float32") for name in attributes.get("objects", ())},
-        **{f"data/rgb_{camera}": (picture, "uint8") for camera in attributes["cameras"]},
+        **{f"data/pose_{name}": ((len(POSE),), "float32") for name in attributes.get("objects", ())},
+        **_described(attributes, size),
+        **{f"data/rgb_{camera}": ((*size, 3), "uint8") for camera in attributes["cameras"]},
         "meta/seed": ((), "int64"),
         "meta/certificate": ((), np.dtypes.StringDType()),
         "meta/episode_ends": ((), "int64"),
+    }
+
+
+def image_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+    """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
+    names = (name.removeprefix("data/") for name in layout(attributes))
+    return tuple(name for name in names if name.startswith(("depth_", "segmentation_")))
+
+
+def _described(attributes: Mapping[str, Any], size: tuple[int, int]) -> dict[str, tuple[Any, Any]]:
+    """What stores with a description hold besides."""
+    if "conditions" not in attributes:
+        return {}
+    conditions, cameras = (len(attributes["conditions"]),), attributes["cameras"]
+    depth, segmentation = (cameras if attributes[key] else () for key in ("depth", "labels"))
+    return {
+        "data/time_s": ((), "float64"),
+        **{
+            f"data/condition_{name}": (conditions, dtype)
+            for name, dtype in zip(JUDGED, ("float32", "float32", "uint8", "bool"), strict=True)
+        },
+        **{f"data/depth_{camera}": (size, "uint16") for camera in depth},
+        **{f"data/segmentation_{camera}": (size, "uint8") for camera in segmentation},
     }
 
 
@@ -46,7 +73,7 @@ def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
     with whole(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():
-            picture = name.startswith("data/rgb_")
+            picture = name.startswith(tuple(f"data/{kind}_" for kind in IMAGES))
             rows = PICTURE_CHUNK if picture else META_CHUNK if name.startswith("meta/") else STATE_CHUNK
             group.create_array(
                 name,
@@ -56,6 +83,8 @@ def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
                 shards=(PICTURE_SHARD, *shape) if picture else None,
                 filters=None,
                 compressors=ZstdCodec(level=3, checksum=True),
+                dimension_names=dimensions(name),
+                attributes=explained(name, attributes),
             )
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -11,9 +12,10 @@ import zarr
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
+from rf_exp.store.description import Description
 from rf_exp.store.integrity import blames
-from rf_exp.store.layout import PICTURE_SHARD, array_of, view
-from rf_exp.types import Episode
+from rf_exp.store.layout import JUDGED, PICTURE_SHARD, array_of, image_names, view
+from rf_exp.types import Episode, Extras, Judged
 
 
 class Reader:
@@ -88,6 +90,17 @@ class Reader:
         """Whether what was executed differs from what was intended."""
         return bool(self._attrs.get("disturbed", False))
 
+    @property
+    def description(self) -> Description | None:
+        """What the data are about; None in a store of format 1, which does not say."""
+        return Description.of(self._attrs)
+
+    @property
+    def extras(self) -> Extras:
+        """What is kept of the cameras beside pictures."""
+        said = self.description
+        return Extras(said.depth, bool(said.labels)) if said else Extras()
+
     @cached_property
     def qpos(self) -> NDArray[np.float32]:
         """(T, N, 9) measured joints, rad and metres."""
@@ -121,6 +134,21 @@ class Reader:
         return self._read("data/subgoal")
 
     @cached_property
+    def judged(self) -> Judged | None:
+        """How far each condition of success was met after each action; None in an older store."""
+        if "conditions" not in self._attrs:
+            return None
+        return Judged(
+            tuple(self._attrs["conditions"]),
+            **{name: self._read(f"data/condition_{name}") for name in JUDGED},
+        )
+
+    @property
+    def image_names(self) -> tuple[str, ...]:
+        """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
+        return image_names(self._attrs)
+
+    @cached_property
     def pictures(self) -> dict[str, zarr.Array[Any]]:
         """Camera -> Zarr array (T, H, W, 3) u8 of exactly the stored episodes."""
         return {camera: view(self._array(f"data/rgb_{camera}"), self.steps) for camera in self.cameras}
@@ -149,7 +177,14 @@ class Reader:
             executed=self.executed[start:end] if self.disturbed else None,
             poses={name: values[start:end] for name, values in self.poses.items()},
             subgoal=self.subgoal[start:end],
+            judged=self._judged_within(start, end),
+            images={name: self._read(f"data/{name}", start, end) for name in self.image_names},
         )
+
+    def _judged_within(self, start: int, end: int) -> Judged | None:
+        if self.judged is None:
+            return None
+        return replace(self.judged, **{name: getattr(self.judged, name)[start:end] for name in JUDGED})
 
     def digest(self) -> str:
         """SHA-256 over the decoded qpos, action and pictures in order: same seeds, same digest."""

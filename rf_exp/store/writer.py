@@ -17,13 +17,14 @@ from rf_exp.artifacts.provenance import commit, installed
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import layout
 from rf_exp.store.additions import additions
+from rf_exp.store.description import Description
 from rf_exp.store.integrity import blames, check_attributes, check_rows
 from rf_exp.store.reader import Reader
 from rf_exp.types import CONTROL_HZ, Episode
 
 PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-CACHED = ("qpos", "qvel", "action", "executed", "poses", "subgoal", "pictures", "certificates")
+CACHED = ("qpos", "qvel", "action", "executed", "poses", "subgoal", "judged", "pictures", "certificates")
 
 
 class Store(Reader):
@@ -42,13 +43,16 @@ class Store(Reader):
         width: int,
         objects: Sequence[str] = (),
         disturbed: bool = False,
+        description: Description | None = None,
     ) -> Self:
         """A new, empty store, opened for writing.
 
         `identity` is the configuration that makes the data, as plain JSON values; `task`, `version`
         (of the success criteria) and `generator` (version of the code) in it become attributes of
         their own, beside the commit of the code. Pictures are (height, width, 3); without cameras
-        both may be 0. `disturbed` demonstrations were executed otherwise than intended.
+        both may be 0. `disturbed` demonstrations were executed otherwise than intended. With a
+        `description` the store also holds times, the values of the conditions of success, and the
+        depth and segmentation that it speaks of.
 
         Raises StageError when `path` exists or the disk is full, ArgumentError when nothing can be
         created there.
@@ -58,7 +62,8 @@ class Store(Reader):
             raise StageError(f"{path} exists already; open it, delete it, or choose another `out`")
         size = {"agents": agents, "cameras": list(cameras), "height": height, "width": width}
         attributes = {**_made_of(identity), **size, "objects": list(objects), "disturbed": disturbed}
-        _create(path, {**attributes, "versions": installed(PACKAGES)})
+        described = description.attributes() if description else {}
+        _create(path, {**attributes, **described, "versions": installed(PACKAGES)})
         return cls.open(path, writable=True)
 
     @classmethod

@@ -285,6 +285,12 @@ class Start:
     tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
     masses_kg: Mapping[str, float]  # object -> its mass
 
+    @property
+    def scene(self) -> Scene:
+        """As it is measured before anything has moved, known without a simulator."""
+        qvel, speeds = np.zeros_like(self.qpos), dict.fromkeys(self.poses, 0.0)
+        return Scene(0, self.qpos, qvel, self.poses, speeds, held=(None,) * len(self.qpos))
+
 
 class Judge:
     """Judges one episode, step by step: strict conditions must all hold for several steps."""

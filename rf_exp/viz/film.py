@@ -10,20 +10,23 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import StageError
 
+EXACT = ["-qp", "0", "-preset", "veryfast", "-g", "10"]  # any frame is at most ten from one that stands alone
+
 
 class Film:
     """Writes one film. A context manager; `rate` in frames a second.
 
-    `quality` is the constant rate factor of x264: lower is better and larger. Raises StageError when
-    the file cannot be written.
+    `quality` is the constant rate factor of x264: lower is better and larger; None keeps every pixel as
+    it is, in a film for programs: RGB is nothing that browsers play. Raises StageError when the file cannot
+    be written.
     """
 
-    def __init__(self, path: Path, rate: int = 20, quality: int = 24) -> None:
+    def __init__(self, path: Path, rate: int = 20, quality: int | None = 24) -> None:
         self._path, self._rate, self._quality = path, rate, quality
         self._writer = None
 
     def add(self, frame: NDArray[np.uint8], times: int = 1) -> None:
-        """A frame (H, W, 3) of even sizes, the same for all, shown for so many times."""
+        """A frame (H, W, 3) of one size for all, even unless pixels are kept, shown so many times."""
         try:
             if self._writer is None:
                 self._writer = self._open((frame.shape[1], frame.shape[0]))
@@ -33,13 +36,15 @@ class Film:
             raise StageError(f"cannot write the film {self._path}: {error}") from error
 
     def _open(self, size: tuple[int, int]):
-        quality = ["-crf", str(self._quality), "-preset", "fast"]
+        exact = self._quality is None
+        quality = EXACT if exact else ["-crf", str(self._quality), "-preset", "fast"]
         writer = imageio_ffmpeg.write_frames(
             str(self._path),
             size,
             fps=self._rate,
-            codec="libx264",
-            macro_block_size=2,
+            codec="libx264rgb" if exact else "libx264",
+            pix_fmt_out="rgb24" if exact else "yuv420p",
+            macro_block_size=1 if exact else 2,
             ffmpeg_log_level="error",
             output_params=[*quality, "-movflags", "+faststart", "-threads", "1"],
         )
@@ -52,5 +57,9 @@ class Film:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """The film is complete."""
         if self._writer is not None:
             self._writer.close()

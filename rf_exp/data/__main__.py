@@ -1,0 +1,168 @@
+"""Data sets for others: what is in a store, whether it is whole, stores made one, formats that others read.
+
+python -m rf_exp.data summary STORE...                    what is in them
+python -m rf_exp.data validate STORE...                   reads every byte, and judges what it says
+python -m rf_exp.data merge STORE... --to STORE           parts of one configuration, as if made in one go
+python -m rf_exp.data export STORE FOLDER --format lerobot    a LeRobotDataset v3.0; or robomimic, its HDF5
+
+`COMMAND --help` says what each takes. docs/data.md.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+
+from rf_exp.artifacts.files import whole, write_text
+from rf_exp.command import guarded
+from rf_exp.errors import StageError, choices
+from rf_exp.progress import Progress, console
+from rf_exp.store import Store, card, facts, merge, merge_order, problems
+
+FORMATS = ("lerobot", "robomimic")  # a module each, of that name
+
+
+def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
+    """Says what is in stores. Raises StageError for one that cannot be opened."""
+    found = {str(path): {**facts(Store.open(path)), "MiB": mib(path)} for path in paths}
+    if as_json:
+        console.print(json.dumps(found, indent=2))
+        return
+    for path, said in found.items():
+        console.print(path)
+        for name, value in said.items():
+            console.print(f"  {name}: {value}")
+
+
+def validate(paths: Sequence[Path]) -> None:
+    """Reads everything in stores. Raises StageError where something is wrong, once all of it is told."""
+    wrong = 0
+    for path in paths:
+        try:
+            store = Store.open(path)
+        except StageError as error:
+            wrong += 1
+            console.print(str(error))
+            continue
+        found: list[str] = []
+        with Progress(f"validate {path}", len(store), "episodes") as progress:
+            for index in range(len(store)):
+                found += problems(store, index)
+                progress.advance(note=f"{len(found)} problems")
+        for what in found:
+            console.print(f"{path}: {what}")
+        if not found:
+            console.print(f"{path}: all {len(store)} episodes are as they should be")
+        wrong += bool(found)
+    if wrong:
+        raise StageError(f"{wrong} of {len(paths)} stores are not as they should be; what is wrong is above")
+
+
+def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None:
+    """Makes one store of several. Raises StageError where they are no parts of one, and where `to` exists."""
+    refuse_existing(to)
+    stores = [Store.open(path) for path in paths]
+    order = merge_order(stores)
+    if dry_run:
+        console.print(f"{to} would hold {told(stores, order[0][0] if order else 0)}; nothing was written")
+        return
+    with Progress(f"merge {to}", len(order), "episodes") as progress:
+        merge(stores, to, progress.advance)
+    write_text(to.with_suffix(".md"), card(Store.open(to)))
+    console.print(f"{to} holds {told(stores, order[0][0] if order else 0)}")
+
+
+def told(stores: Sequence[Store], first: int) -> str:
+    return f"{sum(map(len, stores))} episodes of {len(stores)} stores, from seed {first} on"
+
+
+def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry_run: bool = False) -> None:
+    """Writes a store in a format that others read, into a folder that is there as a whole or not at all.
+
+    Raises ArgumentError for an unknown format or way to keep pictures, StageError where `folder` exists or
+    the store cannot be read.
+    """
+    if form not in FORMATS:
+        raise choices("format", form, FORMATS)
+    how = import_module(f"rf_exp.data.{form}")
+    kept = pictures or how.PICTURES[0]
+    if kept not in how.PICTURES:
+        raise choices(f"way to keep pictures in {form}", kept, how.PICTURES)
+    refuse_existing(folder)
+    store = Store.open(path)
+    if not len(store):
+        raise StageError(f"{path} holds no episodes; there is nothing to export")
+    what = f"{len(store)} episodes, {store.steps} steps, cameras {', '.join(store.cameras) or 'none'}"
+    if dry_run:
+        console.print(f"{folder} would hold {what}; nothing was written\n{how.held(kept)}")
+        return
+    try:
+        with whole(folder) as draft, Progress(f"export {form}", len(store), "episodes") as progress:
+            draft.mkdir()
+            how.write(store, draft, kept, progress.advance)
+            write_text(draft / "README.md", card(store, how.held(kept), how.TAGS))
+    except OSError as error:
+        raise StageError(
+            f"cannot write {folder}: {error.strerror or error}; nothing is left there"
+        ) from error
+    console.print(f"{folder} holds {what}: {mib(folder)} MiB, the store {mib(path)} MiB")
+
+
+def refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise StageError(
+            f"{path} exists already; nothing is written over it: name a folder that is not there"
+        )
+
+
+def mib(folder: Path) -> float:
+    """How much is in a folder."""
+    return round(sum(each.stat().st_size for each in folder.rglob("*") if each.is_file()) / 2**20, 2)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    plain = argparse.RawDescriptionHelpFormatter
+    whole_parser = argparse.ArgumentParser(
+        "python -m rf_exp.data", description=__doc__, formatter_class=plain
+    )
+    commands = whole_parser.add_subparsers(dest="command", required=True)
+    summary = commands.add_parser("summary", help="what is in stores")
+    summary.add_argument("--json", action="store_true", help="for programs")
+    checked = commands.add_parser("validate", help="read every byte of stores, and judge what it says")
+    merged = commands.add_parser("merge", help="one store of those of one configuration with other seeds")
+    merged.add_argument("--to", type=Path, required=True, metavar="STORE", help="the new store")
+    exported = commands.add_parser("export", help="a store in a format that others read")
+    exported.add_argument("store", type=Path, help="folder of a store, such as outputs/data/.../fast.zarr")
+    exported.add_argument("folder", type=Path, help="new folder for the export")
+    exported.add_argument("--format", required=True, help=" or ".join(FORMATS))
+    exported.add_argument(
+        "--pictures",
+        help="how pictures are kept, every pixel: video (lossless) or png by lerobot, gzip or plain by "
+        "robomimic; the first of them unless given",
+    )
+    for several in (summary, checked, merged):
+        several.add_argument("stores", type=Path, nargs="+", help="folders of stores")
+    for writes in (merged, exported):
+        writes.add_argument(
+            "--dry-run", action="store_true", help="say what would be written, and write nothing"
+        )
+    return whole_parser
+
+
+def main() -> None:
+    given = parser().parse_args()
+    if given.command == "summary":
+        summarise(given.stores, given.json)
+    elif given.command == "validate":
+        validate(given.stores)
+    elif given.command == "merge":
+        merge_stores(given.stores, given.to, given.dry_run)
+    else:
+        export(given.store, given.folder, given.format, given.pictures, given.dry_run)
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))

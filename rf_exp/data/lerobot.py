@@ -1,0 +1,260 @@
+"""Export as a LeRobotDataset v3.0: Parquet, PNG or lossless video, JSON; written without lerobot itself.
+
+`observation.state` (N * 9) is the measured joints of all agents, `action` (N * 8) their targets, and
+`observation.images.<camera>` what the cameras see. Beside these, under names that no policy of lerobot takes
+for an input: `object_poses` (K * 7), `executed` where demonstrations are disturbed, `scene_seed`.
+"""
+
+import json
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rf_exp.artifacts.files import write_json
+from rf_exp.artifacts.identity import plain
+from rf_exp.data import statistics
+from rf_exp.data.target import Advance, by_agent, flat, last, library
+from rf_exp.store import COMMANDS, JOINTS, POSE, Store
+from rf_exp.types import Episode
+from rf_exp.viz.film import Film
+
+PICTURES = ("video", "png")  # both keep every pixel
+TAGS = ("LeRobot",)
+EPISODES_A_FILE, FILES_A_CHUNK = 50, 1000
+FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
+DATA, VIDEO = f"data/{FILE}.parquet", f"videos/{{video_key}}/{FILE}.mp4"
+EPISODES = f"meta/episodes/{FILE}.parquet"
+
+Columns = dict[str, NDArray[Any]]  # feature -> its rows of an episode
+
+
+def held(pictures: str) -> str:
+    """What lies in the folder."""
+    kept = {"video": "lossless H.264 video (RGB, every pixel kept)", "png": "PNG within the Parquet files"}
+    return (
+        "A LeRobotDataset v3.0: `observation.state` holds the measured joints of all agents, `action` their "
+        "joint\ntargets and gripper commands, one agent behind the other; `observation.images.<camera>` the "
+        f"pictures, as\n{kept[pictures]}. `object_poses`, `executed` and `scene_seed` are\nextras that no "
+        "policy of lerobot takes for an input."
+    )
+
+
+def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
+    """All episodes of a store into a folder; pictures are kept as one of `PICTURES`."""
+    writer = _Writer(store, folder, pictures == "video")
+    try:
+        for index in range(len(store)):
+            writer.add(index, store.episode(index))
+            advance()
+    finally:
+        writer.shut()
+    writer.finish()
+
+
+class _Writer:
+    """Takes episodes one after the other."""
+
+    def __init__(self, store: Store, folder: Path, video: bool) -> None:
+        self._pa, self._parquet = library("pyarrow"), library("pyarrow.parquet")
+        self._store, self._folder, self._video = store, folder, video
+        self._rate: int = store.attrs["control_hz"]
+        self._features = _features(store, video)
+        self._rows: list[dict[str, Any]] = []  # of the episodes
+        self._stats: list[dict[str, statistics.Stats]] = []
+        self._data: Any = None
+        self._films: dict[str, Film] = {}
+        self._began = 0  # row with which the present files begin
+
+    def add(self, index: int, episode: Episode) -> None:
+        chunk, file = divmod(index // EPISODES_A_FILE, FILES_A_CHUNK)
+        where = {"chunk_index": chunk, "file_index": file}
+        start = self._rows[-1]["dataset_to_index"] if self._rows else 0
+        columns = self._columns(index, episode, start)
+        cells = {name: self._cells(values) for name, values in columns.items()}
+        if self._video:
+            pictures = {}
+        else:
+            pictures = {_key(camera): self._png(episode.pictures[camera]) for camera in self._store.cameras}
+        table = self._pa.table(cells | pictures)
+        if index % EPISODES_A_FILE == 0:
+            self._turn(where, start, table.schema)
+        self._data.write_table(table)
+        for camera, film in self._films.items():
+            for frame in episode.pictures[camera]:
+                film.add(frame)
+        found = {name: statistics.of_values(values) for name, values in columns.items()}
+        found |= {_key(each): statistics.of_pictures(episode.pictures[each]) for each in self._store.cameras}
+        self._stats.append(found)
+        self._rows.append(self._row(index, len(episode.qpos), start, where))
+
+    def finish(self) -> None:
+        """Writes what is known at the end: episodes, tasks, statistics, and what the features are."""
+        for first in range(0, len(self._rows), EPISODES_A_FILE):
+            rows = self._rows[first : first + EPISODES_A_FILE]
+            where = {key: rows[0][f"data/{key}"] for key in ("chunk_index", "file_index")}
+            self._parquet.write_table(self._pa.Table.from_pylist(rows), self._path(EPISODES, where))
+        self._parquet.write_table(self._tasks(), self._folder / "meta/tasks.parquet")
+        names = self._stats[0]
+        merged = {name: statistics.together([each[name] for each in self._stats]) for name in names}
+        write_json(self._folder / "meta/stats.json", plain(merged))
+        write_json(self._folder / "meta/info.json", self._info())
+
+    # -- files -----------------------------------------------------------------------------------
+
+    def _turn(self, where: Mapping[str, int], start: int, schema: Any) -> None:
+        """Goes on in the next files."""
+        self.shut()
+        self._began = start
+        self._data = self._parquet.ParquetWriter(self._path(DATA, where), schema)
+        if self._video:
+            self._films = {
+                camera: Film(self._path(VIDEO, {**where, "video_key": _key(camera)}), self._rate, None)
+                for camera in self._store.cameras
+            }
+
+    def shut(self) -> None:
+        """The present files are complete."""
+        if self._data is not None:
+            self._data.close()
+        for film in self._films.values():
+            film.close()
+
+    def _path(self, pattern: str, where: Mapping[str, Any]) -> Path:
+        path = self._folder / pattern.format(**where)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    # -- what is in them -------------------------------------------------------------------------
+
+    def _columns(self, index: int, episode: Episode, start: int) -> Columns:
+        steps = len(episode.qpos)
+        frame = np.arange(steps)
+        poses = [episode.poses[name] for name in self._store.objects]
+        return {
+            "observation.state": flat(episode.qpos),
+            "action": flat(episode.action),
+            **({"object_poses": np.concatenate(poses, axis=1)} if poses else {}),
+            **({} if episode.executed is None else {"executed": flat(episode.executed)}),
+            "next.success": last(steps),
+            "next.done": last(steps),
+            "scene_seed": np.full(steps, episode.seed),
+            "timestamp": (frame / self._rate).astype(np.float32),
+            "frame_index": frame,
+            "episode_index": np.full(steps, index),
+            "index": frame + start,
+            "task_index": np.zeros(steps, np.int64),
+        }
+
+    def _cells(self, values: NDArray[Any]) -> Any:
+        """Rows (T,) or (T, D) as a column."""
+        if values.ndim == 1:
+            return self._pa.array(values)
+        return self._pa.FixedSizeListArray.from_arrays(self._pa.array(values.ravel()), values.shape[1])
+
+    def _png(self, pictures: NDArray[np.uint8]) -> Any:
+        kind = self._pa.struct([("bytes", self._pa.binary()), ("path", self._pa.string())])
+        return self._pa.array([{"bytes": _compressed(each), "path": None} for each in pictures], kind)
+
+    def _row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
+        """What is said of one episode."""
+        row = {
+            "episode_index": index,
+            "tasks": [_words(self._store)],
+            "length": steps,
+            "dataset_from_index": start,
+            "dataset_to_index": start + steps,
+        }
+        row |= {f"{what}/{key}": at for what in ("data", "meta/episodes") for key, at in where.items()}
+        if self._video:
+            shown = {
+                "from_timestamp": (start - self._began) / self._rate,
+                "to_timestamp": (start - self._began + steps) / self._rate,
+            }
+            for camera in self._store.cameras:
+                row |= {f"videos/{_key(camera)}/{key}": at for key, at in {**where, **shown}.items()}
+        for name, stats in self._stats[-1].items():
+            row |= {f"stats/{name}/{key}": value.tolist() for key, value in stats.items()}
+        return row
+
+    def _tasks(self) -> Any:
+        """The words of the task as the index of a table, as pandas would write it."""
+        table = self._pa.table({"task_index": [0], "task": [_words(self._store)]})
+        kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
+        columns = [
+            {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": numpy, "metadata": None}
+            for name, (kind, numpy) in kinds.items()
+        ]
+        said = {"index_columns": ["task"], "column_indexes": [], "columns": columns}
+        return table.replace_schema_metadata({"pandas": json.dumps(said)})
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "codebase_version": "v3.0",
+            "robot_type": f"{self._store.agents}x_franka_panda",
+            "total_episodes": len(self._store),
+            "total_frames": self._store.steps,
+            "total_tasks": 1,
+            "chunks_size": FILES_A_CHUNK,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
+            "fps": self._rate,
+            "splits": {"train": f"0:{len(self._store)}"},
+            "data_path": DATA,
+            "video_path": VIDEO if self._video else None,
+            "features": self._features,
+        }
+
+
+def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
+    """What the columns are, and the names of their values."""
+    agents, rate = store.agents, store.attrs["control_hz"]
+    size = store.attrs["height"], store.attrs["width"]
+    found = {"observation.state": _vector(by_agent(agents, JOINTS))}
+    found["action"] = _vector(by_agent(agents, COMMANDS))
+    if store.objects:
+        found["object_poses"] = _vector([f"{name}.{axis}" for name in store.objects for axis in POSE])
+    if store.disturbed:
+        found["executed"] = _vector(by_agent(agents, COMMANDS))
+    for camera in store.cameras:
+        found[_key(camera)] = {
+            "dtype": "image",
+            "shape": [*size, 3],
+            "names": ["height", "width", "channels"],
+        }
+        if video:
+            found[_key(camera)] |= {"dtype": "video", "info": _of_video(*size, rate)}
+    kinds = {"next.success": "bool", "next.done": "bool", "scene_seed": "int64", "timestamp": "float32"}
+    kinds |= dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64")
+    return found | {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in kinds.items()}
+
+
+def _of_video(height: int, width: int, rate: int) -> dict[str, Any]:
+    said = {"height": height, "width": width, "codec": "h264", "pix_fmt": "gbrp", "fps": rate, "channels": 3}
+    return {f"video.{key}": value for key, value in said.items()} | {
+        "video.is_depth_map": False,
+        "has_audio": False,
+    }
+
+
+def _vector(names: list[str]) -> dict[str, Any]:
+    return {"dtype": "float32", "shape": [len(names)], "names": names}
+
+
+def _key(camera: str) -> str:
+    return f"observation.images.{camera}"
+
+
+def _words(store: Store) -> str:
+    """The task, for policies that read."""
+    return store.description.language["description"] if store.description else store.attrs["task"]
+
+
+def _compressed(picture: NDArray[np.uint8]) -> bytes:
+    file = BytesIO()
+    Image.fromarray(picture).save(file, "png")
+    return file.getvalue()

@@ -1,0 +1,64 @@
+"""Export as robomimic's HDF5: an episode a group, read by its `SequenceDataset`.
+
+Observations are those of the store under its names, one agent behind the other, and `<camera>_image`; as
+`actions` the joint targets in rad and gripper commands of all agents. Next observations are not kept twice:
+open it with `load_next_obs=False`.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from rf_exp.data.target import Advance, flat, last, library
+from rf_exp.store import Store
+from rf_exp.types import Episode
+
+PICTURES = ("gzip", "plain")  # both keep every pixel
+TAGS = ("robomimic",)
+FILE = "demonstrations.hdf5"
+
+
+def held(pictures: str) -> str:
+    """What lies in the folder."""
+    return (
+        f"`{FILE}`, for robomimic's `SequenceDataset` with `load_next_obs=False`: a group `data/demo_<k>`\n"
+        "for each episode, with `actions` (joint targets in rad, gripper commands; one agent behind the\n"
+        "other), `obs/qpos`, `obs/qvel`, `obs/pose_<object>` and `obs/<camera>_image`, pictures as they\n"
+        f"were ({pictures}), `dones` and `rewards`."
+    )
+
+
+def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
+    """All episodes of a store into a file in `folder`; pictures are kept as one of `PICTURES`."""
+    with library("h5py").File(folder / FILE, "w") as file:
+        data = file.create_group("data")
+        for index in range(len(store)):
+            _write(data.create_group(f"demo_{index}"), store.episode(index), pictures == "gzip")
+            advance()
+        environment = {"env_name": store.attrs["task"], "type": 2, "env_kwargs": {}}  # 2: of gymnasium
+        said = store.description.attributes() if store.description else {}
+        data.attrs.update(
+            {"total": store.steps, "env_args": json.dumps(environment), "description": json.dumps(said)}
+        )
+
+
+def _write(group, episode: Episode, compressed: bool) -> None:  # an h5py.Group
+    steps = len(episode.qpos)
+    values = {
+        "actions": flat(episode.action),
+        "rewards": last(steps).astype(np.float32),
+        "dones": last(steps).astype(np.int64),
+        "obs/qpos": flat(episode.qpos),
+        "obs/qvel": flat(episode.qvel),
+        **{f"obs/pose_{name}": poses for name, poses in episode.poses.items()},
+    }
+    if episode.executed is not None:
+        values["executed"] = flat(episode.executed)
+    for name, rows in values.items():
+        group.create_dataset(name, data=rows)
+    for camera, frames in episode.pictures.items():
+        chunked = {"chunks": (1, *frames.shape[1:]), "compression": "gzip"} if compressed else {}
+        group.create_dataset(f"obs/{camera}_image", data=frames, **chunked)
+    group.attrs["num_samples"] = steps
+    group.attrs["seed"] = episode.seed

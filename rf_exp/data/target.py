@@ -1,0 +1,38 @@
+"""What all exports share: how things are called, which libraries they need."""
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError
+
+Advance = Callable[[], object]  # after each episode
+
+
+def library(name: str) -> Any:
+    """A module that exports need. Raises ArgumentError that says how it is installed."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ArgumentError(
+            f"this format needs {name.partition('.')[0]}, which is not installed ({error}); "
+            'install what exports need: pip install -e ".[export]"'
+        ) from error
+
+
+def by_agent(agents: int, names: Sequence[str]) -> list[str]:
+    """`agent1.panda_joint1`, ...: all of the first agent, then of the second."""
+    return [f"agent{agent}.{name}" for agent in range(1, agents + 1) for name in names]
+
+
+def flat(values: NDArray[Any]) -> NDArray[Any]:
+    """(T, N, D) of the agents -> (T, N * D)."""
+    return values.reshape(len(values), -1)
+
+
+def last(steps: int) -> NDArray[np.bool_]:
+    """(T,) true in the last row: with its action every stored episode has succeeded, and is done."""
+    return np.arange(steps) == steps - 1

@@ -1,0 +1,68 @@
+"""Stores of one configuration with seeds of their own, as the one store that they are parts of."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from rf_exp.artifacts.files import whole
+from rf_exp.artifacts.identity import differing
+from rf_exp.errors import StageError
+from rf_exp.store.layout import empty_like
+from rf_exp.store.reader import Reader
+from rf_exp.store.writer import Store
+
+PROVENANCE = ("commit", "versions")  # as when episodes are appended: those of who began
+
+
+def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
+    """(seed, store, index in it) of every episode, in the order of their seeds.
+
+    Raises StageError for stores of different configurations, naming what differs, and for seeds that two of
+    them hold.
+    """
+    first = stores[0]
+    for other in stores[1:]:
+        if differences := differing(_compared(first.attrs), _compared(other.attrs)):
+            raise StageError(
+                f"{first.path} and {other.path} were made from different configurations "
+                f"({'; '.join(differences)}); only stores of one configuration can be merged"
+            )
+    found = sorted(
+        (
+            (int(seed), number, index)
+            for number, store in enumerate(stores)
+            for index, seed in enumerate(store.seeds)
+        ),
+    )
+    for (seed, one, _), (again, other, _) in pairwise(found):
+        if seed == again:
+            raise StageError(
+                f"seed {seed} is in {stores[one].path} and in {stores[other].path}; "
+                "stores that are merged hold different seeds"
+            )
+    return [(seed, stores[number], index) for seed, number, index in found]
+
+
+def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = lambda: None) -> None:
+    """Writes the store `to`, as if it had been made in one go: the same bytes. It is there as a whole or not.
+
+    `advance` is called after each episode. Raises StageError as `merge_order` does, and where `to` exists.
+    """
+    if to.exists():
+        raise StageError(f"{to} exists already; nothing is written over it: name another store")
+    order = merge_order(stores)
+    began = min(stores, key=lambda store: store.identity.get("first_seed", 0))
+    with whole(to) as draft:
+        empty_like(draft, began.attrs)
+        with Store.open(draft, writable=True) as store:
+            for _, source, index in order:
+                store.append(source.episode(index))
+                advance()
+
+
+def _compared(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """What stores that are merged share."""
+    identity = {name: value for name, value in attributes["identity"].items() if name != "first_seed"}
+    kept = {name: value for name, value in attributes.items() if name not in PROVENANCE}
+    return {**kept, "identity": identity}

@@ -1,0 +1,275 @@
+"""Data sets for others: summary, validation, merging, export; and that nothing is lost where that fails."""
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import h5py
+import imageio_ffmpeg
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+
+from rf_exp.command import guarded
+from rf_exp.data.__main__ import main
+from rf_exp.data.statistics import of_values, together
+from rf_exp.store import Description, Store
+from rf_exp.types import UNITS, Episode, Judged
+from tests.test_rescue import digest, flip
+from tests.test_store import AGENTS, CAMERAS, HEIGHT, IDENTITY, OBJECTS, WIDTH, assert_same, make_episode
+
+CONDITIONS = ("lifted", "level")
+LABELS = ("nothing", "table", "barrier", "agent1", "agent2")
+DESCRIPTION = Description(
+    language={"title": "Lift Barrier", "description": "Lift it.", "target_condition": "It is up."},
+    conditions=CONDITIONS,
+    world_from_base=[np.eye(4).tolist()] * AGENTS,
+    camera_models={camera: {"intrinsics": np.eye(3).tolist()} for camera in CAMERAS},
+    depth=True,
+    labels=LABELS,
+)
+Command = Callable[..., Any]
+
+
+def described(seed: int, steps: int = 7) -> Episode:
+    """An episode with all that a store may hold."""
+    episode, rng = make_episode(seed, steps), np.random.default_rng(seed)
+    poses = episode.poses["barrier"].copy()
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    value = rng.normal(size=(steps, len(CONDITIONS))).astype(np.float32)
+    holds = np.ones_like(value, np.bool_)
+    judged = Judged(CONDITIONS, value, value + 1, np.full(value.shape, UNITS.index("m"), np.uint8), holds)
+    size = steps, HEIGHT, WIDTH
+    images: dict[str, Any] = {f"depth_{c}": rng.integers(0, 9999, size, np.uint16) for c in CAMERAS}
+    images |= {f"segmentation_{c}": rng.integers(0, 5, size, np.uint8) for c in CAMERAS}
+    return replace(
+        episode,
+        poses={"barrier": poses},
+        judged=judged,
+        images=images,
+        certificate={"subgoals": [["a"] * 4] * 2},
+    )
+
+
+def store_of(path: Path, seeds: range, identity: dict[str, Any] = IDENTITY) -> Path:
+    made_of = {**identity, "first_seed": seeds[0]}
+    size = HEIGHT, WIDTH, OBJECTS, True, DESCRIPTION
+    with Store.create(path, made_of, AGENTS, CAMERAS, *size) as store:
+        for seed in seeds:
+            store.append(described(seed, 5 + seed))
+    return path
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """The command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments: object) -> Any:
+        monkeypatch.setattr(sys, "argv", ["rf_exp.data", *map(str, arguments)])
+        capsys.readouterr()
+        code = guarded(main)
+        return code, *capsys.readouterr()
+
+    return call
+
+
+# The store
+
+
+def test_a_described_episode_comes_back(tmp_path: Path) -> None:
+    store = Store.open(store_of(tmp_path / "s.zarr", range(3)))
+    assert store.description == Description(**DESCRIPTION.attributes())
+    for index in range(3):
+        got, made = store.episode(index), described(index, 5 + index)
+        assert_same(got, made)
+        assert got.judged is not None and made.judged is not None and got.judged.names == CONDITIONS
+        for name in ("value", "bound", "unit", "holds"):
+            np.testing.assert_array_equal(getattr(got.judged, name), getattr(made.judged, name), strict=True)
+        assert set(got.images) == set(made.images)
+        for name, images in made.images.items():
+            np.testing.assert_array_equal(got.images[name], images, strict=True)
+
+
+def test_every_array_says_what_it_holds(tmp_path: Path) -> None:
+    store = Store.open(store_of(tmp_path / "s.zarr", range(1)))
+    groups: Any = store._group
+    for name, array in [*groups["data"].arrays(), *groups["meta"].arrays()]:
+        assert len(array.metadata.dimension_names) == array.ndim, name
+        assert array.attrs["about"], name
+        assert len(array.attrs.get("names", [0] * array.shape[-1])) == array.shape[-1], name
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"judged": None}, r"judged by \[\]; .*'lifted'"), ({"images": {}}, r"depth and segmentation \[\]")],
+)
+def test_an_episode_without_what_is_described_is_refused(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    path = store_of(tmp_path / "s.zarr", range(1))
+    with Store.open(path, writable=True) as store, pytest.raises(Exception, match=message):
+        store.append(replace(described(9), **change))
+
+
+# Commands
+
+
+def test_merged_stores_are_the_one_made_in_one_go(tmp_path: Path, command: Command) -> None:
+    whole = store_of(tmp_path / "whole.zarr", range(7))
+    parts = [store_of(tmp_path / f"{part[0]}.zarr", part) for part in (range(3), range(3, 4), range(4, 7))]
+    merged = tmp_path / "merged.zarr"
+    code, said, _ = command("merge", *parts[::-1], "--to", merged, "--dry-run")
+    assert (code, merged.exists()) == (0, False) and "7 episodes of 3 stores, from seed 0 on" in said
+    assert command("merge", *parts[::-1], "--to", merged)[0] == 0
+    assert digest(merged) == digest(whole)
+    assert "| episodes | 7 |" in merged.with_suffix(".md").read_text()
+    code, _, error = command("merge", *parts, "--to", merged)
+    assert code == 1 and "merged.zarr exists already; nothing is written over it" in error
+    assert digest(merged) == digest(whole)
+
+
+def test_stores_that_are_no_parts_of_one_are_refused(tmp_path: Path, command: Command) -> None:
+    one = store_of(tmp_path / "one.zarr", range(2))
+    other = store_of(tmp_path / "other.zarr", range(2, 3), {**IDENTITY, "attempts": 9})
+    again = store_of(tmp_path / "again.zarr", range(1, 3))
+    to = tmp_path / "merged.zarr"
+    for more, message in ((other, "identity.attempts: found nothing, wanted 9"), (again, "seed 1 is in")):
+        code, _, error = command("merge", one, more, "--to", to)
+        assert code == 1 and message in error
+    assert {path.name for path in tmp_path.iterdir()} == {"one.zarr", "other.zarr", "again.zarr"}
+
+
+def test_validation_names_what_is_wrong(tmp_path: Path, command: Command) -> None:
+    sound, damaged, unsound = (tmp_path / f"{name}.zarr" for name in ("sound", "damaged", "unsound"))
+    for path in (sound, damaged):
+        store_of(path, range(2))
+    flip(damaged / "data/rgb_agent1/c/0/0/0/0")
+    bad = described(0)
+    assert bad.judged is not None
+    lost = replace(bad.judged, holds=bad.judged.holds & [True, False])
+    blank = {**bad.pictures, "global": np.zeros_like(bad.pictures["global"])}
+    subgoal = np.full_like(bad.subgoal, 7)
+    poses = {"barrier": bad.poses["barrier"] * 2}
+    with Store.create(unsound, IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True, DESCRIPTION) as store:
+        store.append(replace(bad, judged=lost, pictures=blank, subgoal=subgoal, poses=poses))
+    assert command("validate", sound)[0] == 0
+    code, said, error = command("validate", sound, damaged, unsound)
+    assert code == 1 and "2 of 3 stores" in error and "sound.zarr: all 2 episodes" in said
+    for message in (
+        "damaged.zarr is damaged: data/rgb_agent1",
+        "camera global shows nothing",
+        "ends without success: not level",
+        "not of unit length",
+        "no text for",
+    ):
+        assert message in said
+
+
+def test_a_summary_for_programs(tmp_path: Path, command: Command) -> None:
+    path = store_of(tmp_path / "s.zarr", range(4))
+    code, said, _ = command("summary", path, "--json")
+    found = json.loads(said)[str(path)]
+    assert (code, found["episodes"], found["steps"], found["scene seeds"]) == (0, 4, 26, "0 to 3")
+
+
+# Exports
+
+
+@pytest.mark.parametrize("pictures", ["video", "png"])
+def test_a_lerobot_export_holds_the_values_of_the_store(
+    tmp_path: Path, command: Command, pictures: str
+) -> None:
+    """What lerobot itself makes of it: benchmarks/lerobot_reads.py."""
+    path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "lerobot"
+    assert command("export", path, to, "--format", "lerobot", "--pictures", pictures)[0] == 0
+    store, info = Store.open(path), json.loads((to / "meta/info.json").read_text())
+    table = pq.read_table(to / "data/chunk-000/file-000.parquet")
+    assert (info["total_frames"], info["total_episodes"], info["fps"]) == (store.steps, 3, 20)
+    for name, values in {"observation.state": store.qpos, "action": store.action}.items():
+        got = np.array(table[name].to_pylist(), np.float32)
+        np.testing.assert_array_equal(got, values.reshape(store.steps, -1))
+        assert info["features"][name]["shape"] == [got.shape[1]] == [len(info["features"][name]["names"])]
+    for camera in CAMERAS:
+        np.testing.assert_array_equal(shown(to, table, camera), store.pictures[camera][:])
+    assert table["frame_index"].to_pylist() == [k for e in range(3) for k in range(5 + e)]
+    assert np.flatnonzero(table["next.success"].to_pylist()).tolist() == [4, 10, 17]
+    card = (to / "README.md").read_text()
+    assert all(word in card for word in ("LeRobot", "Lift it.", "- level", "license: mit", "0 to 2"))
+
+
+def shown(folder: Path, table: Any, camera: str) -> np.ndarray[Any, Any]:
+    """The pictures of an export (T, H, W, 3)."""
+    key = f"observation.images.{camera}"
+    if key in table.column_names:
+        return np.stack([np.array(Image.open(BytesIO(each["bytes"]))) for each in table[key].to_pylist()])
+    frames = imageio_ffmpeg.read_frames(str(folder / f"videos/{key}/chunk-000/file-000.mp4"))
+    next(frames)
+    return np.stack([np.frombuffer(frame, np.uint8).reshape(HEIGHT, WIDTH, 3) for frame in frames])
+
+
+def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, command: Command) -> None:
+    """What robomimic itself makes of it: benchmarks/robomimic_reads.py."""
+    path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "robomimic"
+    assert command("export", path, to, "--format", "robomimic")[0] == 0
+    with h5py.File(to / "demonstrations.hdf5") as file:
+        assert file["data"].attrs["total"] == 18
+        for index in range(3):
+            got: Any = file[f"data/demo_{index}"]
+            made = described(index, 5 + index)
+            np.testing.assert_array_equal(got["actions"][:], made.action.reshape(5 + index, -1))
+            np.testing.assert_array_equal(got["obs/qpos"][:], made.qpos.reshape(5 + index, -1))
+            np.testing.assert_array_equal(got["obs/pose_barrier"][:], made.poses["barrier"])
+            np.testing.assert_array_equal(got["obs/agent2_image"][:], made.pictures["agent2"])
+
+
+def test_statistics_of_episodes_together_are_those_of_all_rows() -> None:
+    rng = np.random.default_rng(0)
+    parts = [rng.normal(k, 1 + k, (20 + 30 * k, 3)) for k in range(3)]
+    found, wanted = together([of_values(part) for part in parts]), of_values(np.concatenate(parts))
+    for name in ("min", "max", "mean", "std", "count"):
+        np.testing.assert_allclose(found[name], wanted[name])
+
+
+def test_an_export_that_cannot_be_leaves_nothing_and_loses_nothing(tmp_path: Path, command: Command) -> None:
+    path, there = store_of(tmp_path / "s.zarr", range(2)), tmp_path / "there"
+    there.mkdir()
+    (there / "mine.txt").write_text("mine")
+    damaged = store_of(tmp_path / "damaged.zarr", range(2))
+    flip(damaged / "data/rgb_agent1/c/0/0/0/0")
+    (tmp_path / "file").touch()
+    before = hashlib.sha256(digest(path).encode()).hexdigest()
+    lerobot = ("--format", "lerobot")
+    for arguments, code, message in (
+        ((path, there, *lerobot), 1, "there exists already; nothing is written over it"),
+        (
+            (path, tmp_path / "x", "--format", "rlds"),
+            2,
+            "unknown format 'rlds'; available: lerobot, robomimic",
+        ),
+        ((path, tmp_path / "x", *lerobot, "--pictures", "gif"), 2, "'gif'; available: png, video"),
+        ((damaged, tmp_path / "x", *lerobot), 1, "damaged.zarr is damaged: data/rgb_agent1"),
+        ((tmp_path / "no.zarr", tmp_path / "x", *lerobot), 1, "no store at"),
+        ((path, tmp_path / "file/x", *lerobot), 1, "cannot write"),
+    ):
+        got, _, error = command("export", *arguments)
+        assert (got, message in error) == (code, True), error
+    assert command("export", path, tmp_path / "x", *lerobot, "--dry-run")[0] == 0
+    assert not (tmp_path / "x").exists() and not list(tmp_path.glob(".*"))
+    assert (there / "mine.txt").read_text() == "mine"
+    assert before == hashlib.sha256(digest(path).encode()).hexdigest()
+
+
+def test_a_missing_library_is_named(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = store_of(tmp_path / "s.zarr", range(1))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    code, _, error = command("export", path, tmp_path / "x", "--format", "robomimic")
+    assert code == 2 and "needs h5py, which is not installed" in error and ".[export]" in error
+    assert not (tmp_path / "x").exists()
