@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 
-from rf_exp.constraints.timing import schedule
+from rf_exp.coordination import schedule
 from rf_exp.geometry import AGENT_MARGIN_M, Bodies, closer_than
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
 from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajectory

@@ -11,24 +11,18 @@ from rf_exp.constraints.limits import slowed
 from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import PolicyMonitor
-from rf_exp.constraints.timing import Delays, actions, intended, schedule, serial
 
 __all__ = [
     "Check",
     "CheckCode",
     "CheckedPlan",
-    "Delays",
     "Evidence",
     "Monitor",
     "Paths",
     "Plan",
     "PolicyMonitor",
     "RoboChecker",
-    "actions",
     "check_of",
     "compile",
-    "intended",
-    "schedule",
-    "serial",
     "slowed",
 ]

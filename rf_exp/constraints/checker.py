@@ -15,7 +15,7 @@ from rf_exp.constraints.limits import Distance, Speed
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, StayOut
 from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
-from rf_exp.constraints.timing import Delays, Rule, schedule, serial
+from rf_exp.coordination import Delays, Rule, schedule, serial
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints.evidence import Evidence, doing, idle
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import Closing
-from rf_exp.constraints.timing import Demands
+from rf_exp.coordination import Demands
 from rf_exp.findings import CheckName, Doing, Finding, agent_name, names
 from rf_exp.geometry import Bodies, Mask, Swept, closer_than, nearest
 from rf_exp.robots import LINKS, Panda

@@ -17,7 +17,7 @@ import trimesh
 from rf_exp.constraints.evidence import Evidence, doing, idle, violation
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.temporal import span
-from rf_exp.constraints.timing import Demands
+from rf_exp.coordination import Demands
 from rf_exp.findings import CheckName, Doing, Finding, Violation, agent_name, names
 from rf_exp.geometry import (
     AGENT_MARGIN_M,

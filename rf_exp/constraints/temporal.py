@@ -11,7 +11,7 @@ import numpy as np
 
 from rf_exp.constraints.evidence import Evidence, idle
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.timing import Demands, subgoal_runs
+from rf_exp.coordination import Demands, subgoal_runs
 from rf_exp.findings import CheckName, Finding, names
 from rf_exp.statements import TOGETHER_S, Step
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Kind, Scene, Trajectory

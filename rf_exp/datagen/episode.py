@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import actions, intended
+from rf_exp.coordination import actions, intended
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.motion import come_to_rest, disturb, let_off

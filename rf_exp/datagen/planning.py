@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rf_exp.constraints import CheckedPlan, Delays, Paths, RoboChecker, slowed
+from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
+from rf_exp.coordination import Delays
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints import CheckedPlan, RoboChecker
 from rf_exp.constraints.evidence import Check, Evidence
-from rf_exp.constraints.timing import Demands
+from rf_exp.coordination import Demands
 from rf_exp.datagen.planning import Planned
 from rf_exp.findings import Violation
 from rf_exp.geometry import Mask, centres_m

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.constraints.timing import schedule
+from rf_exp.coordination import schedule
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, read

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import CheckedPlan, Plan, RoboChecker, serial, slowed
+from rf_exp.constraints import CheckedPlan, Plan, RoboChecker, slowed
 from rf_exp.constraints.limits import speeds_m_s
+from rf_exp.coordination import serial
 from rf_exp.geometry import Bodies
 from rf_exp.statements import Proposal, read
 from rf_exp.transforms import transform

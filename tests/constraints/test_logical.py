@@ -14,7 +14,7 @@ from rf_exp.constraints.logical import (
     ValidateInteraction,
     _carried,
 )
-from rf_exp.constraints.timing import schedule
+from rf_exp.coordination import schedule
 from rf_exp.findings import Finding
 from rf_exp.transforms import transform
 from rf_exp.types import Row, Schedule, Subgoal

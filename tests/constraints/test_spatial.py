@@ -7,7 +7,7 @@ import pytest
 
 from rf_exp.constraints import Paths, Plan
 from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, PolicyMonitor, StayOut, touching
-from rf_exp.constraints.timing import schedule
+from rf_exp.coordination import schedule
 from rf_exp.geometry import Bodies, nearest
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import Row, Schedule, Subgoal

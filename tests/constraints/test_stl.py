@@ -8,13 +8,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import Check, Plan, RoboChecker, check_of, serial
+from rf_exp.constraints import Check, Plan, RoboChecker, check_of
 from rf_exp.constraints import limits as checks_of_limits
 from rf_exp.constraints.compile import compiled
 from rf_exp.constraints.limits import MEASURED_DEG, MEASURED_M, MEASURED_SPEED
 from rf_exp.constraints.logical import ANGLE_MEASURED_DEG, POSITION_MEASURED_M
 from rf_exp.constraints.plan import Paths
 from rf_exp.constraints.stl import VOID, Execution, evaluated, judged, kept, signals, stl_of
+from rf_exp.coordination import serial
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.planning import Planned, Settings

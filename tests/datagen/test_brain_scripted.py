@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import Monitor, Paths, Plan, PolicyMonitor, serial
+from rf_exp.constraints import Monitor, Paths, Plan, PolicyMonitor
+from rf_exp.coordination import serial
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.datagen.planning import Planner, Settings
 from rf_exp.findings import Cause, CheckName, Finding, Violation

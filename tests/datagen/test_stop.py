@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import actions
+from rf_exp.coordination import actions
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.motion import come_to_rest, let_off

@@ -29,7 +29,8 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         from dataclasses import replace
         import numpy as np
         from tests.tutorial.own_side import OwnSide
-        from rf_exp.constraints import RoboChecker, serial
+        from rf_exp.constraints import RoboChecker
+        from rf_exp.coordination import serial
         from rf_exp.constraints.stl import Execution, judged, kept
         from rf_exp.datagen.brain.questions import constraint_forms
         from rf_exp.statements import Proposal, read

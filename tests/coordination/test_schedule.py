@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous, span
-from rf_exp.constraints.timing import Delays, Demands, actions, intended, schedule, serial
+from rf_exp.coordination import Delays, Demands, actions, intended, schedule, serial
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Step

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import search
+from rf_exp.coordination import search
+from rf_exp.coordination.diagrams import UNREACHABLE, blocked_region, remaining
 from rf_exp.findings import Cause, CheckName, Doing, Finding, Violation
 from rf_exp.geometry import Mask
 from rf_exp.types import CONTROL_DT_S, Trajectory
@@ -65,7 +66,7 @@ class Unscheduled:
             finding, doing = found
             cause, share = Cause.SPACE, float(collision.mean())
         else:
-            row, column = search.blocked_region(
+            row, column = blocked_region(
                 problem.diagrams[pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
             )
             ways = collision is not None and collision.any()
@@ -108,7 +109,7 @@ def _collision(
     a: Trajectory, b: Trajectory, collision: Mask
 ) -> tuple[Finding, tuple[Doing | None, ...]] | None:
     """Why collisions alone leave no way, and where both are then; None when they do leave one."""
-    if search.remaining(collision, frozenset(a.knots), frozenset(b.knots))[0, 0] < search.UNREACHABLE:
+    if remaining(collision, frozenset(a.knots), frozenset(b.knots))[0, 0] < UNREACHABLE:
         return None
     if collision[0, 0]:
         return Finding.CLOSE_AT_FIRST, ()
@@ -121,7 +122,7 @@ def _collision(
         if len(walls):  # the other one stands
             blocked = _at(moving, int(walls[0]))
             return Finding.PARKED, (blocked, None) if moving is a else (None, blocked)
-    row, column = search.blocked_region(collision, a.knots, b.knots)
+    row, column = blocked_region(collision, a.knots, b.knots)
     return Finding.BLOCKED_BOTH, (_at(a, row), _at(b, column))
 
 

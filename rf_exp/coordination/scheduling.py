@@ -5,120 +5,22 @@ serves (`search.solve`). Agents wait only at knots, where they stand still anywa
 a schedule has the accelerations of its trajectories.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations, groupby
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import search
-from rf_exp.constraints.unscheduled import Unscheduled
+from rf_exp.coordination import search
+from rf_exp.coordination.demands import Delays, Demands, Rule, joint_runs
+from rf_exp.coordination.hesitation import hesitates
+from rf_exp.coordination.unscheduled import Unscheduled
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
 from rf_exp.types import Schedule, Segment, Subgoal, Trajectory
-
-
-class Rule(Protocol):
-    """A constraint on time that knows what it asks of a schedule."""
-
-    def demand(self, demands: "Demands") -> None:
-        """Add what this constraint forbids."""
-        ...
-
-
-class Demands:
-    """What the rules ask of a schedule of trajectories. Agents from 1; positions on their paths."""
-
-    def __init__(self, trajectories: Sequence[Trajectory]) -> None:
-        self.trajectories = tuple(trajectories)
-        self.cells: dict[tuple[int, int], Mask] = {}
-        self.dwells: dict[tuple[int, int], int] = {}  # (agent, position) -> steps to stay there
-        self.after_dwell: list[tuple[int, int, int, int, bool]] = []
-        self.deadlines: list[tuple[int, int, int]] = []
-
-    def trajectory(self, agent: int) -> Trajectory:
-        return self.trajectories[agent - 1]
-
-    def forbid(self, a: int, rows: slice, b: int, columns: slice) -> None:
-        """Agents a and b may not be at these positions at the same time."""
-        i, j = sorted((a, b))
-        mask = self.cells.setdefault(
-            (i, j), np.zeros((len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1), dtype=bool)
-        )
-        (mask if a < b else mask.T)[rows, columns] = True
-
-    def apart(self, i: int, j: int, mask: Mask) -> None:
-        """Agents i < j may not be at the pairs of positions (P_i, P_j) of a mask at the same time."""
-        self.cells[i, j] = mask | self.cells.get((i, j), np.zeros_like(mask))
-
-    def before(self, a: int, end: int, b: int, start: int) -> None:
-        """b leaves position `start` only once a has reached `end`."""
-        self.forbid(a, slice(0, end), b, slice(start + 1, None))
-
-    def together(self, a: int, start_a: int, b: int, start_b: int, within_steps: int) -> None:
-        """a and b leave their positions at most `within_steps` apart.
-
-        Counted in positions, so the bound is cut to the length of the first segments: there nobody waits.
-        """
-        for first, start, other, other_start in ((a, start_a, b, start_b), (b, start_b, a, start_a)):
-            knots = self.trajectory(first).knots
-            run = min((knot for knot in knots if knot > start), default=start + 1) - start
-            apart = max(0, min(within_steps, run - 1))
-            self.forbid(first, slice(start + apart + 1, None), other, slice(0, other_start + 1))
-
-    def lockstep(self, a: int, start_a: int, b: int, start_b: int, steps: int) -> None:
-        """a and b run `steps` positions side by side, never one ahead of the other."""
-        i, j = sorted((a, b))
-        start = {a: start_a, b: start_b}
-        done_i, done_j = (
-            np.clip(np.arange(len(self.trajectory(agent)) + 1) - start[agent], 0, steps) for agent in (i, j)
-        )
-        self.forbid(i, slice(0), j, slice(0))
-        self.cells[i, j] |= done_i[:, None] != done_j[None, :]
-
-    def delay(self, a: int, end: int, b: int, start: int, steps: int) -> None:
-        """b leaves `start` at the earliest `steps` after a has reached `end`.
-
-        The time is spent as a dwell: of a, where its path ends there anyway, otherwise of b.
-        """
-        at_end = end == len(self.trajectory(a))
-        agent, position = (a, end) if at_end else (b, start)
-        self.dwells[agent, position] = max(steps, self.dwells.get((agent, position), 0))
-        self.after_dwell.append((a, end, b, start, at_end))
-
-    def deadline(self, agent: int, position: int, steps: int) -> None:
-        """The agent reaches a position at the latest after `steps`."""
-        self.deadlines.append((agent, position, steps))
-
-
-@dataclass(frozen=True)
-class Delays:
-    """How much a schedule forgives, and how much later than the shortest it is on purpose."""
-
-    slack_steps: int  # by which any one agent may be late without meeting another
-    pauses: Mapping[tuple[int, int], int]  # (agent, knot) -> steps it stays there at least
-
-
-def joint_runs(trajectories: Sequence[Trajectory]) -> list[tuple[str, list[tuple[int, int, int]]]]:
-    """Label of joined segments -> (agent, first position, length) of each agent that has it."""
-    found: dict[str, list[tuple[int, int, int]]] = {}
-    for trajectory in trajectories:
-        for label, start, length in _labelled(trajectory):
-            found.setdefault(label, []).append((trajectory.agent, start, length))
-    return sorted(found.items())
-
-
-def _labelled(trajectory: Trajectory) -> Iterable[tuple[str, int, int]]:
-    start = 0
-    for label, run in groupby(trajectory.segments, key=lambda segment: segment.joined):
-        length = sum(map(len, run))
-        if label is not None:
-            yield label, start, length
-        start += length
 
 
 def schedule(
@@ -163,7 +65,7 @@ def schedule(
     found = Schedule(np.stack(columns, axis=1), answer.bound)
     if delays is None:
         return found
-    return replace(found, hesitates=_hesitates(found.positions, demands, diagrams, asked, delays.slack_steps))
+    return replace(found, hesitates=hesitates(found.positions, demands, diagrams, asked, delays.slack_steps))
 
 
 def _joined(demands: Demands, pair: tuple[int, int]) -> Mask:
@@ -175,66 +77,6 @@ def _joined(demands: Demands, pair: tuple[int, int]) -> Mask:
         if i in of and j in of:
             found[of[i], of[j]] = True
     return found
-
-
-def _hesitates(
-    positions: NDArray[np.int64],
-    demands: Demands,
-    diagrams: Mapping[tuple[int, int], Mask],
-    asked: Collection[tuple[int, int]],
-    slack: int,
-) -> NDArray[np.bool_]:
-    """(T + 1, N) who stays though it could go on, but for dwells that were asked for."""
-    forbidden = dict(diagrams)
-    for pair, cells in demands.cells.items():
-        forbidden[pair] = forbidden[pair] | cells if pair in forbidden else cells
-    found = np.zeros(positions.shape, dtype=bool)
-    for trajectory in demands.trajectories:
-        k = trajectory.agent - 1
-        for start, end in _stays(positions[:, k], len(trajectory)):
-            if (trajectory.agent, int(positions[start, k])) not in asked:
-                first = _free_from(positions, k, start, end, trajectory.knots, forbidden, slack)
-                found[first + 1 : end + 1, k] = True
-    return found
-
-
-def _stays(positions: NDArray[np.int64], last: int) -> Iterable[tuple[int, int]]:
-    """(first, last step) of each stay of an agent, but for that at the end of its path."""
-    arrived = np.flatnonzero(np.diff(positions, prepend=-1))
-    left = [*(arrived[1:] - 1), len(positions) - 1]
-    for start, end in zip(arrived.tolist(), left, strict=True):
-        if end > start and positions[start] < last:
-            yield start, end
-
-
-def _free_from(
-    positions: NDArray[np.int64],
-    k: int,
-    start: int,
-    end: int,
-    knots: Sequence[int],
-    forbidden: Mapping[tuple[int, int], Mask],
-    slack: int,
-) -> int:
-    """The first step of a stay (start, end) from which on agent k + 1 could have gone on to its next knot.
-
-    As the others are then, and up to `slack` steps earlier or later. It waits at that knot until the schedule
-    has it there.
-    """
-    knot = min(each for each in knots if each > positions[start, k])
-    until = int(np.searchsorted(positions[:, k], knot))  # the step at which the schedule has it there
-    for leaves in range(end - 1, start - 1, -1):
-        steps = np.arange(leaves, until + 1)
-        own = np.minimum(positions[start, k] + steps - leaves, knot)
-        for (i, j), mask in forbidden.items():
-            if k + 1 not in (i, j):
-                continue
-            cells, other = (mask, j) if i == k + 1 else (mask.T, i)
-            for late in range(-slack, slack + 1):
-                there = positions[np.clip(steps + late, 0, len(positions) - 1), other - 1]
-                if cells[own, there].any():
-                    return leaves + 1
-    return start
 
 
 def _problem(
