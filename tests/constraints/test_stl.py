@@ -100,7 +100,11 @@ LIMITS: list[tuple[str, Statement, str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "stated", "field", "bound"), LIMITS, ids=lambda each: str(each)[:40])
+@pytest.mark.parametrize(
+    ("name", "stated", "field", "bound"),
+    LIMITS,
+    ids=[f"{type(stated).__name__}-{k}" for k, (_, stated, *_) in enumerate(LIMITS)],
+)
 def test_a_limit_is_judged_alike_at_below_and_above_what_was_measured(episodes, name, stated, field, bound):
     made, execution = episodes[name][0]
     check: Any = check_for(made, execution, stated)  # a frozen dataclass
