@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 SET_UP = "scripts/setup.sh"  # not `make setup`: that one trusts its stamp
 PYTHONS = ((3, 11), (3, 12))
@@ -195,13 +195,56 @@ def disk(out: Path = Path("outputs")) -> Check:
     return Check("disk", "ok", found)
 
 
-def examine(out: Path) -> Iterator[Check]:
-    """All checks, each as soon as it is known."""
+def brain(overrides: list[str]) -> Check:
+    """Whether the model's server that `brain=openai` and its options name holds answers to a schema."""
+    try:
+        from hydra import compose, initialize_config_dir
+        from omegaconf import OmegaConf
+
+        from rf_exp.command import CONF, WRONG, register_all_tasks
+        from rf_exp.datagen.brain import OpenAISpec, read_brain
+        from rf_exp.datagen.brain.probe import probe
+        from rf_exp.secrets import refuse_keys
+        from rf_exp.tasks.configuration import load_task
+    except ImportError as error:
+        return Check("brain", "missing", f"not tried: {error}", "runs with a model", SET_UP)
+    try:
+        refuse_keys(overrides)
+        register_all_tasks()
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            config = compose("config", overrides)
+        asked: Any = OmegaConf.to_container(config.brain, resolve=True)
+        tasks: Any = OmegaConf.to_container(config.task, resolve=True)
+        spec = read_brain(asked)
+        if not isinstance(spec, OpenAISpec):
+            return Check("brain", "ok", f"{spec.name} asks no server")
+        probed = probe(spec, load_task(*next(iter(tasks.items()))))
+    except WRONG as error:
+        return Check("brain", "missing", " ".join(str(error).split()), "runs with this brain", "correct it")
+    costs, mend = {
+        "honoured": ("", ""),
+        "unknown": (
+            "perhaps failed attempts",
+            "brain.max_tokens, or brain.extra_body where it thinks too long",
+        ),
+        "ignored": ("failed attempts", "a server that takes response_format json_schema"),
+        "refused": ("every answer, with brain.structured=true", "brain.structured=false"),
+        "unreachable": ("every answer", "start the server, or correct brain.base_url"),
+    }[probed.verdict]
+    lost = probed.verdict == "unreachable" or (probed.verdict == "refused" and spec.structured)
+    state = "missing" if lost else "note" if costs else "ok"
+    return Check("brain", state, probed.found, costs, mend)
+
+
+def examine(out: Path, overrides: list[str]) -> Iterator[Check]:
+    """All checks, each as soon as it is known; of the brain where something was said of one."""
     yield python()
     yield packages()
     yield from imports()
     yield vulkan()
     yield disk(out)
+    if overrides:
+        yield brain(overrides)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -210,9 +253,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("outputs"), help="where results go (default: outputs)"
     )
-    out = parser.parse_args(arguments).out
+    parser.add_argument(
+        "overrides",
+        nargs="*",
+        metavar="key=value",
+        help="which brain a run would have, as in brain=openai brain.base_url=...: its server is asked once",
+    )
+    given = parser.parse_args(arguments)
     missing = []
-    for check in examine(out):
+    for check in examine(given.out, given.overrides):
         print(check, flush=True)
         missing += [check.name] if check.state == "missing" else []
     if missing:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import dacite
 
-from rf_exp.datagen.brain import BrainSpec, read_brain
+from rf_exp.datagen.brain import BrainSpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.policy.config import PolicyConfig, TrainConfig
 from rf_exp.policy.foreign.spec import Foreign, foreign_policy
@@ -107,6 +107,8 @@ class Experiment:
             )
         if self.foreign is not None:
             self._check_foreign(self.foreign)
+        if isinstance(self.brain, OpenAISpec) and self.brain.sight is not None:
+            self.brain.sight.check(self.pictures)
         looks = self.policy.observation == "pictures" and self.foreign is None
         if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(

@@ -7,7 +7,9 @@ from urllib.parse import urlsplit
 from rf_exp.errors import ArgumentError
 
 SHORTEST = 8  # characters; what is shorter is no secret ("none", "EMPTY") but would garble a text
+SECRET = ("api_key", "key", "token", "password")  # names under which people would write one
 _EXAMPLE = "an example: http://localhost:8000/v1"
+_KEY = re.compile(r"([\w-]+)['\"]?\s*:")  # of a mapping on the command line
 _ENVIRONMENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,63}")
 
 
@@ -69,8 +71,9 @@ def refuse_keys(arguments: Sequence[str]) -> None:
         name, _, value = argument.lstrip("+~").partition("=")
         last = name.rsplit(".", 1)[-1].rsplit("/", 1)[-1].lower()
         value = value.strip("'\"")
-        if last in ("api_key", "key", "token", "password"):
-            raise no_key_here(last)
+        inline = [each.lower() for each in _KEY.findall(value)] if "extra_body" in name else []
+        for secret in (each for each in (last, *inline) if each in SECRET):
+            raise no_key_here(secret)
         if last == "api_key_env":
             check_environment_name(value)
         if last == "base_url" and value not in ("", "null"):

@@ -11,12 +11,15 @@ import sys
 import time
 from pathlib import Path
 
-from rf_exp.datagen.brain import BadAnswer, OpenAISpec, Question, ScriptedBrain
+import yaml
+
+from rf_exp.datagen.brain import BadAnswer, Question, ScriptedBrain, read_brain
 from rf_exp.types import Row
-from tests.conftest import read_task
+from tests.conftest import CONF, read_task
 from tests.datagen.guard import Guard
 from tests.scenes import start_scene
 
+PLAIN = {"api_key_env": "TEST_KEY", "retries": 0, "restate": False, "exchanges": None}
 LIMIT = 4 * 2**30  # bytes of address space: what fails this test does not take the machine with it
 
 
@@ -27,9 +30,8 @@ def main() -> None:
     question = Question(task, start_scene(task, 0), {})
     guard.prepare(ScriptedBrain().answer(question), task)
     for number, (url, calls, deadline_s) in enumerate(json.load(sys.stdin)):
-        spec = OpenAISpec(
-            "m", url, "TEST_KEY", True, 0.0, 100, deadline_s, deadline_s, 0, 0.0, calls, False, False, None
-        )
+        asked = {"base_url": url, "timeout_s": deadline_s, "deadline_s": deadline_s, "budget": calls}
+        spec = read_brain(yaml.safe_load((CONF / "brain/openai.yaml").read_text()) | PLAIN | asked)
         brain = spec.make(task, Row("full"), 0)
         for _ in range(calls):
             began = time.perf_counter()

@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator
 import httpx2
 import openai
 
-from rf_exp.datagen.brain.reading import BadAnswer, printable
+from rf_exp.datagen.brain.reading import BadAnswer, Unreached, printable
 
 LARGEST_BODY = 2**20  # bytes, received and unpacked; an answer of 4000 tokens has some 20 000
 
@@ -28,7 +28,7 @@ def connection() -> httpx2.AsyncClient:
 async def _bound(response: httpx2.Response) -> None:
     """Puts the limit between the connection and everything that reads the body, also that of an error."""
     if response.has_redirect_location:
-        raise BadAnswer(
+        raise Unreached(
             f"the model was not reached: the server answered {response.status_code} and sends on to "
             f"{printable(response.headers['Location'])!r}; no redirect is followed, so that the key goes to "
             "no other place; if that is the right one, give it as brain.base_url"

@@ -4,10 +4,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from rf_exp.datagen.brain.chat import Connection, OpenAIChat
+from rf_exp.artifacts.identity import without
+from rf_exp.datagen.brain.chat import OpenAIChat
+from rf_exp.datagen.brain.connection import Connection
 from rf_exp.datagen.brain.exchanges import Chat, exchanges_path
-from rf_exp.datagen.brain.protocol import BadAnswer, Question, answer_schema, from_json, to_json
+from rf_exp.datagen.brain.protocol import BadAnswer, Question, from_json, strict_answer, to_json
 from rf_exp.datagen.brain.replay import ReplayChat
+from rf_exp.datagen.brain.sight import Sight
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
 from rf_exp.types import Row
@@ -16,9 +19,9 @@ from rf_exp.types import Row
 class LanguageBrain:
     """Puts the scene into words, asks, and has unclear constraints restated."""
 
-    def __init__(self, name: str, chat: Chat, *, pictures: bool, restates: bool) -> None:
+    def __init__(self, name: str, chat: Chat, *, sight: Sight | None, restates: bool) -> None:
         self.name = name
-        self._chat, self._pictures, self._restates = chat, pictures, restates
+        self._chat, self._sight, self._restates = chat, sight, restates
 
     def answer(self, question: Question) -> str:
         # Slow to import for who asks no model.
@@ -26,7 +29,8 @@ class LanguageBrain:
         from rf_exp.datagen.brain.questions import messages
 
         task = question.task
-        text = self._chat.ask("propose", messages(question, pictures=self._pictures), answer_schema(task))
+        schema = strict_answer(task).model_json_schema()
+        text = self._chat.ask("propose", messages(question, self._sight), schema)
         if not self._restates:
             return text
         try:
@@ -44,19 +48,31 @@ class OpenAISpec(Connection):
     reads: ClassVar[bool] = True
 
     pictures: bool  # send them
+    cameras: str  # those of which: all | local | global
+    picture_px: int | None  # longer side of them; None: as the cameras take them
     restate: bool  # have constraints restated that the grammar does not understand
     exchanges: Path | None  # folder for what was said; None: it is not kept
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Sight(self.cameras, self.picture_px)  # raises ArgumentError, also where no pictures are sent
+
+    @property
+    def sight(self) -> Sight | None:
+        """What the model is shown; None: nothing."""
+        return Sight(self.cameras, self.picture_px) if self.pictures else None
 
     @property
     def identity(self) -> dict[str, object]:
         """What decides the answers; patience and budget are none of it."""
         keys = ("model", "base_url", "structured", "temperature", "max_tokens", "pictures", "restate")
-        return {"name": self.name, **{key: getattr(self, key) for key in keys}}
+        said = {key: getattr(self, key) for key in (*keys, "extra_body", "cameras", "picture_px")}
+        return {"name": self.name, **without(said, extra_body=None, cameras="all", picture_px=None)}
 
     def make(self, task: Task, row: Row, seed: int) -> LanguageBrain:
         path = exchanges_path(self.exchanges, task, row, seed) if self.exchanges else None
         chat = OpenAIChat(self, path)
-        return LanguageBrain(self.name, chat, pictures=self.pictures, restates=self.restate)
+        return LanguageBrain(self.name, chat, sight=self.sight, restates=self.restate)
 
     def again(self) -> "OpenAISpec | ReplaySpec":
         """The same answers once more, without asking where they were kept."""
@@ -84,7 +100,7 @@ class ReplaySpec:
             raise ArgumentError(
                 f"brain.exchanges: there is no folder {path.parent}; a run with brain=openai makes it"
             )
-        return LanguageBrain(self.name, ReplayChat(path), pictures=False, restates=self.restate)
+        return LanguageBrain(self.name, ReplayChat(path), sight=None, restates=self.restate)
 
     def again(self) -> "ReplaySpec":
         return self

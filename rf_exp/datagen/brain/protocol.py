@@ -136,8 +136,8 @@ class _Answer(_Part):
         }
 
 
-def answer_schema(task: Task) -> dict[str, object]:
-    """The JSON schema of an answer for servers that can hold a model to one.
+def strict_answer(task: Task) -> type[BaseModel]:
+    """An answer whose JSON schema is for servers that can hold a model to one.
 
     Narrower than what `from_json` takes: it lists the agents of the task, and every key is required,
     as strict structured output wants it.
@@ -149,13 +149,12 @@ def answer_schema(task: Task) -> dict[str, object]:
     fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (str, ...)}
     entry: Any = create_model("Entry", __config__=strict, **fields)
     kinds: dict[str, Any] = {kind: (list[entry], ...) for kind in ("Logical", "Temporal", "Spatial")}
-    answer = create_model(
+    return create_model(
         "Answer",
         __config__=strict,
         Subgoals=(create_model("Subgoals", __config__=strict, **subgoals), ...),
         Constraints=(create_model("Constraints", __config__=strict, **kinds), ...),
     )
-    return answer.model_json_schema()
 
 
 def to_json(proposal: Proposal) -> str:

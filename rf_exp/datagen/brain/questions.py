@@ -1,18 +1,15 @@
 """A Question as messages to a language model (paper, supplementary A: system prompt and inputs)."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rf_exp.datagen.brain.exchanges import Message
 from rf_exp.datagen.brain.prompts import filled, listed
 from rf_exp.datagen.brain.protocol import Question
+from rf_exp.datagen.brain.sight import Sight
 from rf_exp.statements import samples, subgoal_forms
 from rf_exp.transforms import Matrix
-
-JPEG_QUALITY = 90
 
 
 def constraint_forms() -> str:
@@ -20,8 +17,8 @@ def constraint_forms() -> str:
     return listed(sample.sentence for sample in samples())
 
 
-def messages(question: Question, *, pictures: bool) -> tuple[Message, Message]:
-    """The system prompt, and what is known of the present scene with its pictures."""
+def messages(question: Question, sight: Sight | None) -> tuple[Message, Message]:
+    """The system prompt, and what is known of the present scene, with the pictures that are to be seen."""
     task, scene = question.task, question.scene
     system = filled("propose", subgoals=listed(subgoal_forms()), constraints=constraint_forms())
     text = filled(
@@ -35,17 +32,8 @@ def messages(question: Question, *, pictures: bool) -> tuple[Message, Message]:
         previous=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
         feedback=listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
-    return Message("system", system), Message("user", text, jpegs(question.pictures) if pictures else {})
-
-
-def jpegs(pictures: Mapping[str, NDArray[np.uint8]]) -> dict[str, bytes]:
-    """Camera -> JPEG of a picture (H, W, 3) RGB."""
-    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    encoded = {}
-    for camera, picture in pictures.items():
-        _, buffer = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), quality)
-        encoded[camera] = buffer.tobytes()
-    return encoded
+    pictures = {} if sight is None else sight.jpegs(question.pictures, len(task.agents))
+    return Message("system", system), Message("user", text, pictures)
 
 
 def _agents(question: Question) -> Iterator[str]:

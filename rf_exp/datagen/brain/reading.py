@@ -29,6 +29,14 @@ class BadAnswer(StageError):
     """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
 
 
+class Unreached(BadAnswer):
+    """The model was not asked: there is no way to it, the server is busy or broken, or wants another key."""
+
+
+class Rejected(BadAnswer):
+    """The server will not carry out the request as it is (status 400, 422 or 501)."""
+
+
 def plain(key: str) -> str:
     """A key without what models vary: `Sub-goals` and `subgoals` are one."""
     return re.sub(r"[\W_]", "", key.casefold())

@@ -1,0 +1,43 @@
+"""A model on loopback, asked as runs ask one."""
+
+from dataclasses import replace
+
+import yaml
+
+from rf_exp.datagen.brain import Question, read_brain, to_json
+from rf_exp.datagen.brain.language import OpenAISpec
+from rf_exp.datagen.episode import EpisodeMaker
+from rf_exp.datagen.planning import Settings
+from rf_exp.statements import Proposal
+from tests.conftest import CONF
+from tests.datagen.guard import FULL
+from tests.scenes import start_scene
+
+KEY = "sk-test-0123456789abcdefghij"
+GOOD = '{"Subgoals": {"Agent_1": "hold"}}'
+
+
+def openai_spec(url, **changes) -> OpenAISpec:
+    """`conf/brain/openai.yaml` as it is, but for the server and little patience."""
+    node = yaml.safe_load((CONF / "brain" / "openai.yaml").read_text())
+    node |= {"base_url": url, "api_key_env": "TEST_KEY", "exchanges": None, "retries": 0}
+    spec = read_brain(node | changes)
+    assert isinstance(spec, OpenAISpec)
+    return spec
+
+
+def scripted_answers(task):
+    """The texts of the proposals that lift the barrier: grasp, lift, nothing left to do."""
+    scene = start_scene(task, 0)
+    held = replace(scene, held=("barrier", "barrier"))
+    proposals = [task.module.plan(each, task) for each in (scene, held)]
+    return [to_json(each) for each in (*proposals, Proposal((), ()))]
+
+
+def ask(spec, task, **question):
+    return spec.make(task, FULL, 0).answer(Question(task, start_scene(task, 0), {}, **question))
+
+
+def make(world, spec, attempts=4):
+    settings = Settings(world.task, FULL, spec, attempts=attempts)
+    return EpisodeMaker(settings, world, settings.make_brain(0)).make(0)

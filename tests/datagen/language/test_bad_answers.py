@@ -1,0 +1,158 @@
+"""Everything that can go wrong between the question and a proposal."""
+
+import gzip
+import json
+import re
+import socket
+
+import pytest
+
+from rf_exp.datagen.brain import BadAnswer, Question, from_json
+from rf_exp.datagen.brain.bodies import LARGEST_BODY
+from rf_exp.datagen.brain.exchanges import read
+from rf_exp.types import Subgoal
+from tests.datagen.guard import FULL
+from tests.datagen.language.asking import GOOD, KEY, ask, make, openai_spec, scripted_answers
+from tests.datagen.language_server import Reply, completion, failure
+from tests.scenes import start_scene
+
+BAD = {
+    "wrong JSON": (completion("Sure! Here is the plan: {"), "not the expected JSON"),
+    "wrong schema": (completion('{"Subgoals": ["grasp"]}'), "Subgoals"),
+    "unknown agent": (completion('{"Subgoals": {"Agent_5": "hold"}}'), "unknown agent 'Agent_5'"),
+    "refused by the model": (
+        completion(None, refusal="I cannot help with that."),
+        "the model refuses: I can",
+    ),
+    "cut off": (completion(GOOD[:20], finish="length"), "cut off"),
+    "filtered": (completion("", finish="content_filter"), "content filter"),
+    "empty": (completion(""), "the answer is empty"),
+    "no choices": (Reply(b'{"choices": []}'), "not a chat completion"),
+    "no completion": (Reply(b"<html>gateway</html>", headers={"Content-Type": "text/html"}), "<html>gateway"),
+    "connection closed half-way": (completion(GOOD, cut_after=40), "not reached: RemoteProtocolError"),
+    "not UTF-8": (Reply(b'{"choices": "\xff\xfe"}'), "not a chat completion"),
+    "bad compression": (completion(GOOD, headers={"Content-Encoding": "gzip"}), "cannot be unpacked: Error"),
+    "cut compression": (
+        Reply(gzip.compress(completion(GOOD).body)[:-9], headers={"Content-Encoding": "gzip"}),
+        "cannot be unpacked: it is cut off",
+    ),
+    "compressed twice": (
+        Reply(
+            gzip.compress(gzip.compress(completion(GOOD).body)), headers={"Content-Encoding": "gzip, gzip"}
+        ),
+        "the answer is packed as 'gzip, gzip'; asked for was gzip or nothing",
+    ),
+    "too long": (completion(" " * LARGEST_BODY), f"longer than {LARGEST_BODY} bytes; the rest was not read"),
+    "a long error": (Reply(b"x" * (LARGEST_BODY + 1), 400), f"longer than {LARGEST_BODY} bytes"),
+    "sent on": (
+        Reply(b"", 307, {"Location": "http://elsewhere.test/v1?\x1b[2J"}),
+        "the server answered 307 and sends on to 'http://elsewhere.test/v1",
+    ),
+    "another type": (
+        Reply(b"\x89PNG", headers={"Content-Type": "image/png"}),
+        "it is image/png and begins '\ufffdPNG'",
+    ),
+    "events": (
+        Reply(b'data: {"choices": []}', headers={"Content-Type": "text/event-stream"}),
+        "it is text/event-stream and begins 'data: {",
+    ),
+    "parts without text": (completion([{"type": "image_url"}]), "empty, but for parts that are image_url"),
+    "refused in a part": (completion([{"type": "refusal", "refusal": "No."}]), "the model refuses: No."),
+    "thinking only": (
+        completion(None, more={"reasoning_content": "The barrier is long."}),
+        "the answer is thinking only: it has no text",
+    ),
+    "a tool call without arguments": (
+        completion("", more={"tool_calls": [{"type": "function", "function": {"name": "answer"}}]}),
+        "the answer is a tool call without arguments",
+    ),
+    "prose": (completion("Both arms grasp the barrier."), "only text that begins 'Both arms grasp"),
+    "slow": (completion(GOOD, delay_s=5.0), "did not answer within 0.3 s"),
+    "trickling": (completion(GOOD, drip_s=0.2), "did not answer within 1 s"),
+    "wrong key": (failure(401, f"Incorrect API key provided: {KEY}"), "the server answered 401"),
+    "server error": (failure(500, "boom"), "the server answered 500"),
+    "rate-limited": (failure(429, "slow down"), "too many requests"),
+    "deep nesting": (completion("[" * 100_000), "not the expected JSON"),
+    "huge number": (completion('{"Subgoals": {"Agent_1": 1e999999}}'), "not the expected JSON"),
+}
+
+
+CALL = {"type": "function", "function": {"name": "answer", "arguments": GOOD}}
+READ = {
+    "parts": completion([{"type": "reasoning", "text": "Hm."}, {"type": "text", "text": GOOD}, "Done."]),
+    "a tool call": completion(None, more={"tool_calls": [CALL]}, finish="tool_calls"),
+    "a tool call beside prose": completion("I call it.", more={"tool_calls": [CALL]}),
+    "a tool call with an object": completion(
+        "", more={"tool_calls": [{"function": {"name": "answer", "arguments": json.loads(GOOD)}}]}
+    ),
+    "a function call": completion(None, more={"function_call": CALL["function"]}),
+    "after thinking": completion(GOOD, more={"reasoning_content": "Hm.", "annotations": []}),
+    "compressed": Reply(gzip.compress(completion(GOOD).body), headers={"Content-Encoding": "gzip"}),
+    "another type and charset": completion(GOOD, headers={"Content-Type": "text/plain; charset=zlib"}),
+}
+
+
+@pytest.mark.parametrize("way", READ)
+def test_the_text_is_found_in_every_kind_of_completion(way, lift_barrier, server):
+    server.replies = [READ[way]]
+    assert from_json(ask(openai_spec(server.url), lift_barrier), lift_barrier).subgoals == (
+        Subgoal(1, "hold"),
+    )
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_an_answer_that_is_none_says_why(kind, lift_barrier, server):
+    bad, reason = BAD[kind]
+    server.replies = [bad]
+    with pytest.raises(BadAnswer, match=re.escape(reason)):
+        from_json(ask(openai_spec(server.url, timeout_s=0.3, deadline_s=1.0), lift_barrier), lift_barrier)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", BAD)
+def test_an_answer_that_is_none_is_repaired_by_the_next_one(kind, lift_world, server, tmp_path):
+    """Bad first, then sound: the episode succeeds at the second attempt, knowing what was wrong."""
+    bad, reason = BAD[kind]
+    server.replies = [bad, *(completion(text) for text in scripted_answers(lift_world.task))]
+    spec = openai_spec(server.url, timeout_s=0.3, deadline_s=1.0, exchanges=str(tmp_path))
+    outcome = make(lift_world, spec)
+    assert outcome.success and outcome.attempts == 2
+    feedback = read(tmp_path / "lift_barrier" / "full" / "0.jsonl")[1].messages[1]["text"]
+    assert reason in str(feedback)
+
+
+@pytest.mark.parametrize("kind", ["wrong JSON", "refused by the model", "connection closed half-way"])
+def test_an_answer_that_stays_bad_is_a_clear_failure(kind, lift_world, server):
+    bad, reason = BAD[kind]
+    server.replies = [bad]
+    outcome = make(lift_world, openai_spec(server.url), attempts=2)
+    assert not outcome.success and outcome.attempts == 2 and reason in outcome.reason
+
+
+def test_a_server_that_is_not_there_is_a_clear_failure(lift_world, monkeypatch):
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    with socket.socket() as taken:  # bound, but nobody listens: connections are refused
+        taken.bind(("127.0.0.1", 0))
+        spec = openai_spec(f"http://127.0.0.1:{taken.getsockname()[1]}/v1")
+        outcome = make(lift_world, spec, attempts=2)
+    assert not outcome.success and "the model was not reached: ConnectError" in outcome.reason
+
+
+def test_too_many_requests_waits_as_long_as_the_server_says(lift_barrier, server):
+    limited = failure(429, "slow down", **{"Retry-After": "0.7"})
+    server.replies = [limited, completion(GOOD)]
+    assert from_json(ask(openai_spec(server.url, retries=1), lift_barrier), lift_barrier).subgoals
+    first, second = server.times_s
+    assert second - first >= 0.7
+
+
+def test_calls_keep_their_interval_and_their_budget(lift_barrier, server):
+    server.replies = [completion(GOOD)]
+    brain = openai_spec(server.url, min_interval_s=0.4, budget=2).make(lift_barrier, FULL, 0)
+    question = Question(lift_barrier, start_scene(lift_barrier, 0), {})
+    brain.answer(question)
+    brain.answer(question)
+    assert server.times_s[1] - server.times_s[0] >= 0.35
+    with pytest.raises(BadAnswer, match="the budget of 2 calls is used up"):
+        brain.answer(question)
+    assert len(server.requests) == 2

@@ -1,0 +1,95 @@
+"""Whether a server holds models to the schema: told in one line, after one request."""
+
+import json
+import socket
+
+import pytest
+
+from rf_exp import doctor
+from rf_exp.datagen.brain import from_json
+from rf_exp.datagen.brain.probe import probe
+from tests.datagen.language.asking import KEY, openai_spec
+from tests.datagen.language_server import Reply, completion, failure
+
+NOTHING = json.dumps(
+    {
+        "Subgoals": {"Agent_1": "", "Agent_2": ""},
+        "Constraints": {"Logical": [], "Temporal": [], "Spatial": []},
+    }
+)
+ANOTHER = json.dumps({"Subgoals": {"Agent_1": ""}})  # JSON, but not held to the schema
+SAID = {
+    "honoured": (completion(NOTHING), "ok", "honours the JSON schema"),
+    "honoured after thinking": (completion(f"<think>Hm.</think>{NOTHING}"), "ok", "honours the JSON schema"),
+    "ignored": (
+        completion(f"Nothing, {KEY}."),
+        "note",
+        "ignores the JSON schema; its answer begins 'Nothing",
+    ),
+    "ignored with other JSON": (completion(ANOTHER), "note", "ignores the JSON schema"),
+    "refused": (failure(400, f"response_format? {KEY}"), "missing", "refuses a request with the JSON schema"),
+    "refused as not there": (failure(501, "no"), "missing", "refuses a request with the JSON schema"),
+    "unreachable, another key": (failure(401, f"wrong key {KEY}"), "missing", "the server answered 401"),
+    "unreachable, broken": (failure(500, "boom"), "missing", "the server answered 500"),
+    "unreachable, busy": (failure(429, "slow down"), "missing", "too many requests"),
+    "unreachable, slow": (completion(NOTHING, delay_s=5.0), "missing", "did not answer within 0.3 s"),
+    "unreachable, elsewhere": (Reply(b"", 307, {"Location": "http://x.test"}), "missing", "sends on to"),
+    "unknown": (completion("{", finish="length"), "note", "the answer is cut off"),
+}
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_one_request_tells_what_becomes_of_the_schema(kind, lift_barrier, server):
+    reply, _, words = SAID[kind]
+    server.replies = [reply]
+    probed = probe(openai_spec(server.url, timeout_s=0.3, retries=3, structured=False), lift_barrier)
+    assert probed.verdict == kind.partition(",")[0].split()[0]
+    assert words in probed.found and KEY not in probed.found and "\n" not in probed.found
+    (request,) = server.requests
+    assert request["response_format"]["json_schema"]["strict"] is True
+
+
+def test_nobody_is_at_the_address(lift_barrier, monkeypatch):
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1")
+    with socket.socket() as taken:  # bound, but nobody listens
+        taken.bind(("127.0.0.1", 0))
+        probed = probe(openai_spec(f"http://127.0.0.1:{taken.getsockname()[1]}/v1"), lift_barrier)
+    assert probed.verdict == "unreachable" and "ConnectError" in probed.found
+
+
+def test_what_shows_that_the_schema_was_honoured_is_an_answer(lift_barrier):
+    assert from_json(NOTHING, lift_barrier).subgoals == ()
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_the_doctor_says_it_in_a_line(kind, server, monkeypatch):
+    reply, state, words = SAID[kind]
+    monkeypatch.setenv("OPENAI_API_KEY", KEY)
+    server.replies = [reply]
+    check = doctor.brain(["brain=openai", f"brain.base_url={server.url}", "brain.timeout_s=0.3"])
+    assert (check.name, check.state) == ("brain", state) and words in check.found
+    assert bool(check.mend) == (state != "ok") and KEY not in str(check)
+    assert len(server.requests) == 1
+
+
+def test_a_server_that_refuses_the_schema_is_no_obstacle_where_none_is_sent(server):
+    server.replies = [failure(400, "no")]
+    asked = ["brain=openai", f"brain.base_url={server.url}", "brain.structured=false"]
+    assert doctor.brain(asked).state == "note"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "state", "words"),
+    [
+        (["brain=scripted"], "ok", "scripted asks no server"),
+        (["brain=nobody"], "missing", "Could not find 'brain/nobody' Available options"),
+        (["brain=openai", "brain.extra_body=3"], "missing", "brain.extra_body is 3"),
+        (["brain=openai", "brain.cameras=left"], "missing", "available: all, global, local"),
+        ([f"brain.api_key={KEY}"], "missing", "environment variable"),
+        (["brain.extra_body={api_key: " + KEY + "}"], "missing", "environment variable"),
+    ],
+)
+def test_a_brain_that_cannot_be_is_told_without_asking_anybody(overrides, state, words):
+    check = doctor.brain(overrides)
+    assert check.state == state and words in check.found
+    assert KEY not in str(check) and "\n" not in str(check)

@@ -1,0 +1,56 @@
+"""Constraints in words that the grammar does not know."""
+
+import json
+
+import pytest
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.datagen.brain import from_json
+from rf_exp.errors import ArgumentError
+from tests.datagen.guard import FULL
+from tests.datagen.language.asking import ask, make, openai_spec, scripted_answers
+from tests.datagen.language_server import completion
+
+
+def unclear(task):
+    """The scripted first answer, with two constraints in words that the grammar does not know."""
+    answer = json.loads(scripted_answers(task)[0])
+    answer["Constraints"]["Logical"][0]["Constraint"] = "Agent_1 had better seize the left tip of barrier."
+    answer["Constraints"]["Spatial"][0]["Constraint"] = "Agent_1 keeps its distance from its fellows."
+    return json.dumps(answer)
+
+
+def test_unclear_constraints_are_restated_in_one_call_and_recorded(lift_world, server, tmp_path):
+    task = lift_world.task
+    better = [
+        "Agent_1 must grasp barrier at its left point.",
+        "Avoid collision between Agent_1 and other agents.",
+    ]
+    replies = [unclear(task), json.dumps({"Sentences": better}), *scripted_answers(task)[1:]]
+    server.replies = [completion(text) for text in replies]
+    spec = openai_spec(server.url, exchanges=str(tmp_path))
+    live = make(lift_world, spec)
+    assert live.success and live.attempts == 1
+    assert "1. Agent_1 had better seize" in server.requests[1]["messages"][1]["content"]
+    assert live.episode is not None
+    rounds = json.loads(json.dumps(live.episode.certificate))["rounds"]
+    assert "VI(Agent_1, barrier, left)" in rounds[0]["check_code"]
+    again = make(lift_world, spec.again())
+    assert again.success and len(server.requests) == 4
+
+
+@pytest.mark.parametrize(
+    "sentences",
+    [
+        '{"Sentences": []}',
+        "no json",
+        '{"Sentences": ["Agent_7 must finish within 1 s.", "Agent_1 must grasp lamp at its left point."]}',
+        '{"Sentences": ["import os", "Agent_1 rules."]}',
+    ],
+)
+def test_restating_that_fails_leaves_the_constraint_and_the_checker_says_so(sentences, lift_barrier, server):
+    server.replies = [completion(unclear(lift_barrier)), completion(sentences)]
+    proposal = from_json(ask(openai_spec(server.url), lift_barrier), lift_barrier)
+    assert proposal == from_json(unclear(lift_barrier), lift_barrier)
+    with pytest.raises(ArgumentError, match="seize the left tip"):
+        RoboChecker(lift_barrier, proposal, FULL)

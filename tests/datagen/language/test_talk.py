@@ -1,0 +1,120 @@
+"""What is asked, what comes of it, and the recording that answers once more."""
+
+import base64
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from rf_exp.datagen.brain import BadAnswer, Question, from_json, to_json
+from rf_exp.datagen.brain.exchanges import read
+from rf_exp.datagen.brain.language import ReplaySpec
+from rf_exp.errors import ArgumentError
+from rf_exp.types import Subgoal
+from tests.datagen.guard import FULL
+from tests.datagen.language.asking import GOOD, KEY, ask, make, openai_spec, scripted_answers
+from tests.datagen.language_server import completion, failure
+from tests.scenes import rejection, start_scene
+
+
+def test_a_model_makes_an_episode_that_is_repeated_from_its_recording(lift_world, server, tmp_path):
+    task = lift_world.task
+    server.replies = [completion(text) for text in scripted_answers(task)]
+    spec = openai_spec(server.url, exchanges=str(tmp_path))
+    live = make(lift_world, spec)
+    assert live.success and live.attempts == 1 and len(server.requests) == 3
+    assert set(server.keys) == {f"Bearer {KEY}"}
+
+    kept = read(tmp_path / "lift_barrier" / "full" / "0.jsonl")
+    assert [(e.call, e.purpose, e.error) for e in kept] == [(k, "propose", None) for k in (1, 2, 3)]
+    assert kept[0].reply == scripted_answers(task)[0] and kept[0].latency_s > 0
+    again = make(lift_world, spec.again())
+    assert len(server.requests) == 3  # nobody was asked
+    assert live.episode is not None and again.episode is not None
+    assert again.episode.action.tobytes() == live.episode.action.tobytes()
+    assert again.episode.qpos.tobytes() == live.episode.qpos.tobytes()
+
+
+def test_the_request_holds_scene_pictures_schema_and_feedback(lift_barrier, server):
+    server.replies = [completion(scripted_answers(lift_barrier)[0])]
+    picture = np.zeros((24, 32, 3), np.uint8)
+    picture[:, :, 0] = 255  # red
+    question = Question(
+        lift_barrier,
+        start_scene(lift_barrier, 0),
+        {"global": picture, "agent1": picture},
+        (Subgoal(1, "grasp", "barrier", "left"),),
+        (found := rejection(lift_barrier, "wrong_direction"),),
+    )
+    openai_spec(server.url).make(lift_barrier, FULL, 0).answer(question)
+    (request,) = server.requests
+    schema = request["response_format"]["json_schema"]
+    assert schema["strict"] is True
+    assert set(schema["schema"]["$defs"]["Subgoals"]["properties"]) == {"Agent_1", "Agent_2"}
+    system, user = request["messages"]
+    assert "Agent_1 must grasp barrier at its left point." in system["content"]
+    text = user["content"][0]["text"]
+    for part in (
+        "barrier, point left",
+        "Agent_1: grasp barrier at left",
+        f"ValidateDirection: {found.sentence}",
+    ):
+        assert part in text
+    labels = [part["text"] for part in user["content"][1:] if part["type"] == "text"]
+    assert labels == ["Camera global:", "Camera agent1:"]
+    uri = user["content"][2]["image_url"]["url"]
+    jpeg = np.frombuffer(base64.b64decode(uri.removeprefix("data:image/jpeg;base64,")), np.uint8)
+    sent = cv2.imdecode(jpeg, cv2.IMREAD_COLOR)
+    assert sent is not None
+    blue, green, red = sent.reshape(-1, 3).mean(axis=0)
+    assert red > 240 and blue < 15 and green < 15
+
+
+def test_what_the_schema_allows_is_what_the_parser_reads(lift_barrier, server):
+    """Every kind of entry the schema knows, in an answer, becomes a proposal; fences are taken off."""
+    entry = {"Agents": ["Agent_1", "Agent_2"], "Constraint": "Agents must avoid colliding with each other."}
+    answer = {
+        "Subgoals": {"Agent_1": "grasp barrier at left; lift barrier by 0.1 m", "Agent_2": ""},
+        "Constraints": {"Logical": [], "Temporal": [], "Spatial": [entry]},
+    }
+    server.replies = [completion(f"```json\n{json.dumps(answer)}\n```")]
+    proposal = from_json(ask(openai_spec(server.url), lift_barrier), lift_barrier)
+    assert [s.text for s in proposal.subgoals] == ["grasp barrier at left", "lift barrier by 0.1 m"]
+    assert proposal.constraints[0].agents == (1, 2)
+
+
+def test_replay_says_why_it_cannot_answer(lift_barrier, server, tmp_path):
+    server.replies = [completion(GOOD)]
+    spec = openai_spec(server.url, exchanges=str(tmp_path))
+    ask(spec, lift_barrier)
+    with pytest.raises(BadAnswer, match=r"asks another question than the recording .*now"):
+        ask(spec.again(), lift_barrier, previous=(Subgoal(1, "home"),))
+    brain, question = (
+        spec.again().make(lift_barrier, FULL, 0),
+        Question(lift_barrier, start_scene(lift_barrier, 0), {}),
+    )
+    assert brain.answer(question) == to_json(from_json(GOOD, lift_barrier))
+    with pytest.raises(BadAnswer, match="is over after 1 calls"):
+        brain.answer(question)
+    with pytest.raises(BadAnswer, match=r"there is no recording .*7\.jsonl"):
+        spec.again().make(lift_barrier, FULL, 7).answer(question)
+    with pytest.raises(ArgumentError, match="there is no folder"):
+        ReplaySpec(tmp_path / "elsewhere", True).make(lift_barrier, FULL, 0)
+
+
+def test_replay_repeats_errors_and_needs_no_pictures(lift_barrier, server, tmp_path):
+    server.replies = [failure(500, "boom"), completion(GOOD)]
+    spec = openai_spec(server.url, exchanges=str(tmp_path))
+    scene = start_scene(lift_barrier, 0)
+    seen = Question(lift_barrier, scene, {"global": np.zeros((24, 32, 3), np.uint8)})
+    live = spec.make(lift_barrier, FULL, 0)
+    with pytest.raises(BadAnswer) as first:
+        live.answer(seen)
+    answer = live.answer(seen)
+    kept = json.loads((tmp_path / "lift_barrier/full/0.jsonl").read_text().splitlines()[0])
+    assert len(kept["messages"][1]["pictures_sha256"]["global"]) == 64
+    blind, replayed = Question(lift_barrier, scene, {}), spec.again().make(lift_barrier, FULL, 0)
+    with pytest.raises(BadAnswer, match="500") as second:
+        replayed.answer(blind)
+    assert str(first.value) == str(second.value) and replayed.answer(blind) == answer
