@@ -41,7 +41,7 @@ def test_a_mistake_and_its_repair_are_on_the_page(page):
     assert "must be horizontal at barrier" in first  # the mistake in RoboBrain's words
     assert re.search(r"\nand VD\(Agent_\d, barrier, horizontal\)", first)
     assert "### Violation: `ValidateDirection`" in first
-    assert re.search(r"the gripper of Agent_\d is 90 deg off the horizontal .*bound 10, at", first)
+    assert re.search(r"the gripper of Agent_\d is 90 deg off the horizontal .*bound 10 deg, at", first)
     assert second.startswith("Round 2, at 0.00 s: executed")
     assert "told of the violated ValidateDirection" in second
     assert "horizontal" not in second

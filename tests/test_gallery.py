@@ -82,7 +82,7 @@ def test_a_task_that_nobody_solves_does_not_keep_the_others_from_being_shown(com
         result.stderr.strip().splitlines()[-1]
         == "failed: no episode to show of lift_barrier; the reasons are above"
     )
-    assert "lift_barrier: none of the 2 seeds from 0 on succeeded, the last: not " in result.stdout
+    assert "lift_barrier: none of the 2 seeds from 0 on succeeded, the last: failed: " in result.stdout
     assert {path.name for path in (tmp_path / "gallery").iterdir()} == {
         *("gallery.png", "pick_meat.png", "pick_meat.mp4")
     }

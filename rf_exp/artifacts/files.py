@@ -46,6 +46,12 @@ def write_text(path: Path, text: str) -> None:
         draft.write_text(text, encoding="utf-8")
 
 
+def keep_text(path: Path, text: str) -> None:
+    """As `write_text`, but a file that says so already stays as it is."""
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
+
+
 def write_json(path: Path, value: object) -> None:
     """A JSON file for people to read, written whole."""
     write_text(path, json.dumps(value, indent=2) + "\n")

@@ -154,6 +154,7 @@ class Finding(StrEnum):
     HOLDS_NOT = "does not hold it", "{a} cannot {first}: it does not hold {object}"
     NO_TARGET = "no such place", "there is no place or object {aspect!r}; available: {names}"
     NO_POINT = "no such point", "{object} has no place point {aspect!r}; available: {names}"
+    NO_PLACE = "no place", "{object} has no place point: nothing can be put there"
     CIRCLE = (
         "subgoals that wait for one another",
         "the subgoals wait for one another: their orders are in conflict ({listed})",

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.artifacts.files import write_text
+from rf_exp.artifacts.files import keep_text
 from rf_exp.datagen.episode import Outcome
 from rf_exp.datagen.generate import make_episode
 from rf_exp.errors import StageError
@@ -93,7 +93,7 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
             partial(rate_log, experiment, "correct", task, row, arch),
             became="corrected",
         )
-        write_text(path.with_suffix(".md"), card(store))
+        keep_text(path.with_suffix(".md"), card(store))
 
 
 @contextmanager

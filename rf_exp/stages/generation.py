@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rf_exp.ablation import rows
 from rf_exp.ablation.rows import GenerationRow
-from rf_exp.artifacts.files import sweep, whole, write_text
+from rf_exp.artifacts.files import keep_text, sweep, whole
 from rf_exp.artifacts.identity import plain, without
 from rf_exp.artifacts.provenance import commit
 from rf_exp.datagen.episode import EpisodeMaker, Outcome
@@ -51,7 +51,7 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
         logged = partial(rate_log, experiment, "generate", task, row, None)
         make = partial(make_episode, settings, pictures, extras=experiment.store)
         made = collect(experiment, settings, title, store, rows_path, span, enough, make, logged)
-        write_text(path.with_suffix(".md"), card(store))
+        keep_text(path.with_suffix(".md"), card(store))
         _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(

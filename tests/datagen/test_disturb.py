@@ -178,6 +178,7 @@ def test_only_what_nobody_handles_can_be_knocked() -> None:
         return replace(start, step=step, poses={**start.poses, blue: pose})
 
     watch = Knocks(Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule))
-    assert watch.knocked(moved(1, KNOCKED_M / 2)) == ""
-    assert watch.knocked(moved(2, 2 * KNOCKED_M)) == f"a disturbed arm has moved {blue} by 10 mm"
-    assert watch.knocked(moved(5, 4 * KNOCKED_M)) == ""  # the fingers close on it
+    assert watch.knocked(moved(1, KNOCKED_M / 2)) is None
+    knocked = watch.knocked(moved(2, 2 * KNOCKED_M))
+    assert knocked is not None and knocked.sentence == f"a disturbed arm has moved {blue} by 10 mm"
+    assert watch.knocked(moved(5, 4 * KNOCKED_M)) is None  # the fingers close on it

@@ -124,7 +124,7 @@ def test_what_is_placed_ends_where_it_should(place_food):
         ),
         (
             (Subgoal(1, "grasp", "steak", "center"), Subgoal(1, "place", "steak", target="lid")),
-            "lid has no place point None; available: none",
+            "lid has no place point: nothing can be put there",
         ),
         (
             (Subgoal(2, "grasp", "lid", "knob"), Subgoal(2, "lift", "lid", height_m=2.0)),

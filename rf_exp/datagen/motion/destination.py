@@ -80,5 +80,6 @@ def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
     name = subgoal.target_point or next(iter(placing), None)
     if name not in placing:
         about = {"object": subgoal.target, "aspect": name or "", "known": tuple(sorted(placing))}
-        raise Unreachable(Cause.REACH, Finding.NO_POINT, (subgoal.agent,), **about)
+        finding = Finding.NO_POINT if placing or name else Finding.NO_PLACE
+        raise Unreachable(Cause.REACH, finding, (subgoal.agent,), **about)
     return placing[name]
