@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rf_exp.findings import Doing
 from rf_exp.types import Schedule, Segment, Trajectory
 
 
@@ -17,7 +18,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Doing:
+class Activity:
     """What an agent does in a control step of a schedule."""
 
     segment: Segment | None  # it is in, or waits for; None: it is done
@@ -32,7 +33,7 @@ def spans(trajectory: Trajectory, schedule: Schedule) -> tuple[Span, ...]:
     return tuple(map(Span, trajectory.segments, begins.tolist(), ends.tolist()))
 
 
-def doing(trajectory: Trajectory, schedule: Schedule, step: int) -> Doing:
+def activity(trajectory: Trajectory, schedule: Schedule, step: int) -> Activity:
     """What an agent does in a step of a schedule, the first being 1; after its end nobody moves.
 
     Who stands at the end of one segment waits for the next.
@@ -41,5 +42,10 @@ def doing(trajectory: Trajectory, schedule: Schedule, step: int) -> Doing:
     before, now = schedule.positions[[last - 1, last], trajectory.agent - 1].tolist()
     moves = now > before and step == last
     if not moves and now == len(trajectory):
-        return Doing(None, False)
-    return Doing(trajectory.segment_at(now if moves else now + 1), moves)
+        return Activity(None, False)
+    return Activity(trajectory.segment_at(now if moves else now + 1), moves)
+
+
+def doing(segment: Segment | None, along_s: float | None = None) -> Doing | None:
+    """What an agent is about in a segment, and for how long it has been on its way."""
+    return None if segment is None else Doing(segment.subgoal.text, segment.primitive, along_s)

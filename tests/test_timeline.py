@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rf_exp.timeline import doing, spans
+from rf_exp.timeline import activity, spans
 from rf_exp.types import Schedule
 from tests.constraints.robots import REST, idle, walk
 
@@ -20,21 +20,21 @@ def test_steps_and_spans_agree(parts: list[tuple[int, int]], after: int) -> None
     schedule = Schedule(np.cumsum([0, *moves])[:, None], 0)
     found = spans(trajectory, schedule)
     for step, moving in enumerate(moves, start=1):
-        now = doing(trajectory, schedule, step)
+        now = activity(trajectory, schedule, step)
         assert now.moves == bool(moving)
         within = [span.segment for span in found if span.begins < step <= span.ends]
         assert within == ([now.segment] if moving else [])
         waits_for = next((span.segment for span in found if span.begins >= step), None)
         assert moving or now.segment is waits_for
-    assert doing(trajectory, schedule, len(moves) + 1) == doing(trajectory, schedule, len(moves) + 9)
-    assert not doing(trajectory, schedule, len(moves) + 1).moves
+    assert activity(trajectory, schedule, len(moves) + 1) == activity(trajectory, schedule, len(moves) + 9)
+    assert not activity(trajectory, schedule, len(moves) + 1).moves
     assert found[-1].ends == len(moves) - after
 
 
 def test_an_agent_without_segments_does_nothing() -> None:
     schedule = Schedule(np.zeros((5, 1), dtype=int), 0)
     assert spans(idle(1), schedule) == ()
-    assert all(doing(idle(1), schedule, step).segment is None for step in range(1, 7))
+    assert all(activity(idle(1), schedule, step).segment is None for step in range(1, 7))
 
 
 @pytest.mark.parametrize(("position", "number"), [(0, 0), (3, 0), (4, 1), (5, 1), (9, 1)])

@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol
 
 from rf_exp.constraints.plan import Plan
-from rf_exp.findings import Cause, CheckName, Doing, Finding, Found, Violation
-from rf_exp.types import Kind, Scene, Segment
+from rf_exp.findings import Cause, CheckName, Finding, Found, Violation
+from rf_exp.types import Kind, Scene
 
 CAUSES: Mapping[Kind, Cause] = {
     "logical": Cause.INTERACTION,
@@ -57,8 +57,3 @@ def idle(plan: Plan, agents: tuple[int, ...], bound: float, value: float = 0.0) 
     """What a check answers where nothing in a plan is about it: it holds."""
     found = Finding.IDLE
     return Evidence(ok=True, finding=found, value=value, bound=bound, time_s=plan.begins_s, agents=agents)
-
-
-def doing(segment: Segment | None, along_s: float | None = None) -> Doing | None:
-    """What an agent is about in a segment, and for how long it has been on its way."""
-    return None if segment is None else Doing(segment.subgoal.text, segment.primitive, along_s)

@@ -7,13 +7,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Evidence, doing, idle
+from rf_exp.constraints.evidence import Evidence, idle
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.spatial import Closing
 from rf_exp.coordination import Demands
 from rf_exp.findings import CheckName, Doing, Finding, agent_name, names
 from rf_exp.geometry import Bodies, Mask, Swept, closer_than, nearest
 from rf_exp.robots import LINKS, Panda
+from rf_exp.timeline import doing
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Scene, Segment, Trajectory
 

@@ -90,10 +90,6 @@ class Paths:
         """When the plan begins, on the clock of the episode."""
         return self.scene.step * CONTROL_DT_S
 
-    def segment_at(self, agent: int, position: int) -> Segment | None:
-        """`Trajectory.segment_at` of an agent."""
-        return self.trajectory(agent).segment_at(position)
-
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -146,7 +142,7 @@ class Plan:
 
     def segment_at(self, agent: int, position: int) -> Segment | None:
         """`Trajectory.segment_at` of an agent."""
-        return self.paths.segment_at(agent, position)
+        return self.paths.trajectory(agent).segment_at(position)
 
 
 def _finer(trajectory: Trajectory) -> Trajectory:

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.evidence import Evidence, doing, idle, violation
+from rf_exp.constraints.evidence import Evidence, idle, violation
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.temporal import span
 from rf_exp.coordination import Demands
@@ -34,6 +34,7 @@ from rf_exp.geometry import (
 )
 from rf_exp.statements import Step
 from rf_exp.tasks import Task
+from rf_exp.timeline import doing
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import CONTROL_DT_S, Kind, Scene
 

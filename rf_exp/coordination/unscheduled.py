@@ -10,6 +10,7 @@ from rf_exp.coordination import search
 from rf_exp.coordination.diagrams import UNREACHABLE, blocked_region, remaining
 from rf_exp.findings import Cause, CheckName, Doing, Finding, Violation
 from rf_exp.geometry import Mask
+from rf_exp.timeline import doing
 from rf_exp.types import CONTROL_DT_S, Trajectory
 
 
@@ -128,7 +129,4 @@ def _collision(
 
 def _at(trajectory: Trajectory, position: int) -> Doing | None:
     """Where on its path an agent is; None: where it stands."""
-    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-        if position <= end:
-            return Doing(segment.subgoal.text, segment.primitive, position * CONTROL_DT_S)
-    return None
+    return doing(trajectory.segment_at(position), position * CONTROL_DT_S)

@@ -15,7 +15,7 @@ from rf_exp.errors import StageError
 from rf_exp.findings import Violation
 from rf_exp.sim.simulator import Limited, Simulator
 from rf_exp.tasks import Judge
-from rf_exp.timeline import doing
+from rf_exp.timeline import activity
 from rf_exp.types import CONTROL_DT_S, Scene
 
 Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
@@ -88,7 +88,7 @@ class Prompter:
 
 def _line(plan: Planned, agent: int, step: int, held: str | None) -> Line:
     """What an agent is about in a step of a plan; it may only hold a thing."""
-    now = doing(plan.trajectories[agent - 1], plan.schedule, step)
+    now = activity(plan.trajectories[agent - 1], plan.schedule, step)
     if now.segment is None:
         return Line(f"hold {held}" if held else "", False)
     return Line(now.segment.subgoal.text, now.moves)

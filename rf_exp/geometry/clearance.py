@@ -11,11 +11,10 @@ Nothing is sampled away: every cell is settled by a bound or exactly.
 
 from collections.abc import Sequence
 
-import coal
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from rf_exp.geometry.distance import Pair, pairs_apart
+from rf_exp.geometry.distance import Pair, look, pairs_apart
 from rf_exp.geometry.shapes import CORE_SPHERES
 from rf_exp.geometry.swept import FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
 
@@ -25,9 +24,6 @@ ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: 
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
 
 Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
-
-_REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
-_NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
 
 
 def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) -> Mask:
@@ -122,7 +118,7 @@ class _Diagram:
         """Settles parts of blocks, or cells of fine ones, by bounds; returns the parts that stay open."""
         pair, r, c = todo.T
         i, j = self.a[pair], self.b[pair]
-        distance, normal, point_a = _look(x, y, todo, i, j)
+        distance, normal, point_a = look(x, y, todo, i, j)
         # bounds on what the pieces have beyond what they keep free
         advance = x.advance_m(i, r, normal)[:, :, None] + y.advance_m(j, c, -normal)[:, None]
         least = distance[:, None, None] - advance
@@ -201,16 +197,3 @@ def _apart_m(a: Floats, b: Floats) -> Floats:
 
 def _power_of_two(least: int) -> int:
     return 1 << (least - 1).bit_length()
-
-
-def _look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
-    """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
-    distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
-    looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
-    distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
-    for k, look in enumerate(looks):
-        clear()
-        distances[k] = distance(*look, _REQUEST, _RESULT)
-        normals[k] = _NORMAL
-        points[k] = nearest_point()
-    return distances, normals, points

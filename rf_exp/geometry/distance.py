@@ -8,9 +8,10 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.geometry.swept import Mask, Swept
+from rf_exp.geometry.swept import Blocks, Floats, Indices, Mask, Swept
 
 _REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
+_NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,19 @@ def pairs_apart(a: Swept, b: Swept) -> Iterator[Pair]:
                 columns = ~(b.touches if y in b.gripper else b.holds).get(x, ~everywhere_b)
             if (rows is everywhere_a or rows.any()) and (columns is everywhere_b or columns.any()):
                 yield Pair(i, j, rows, columns)
+
+
+def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
+    """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
+    distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
+    looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
+    distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
+    for k, look in enumerate(looks):
+        clear()
+        distances[k] = distance(*look, _REQUEST, _RESULT)
+        normals[k] = _NORMAL
+        points[k] = nearest_point()
+    return distances, normals, points
 
 
 def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest | None:

@@ -15,7 +15,7 @@ from rf_exp.geometry import Mask, centres_m
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim.simulator import Simulator
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
+from rf_exp.timeline import activity
 from rf_exp.types import Scene, Trajectory
 from rf_exp.viz.text import CheckResult
 
@@ -62,7 +62,7 @@ class EpisodeRecorder(SceneRecorder):
         """What each agent does in a control step of the plan, the first being 1."""
         self._recorder.positions(plan.schedule.positions[min(step, len(plan.schedule))])
         for trajectory in plan.trajectories:
-            now = doing(trajectory, plan.schedule, step)
+            now = activity(trajectory, plan.schedule, step)
             subgoal, primitive = (
                 ("", "") if now.segment is None else (now.segment.subgoal.text, now.segment.primitive)
             )
