@@ -17,7 +17,7 @@ TESTS := OMP_NUM_THREADS=1 LP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(JOBS) -
 PICTURED_TESTS := $(if $(filter no,$(RENDER)),-m "not render")
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo gallery test check format lint types imports fast-tests fix doctor bench clean
+.PHONY: help setup demo gallery site test check format lint types imports fast-tests fix doctor bench clean
 
 help: ## this list
 	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1\t\2/p' Makefile | expand -t 20
@@ -35,10 +35,14 @@ demo: setup ## lift_barrier from demonstrations to report, on a laptop
 gallery: setup ## what every task looks like: a contact sheet and a film of each
 	$(BIN)/python -m rf_exp.gallery task=all
 
+# A notice of the theme's authors is no warning.
+site: setup ## the documents, and pages of the interfaces, as a site: build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict -q
+
 test: setup ## every test, pictures included
 	$(TESTS) $(PICTURED_TESTS)
 
-check: format lint types imports fast-tests ## the gate before a commit, under a minute
+check: format lint types imports site fast-tests ## the gate before a commit, in about a minute
 
 format: setup
 	$(BIN)/ruff format --check .

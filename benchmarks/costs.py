@@ -19,13 +19,11 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.ablation.rows import load
+from rf_exp.ablation import load
 from rf_exp.command import CONF, register_all_tasks
-from rf_exp.datagen.generate import make_episode
+from rf_exp.datagen import make_episode
 from rf_exp.experiment import Experiment, read_experiment
-from rf_exp.policy.dataset import Windows
-from rf_exp.policy.train import Training
-from rf_exp.policy.views import views
+from rf_exp.policy import Training, Windows, views
 from rf_exp.store import Store
 
 DEMO = Path("outputs/data/lift_barrier/full/fast.zarr")
@@ -37,7 +35,7 @@ def demonstrations_s(experiment: Experiment, seeds: int) -> dict[str, float]:
     """Task -> CPU seconds for one demonstration; seeds that fail are paid for as well."""
     found = {}
     for task in experiment.tasks:
-        settings = experiment.settings(task, experiment.rows[0])
+        settings = experiment.settings(task, experiment.constraint_sets[0])
         make_episode(settings, experiment.pictures, seeds)  # starts the renderer
         began = time.process_time()
         made = sum(make_episode(settings, experiment.pictures, seed).success for seed in range(seeds))

@@ -11,10 +11,10 @@ import argparse
 import json
 
 from rf_exp.command import CONF
-from rf_exp.geometry import Bodies, shared, voxels
+from rf_exp.geometry import PlanningScene, shared, voxels
 from rf_exp.perception import down_to_table, look
 from rf_exp.sim import Simulator
-from rf_exp.tasks.configuration import read_task
+from rf_exp.tasks import read_task
 
 TASKS = sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all")
 
@@ -24,9 +24,9 @@ def counted(name: str, seeds: int) -> dict[str, int]:
     found: dict[str, int] = dict.fromkeys(("filled", "seen", "below", "seen_filled", "below_filled"), 0)
     with Simulator(read_task(CONF / "task" / f"{name}.yaml"), width_px=320, height_px=240) as world:
         for seed in range(seeds):
-            bodies = Bodies(world.task, world.reset(seed))
-            filled = voxels(bodies.standing(list(world.task.objects)))
-            seen = look(world.depth(), world.camera_models(), bodies)
+            planning_scene = PlanningScene(world.task, world.reset(seed))
+            filled = voxels(planning_scene.standing(list(world.task.objects)))
+            seen = look(world.depth(), world.camera_models(), planning_scene)
             below = down_to_table(seen)
             found["filled"] += len(filled)
             found["seen"] += len(seen)

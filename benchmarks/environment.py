@@ -20,13 +20,12 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.generate import make_episode
-from rf_exp.datagen.planning import Settings
 from rf_exp.envs import Observations, parallel_env
 from rf_exp.envs.registration import configured, environment_id, find_task
 from rf_exp.sim import Simulator
-from rf_exp.types import Pictures, Row
+from rf_exp.types import ConstraintSet, Pictures
 
 SEED = 0
 FACES = ("gymnasium", "pettingzoo")
@@ -52,7 +51,7 @@ class Clock:
 
 def expert(name: str) -> NDArray[np.float32]:
     """(T, N, 8) the commands of the expert in the scene of the seed."""
-    settings = Settings(find_task(name), Row("full"), ScriptedSpec())
+    settings = Settings(find_task(name), ConstraintSet("full"), ScriptedSpec())
     episode = make_episode(settings, Pictures(render=False), SEED).episode
     assert episode is not None, f"the expert fails in {name}, seed {SEED}"
     return episode.commanded

@@ -16,12 +16,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.policy.dataset import Windows
+from rf_exp.policy import PolicyConfig, TrainConfig, Training, Windows, views
 from rf_exp.policy.eyes import OUT
 from rf_exp.policy.keypoints import HAND, HEADING
-from rf_exp.policy.train import Training
-from rf_exp.policy.views import views
 from rf_exp.store import Store
 from rf_exp.types import Arch
 

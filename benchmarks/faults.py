@@ -25,20 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp.constraints.spatial import CONTACT_N
+from rf_exp.constraints import CONTACT_N
+from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.errors import choices
 from rf_exp.findings import Violation
 from rf_exp.processes import in_order
-from rf_exp.sim.pool import simulator
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import load_task
-from rf_exp.types import CameraModel, Pictures, Row, Scene, SeeingWorld
+from rf_exp.sim import shared_simulator
+from rf_exp.tasks import Task, load_task
+from rf_exp.types import CameraModel, ConstraintSet, Pictures, Scene, SeeingWorld
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
-FULL, BLIND = Row("full"), Pictures(render=False)
+FULL, BLIND = ConstraintSet("full"), Pictures(render=False)
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ class _Decided(Exception):
         self.found = found
 
 
-class FirstJudgement(Nobody):
+class FirstJudgement(NullObserver):
     """Ends the episode as soon as its first proposal has been judged."""
 
     def planned(self, plan: Planned) -> None:
@@ -93,7 +91,9 @@ class FirstJudgement(Nobody):
 def clean(task: Task, seed: int) -> Clean:
     settings, began = Settings(task, FULL, ScriptedSpec()), time.perf_counter()
     try:
-        EpisodeMaker(settings, simulator(task, BLIND), settings.make_brain(seed), FirstJudgement()).make(seed)
+        EpisodeMaker(
+            settings, shared_simulator(task, BLIND), settings.make_brain(seed), FirstJudgement()
+        ).make(seed)
         found: Planned | Violation | None = None
     except _Decided as decided:
         found = decided.found
@@ -134,7 +134,7 @@ class Watched:
         return self._world.camera_models()
 
 
-class FirstRejection(Nobody):
+class FirstRejection(NullObserver):
     """Keeps the violation that the faulty proposal ends in."""
 
     def __init__(self, world: Watched, brain: FaultyBrain) -> None:
@@ -149,7 +149,7 @@ class FirstRejection(Nobody):
 def faulty(task: Task, fault: str, seed: int) -> Faulty:
     spec = FaultySpec(fault)
     brain = spec.make(task, FULL, seed)
-    world = Watched(simulator(task, BLIND), brain)
+    world = Watched(shared_simulator(task, BLIND), brain)
     observer = FirstRejection(world, brain)
     outcome = EpisodeMaker(Settings(task, FULL, spec), world, brain, observer).make(seed)
     found = observer.violation
@@ -187,7 +187,7 @@ def room_for(task: Task) -> set[str]:
     """The faults that apply somewhere in a sound episode of a task."""
     settings = Settings(task, FULL, ScriptedSpec())
     brain = Surveyor(settings.make_brain(0))
-    EpisodeMaker(settings, simulator(task, BLIND), brain).make(0)
+    EpisodeMaker(settings, shared_simulator(task, BLIND), brain).make(0)
     return brain.room
 
 

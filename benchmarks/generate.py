@@ -14,11 +14,10 @@ from pathlib import Path
 
 from omegaconf import OmegaConf
 
+from rf_exp.datagen import Settings, generate, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.generate import generate, make_episode
-from rf_exp.datagen.planning import Settings
-from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Pictures, Row
+from rf_exp.tasks import load_task
+from rf_exp.types import ConstraintSet, Pictures
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 
@@ -45,7 +44,7 @@ def main() -> None:
     given = parser.parse_args()
     node = OmegaConf.to_object(OmegaConf.load(CONF / f"{given.task}.yaml"))
     assert isinstance(node, dict)
-    settings = Settings(load_task(given.task, node[given.task]), Row("full"), ScriptedSpec())
+    settings = Settings(load_task(given.task, node[given.task]), ConstraintSet("full"), ScriptedSpec())
     width, height = given.size
     found = {
         f"{what}_{workers}": round(per_hour(settings, pictures, given.episodes, workers))

@@ -19,9 +19,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import Windows
-from rf_exp.policy.views import Stream, View
+from rf_exp.policy import PolicyConfig, Stream, View, Windows
 
 EPISODES, STEPS, BATCH, RUN = 4, 60, 128, 8
 VIEW = View("agent1", (Stream("agent1", (1,)),))

@@ -20,9 +20,7 @@ from statistics import median
 import torch
 from loader import COMPACT
 
-from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.diffusion import DiffusionPolicy
-from rf_exp.policy.saved import load_policy
+from rf_exp.policy import DiffusionPolicy, PolicyConfig, load_policy
 
 PROPRIO = ACTION = 8
 

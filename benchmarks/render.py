@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from rf_exp.sim import Simulator  # first: it chooses the Vulkan driver
-from rf_exp.tasks.configuration import load_task
+from rf_exp.tasks import load_task
 
 WIDTH_PX, HEIGHT_PX = 320, 240
 ORDER = (2, 1, 0, 4, 3)  # reset, step, picture, stock step, stock picture

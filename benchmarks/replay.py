@@ -20,12 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.spatial import overlapping, pressing
+from rf_exp.constraints import overlapping, pressing
 from rf_exp.processes import in_order
-from rf_exp.sim.pool import simulator
+from rf_exp.sim import shared_simulator
 from rf_exp.store import Store
-from rf_exp.tasks import Judge, Task
-from rf_exp.tasks.configuration import CONFIGURED, stored_task
+from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
 from rf_exp.types import Pictures
 
 
@@ -41,13 +40,13 @@ class Played(NamedTuple):
 
 def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> Played:
     """Plays an episode with states (T, N, 9) and actions (T, N, 8)."""
-    world = simulator(task, Pictures(render=False))
+    world = shared_simulator(task, Pictures(render=False))
     pairs, may_touch = (
         tuple(combinations(task.agents, 2)),
         dict.fromkeys(task.agents, frozenset(task.objects)),
     )
     scene = world.reset(seed)
-    judge, same, pressed, depth_m = Judge(task, scene), True, False, 0.0
+    judge, same, pressed, depth_m = SuccessEvaluator(task, scene), True, False, 0.0
     verdict = judge(scene)
     for row, command in zip(qpos, action.astype(float), strict=True):
         same &= bool(np.array_equal(row, scene.qpos.astype(np.float32)))

@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from rf_exp.coordination import schedule
-from rf_exp.geometry import AGENT_MARGIN_M, Bodies, closer_than
+from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, closer_than
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
 from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajectory
 
@@ -33,9 +33,11 @@ def team(count: int) -> tuple[Task, Scene]:
     return task, Scene(0, qpos, 0 * qpos, {}, {}, (None,) * count)
 
 
-def trajectory(agent: int, bodies: Bodies, positions: int, rng: np.random.Generator) -> Trajectory:
+def trajectory(
+    agent: int, planning_scene: PlanningScene, positions: int, rng: np.random.Generator
+) -> Trajectory:
     """Rest, two random places in the middle with a stop at each, rest."""
-    arm, rest = bodies.arms[agent - 1], np.array(HOME)
+    arm, rest = planning_scene.arms[agent - 1], np.array(HOME)
     down = np.diag([1.0, -1.0, -1.0, 1.0])
     keys = [rest]
     for _ in range(2):
@@ -61,10 +63,10 @@ def trajectory(agent: int, bodies: Bodies, positions: int, rng: np.random.Genera
 def case(count: int, positions: int, rng: np.random.Generator) -> dict[str, float]:
     """One random case; where timing cannot help, its explanation is part of the cost."""
     task, scene = team(count)
-    bodies = Bodies(task, scene)
-    trajectories = [trajectory(agent, bodies, positions, rng) for agent in task.agents]
+    planning_scene = PlanningScene(task, scene)
+    trajectories = [trajectory(agent, planning_scene, positions, rng) for agent in task.agents]
     begin = now_ms()
-    swept = [bodies.along(each) for each in trajectories]
+    swept = [planning_scene.along(each) for each in trajectories]
     diagrams = {
         (i, j): closer_than(swept[i - 1], swept[j - 1], AGENT_MARGIN_M)
         for i in task.agents

@@ -23,21 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import PolicyMonitor
-from rf_exp.policy.rollout import Performer, rollout
-from rf_exp.policy.shield import Decision, Shield
-from rf_exp.policy.views import Stream, View
+from rf_exp.policy import Decision, PolicyRunner, Shield, Stream, View, rollout
 from rf_exp.processes import Overdue, in_order
-from rf_exp.sim.pool import simulator
+from rf_exp.sim import shared_simulator
 from rf_exp.store import Store
-from rf_exp.tasks import Judge, Task
-from rf_exp.tasks.configuration import CONFIGURED, stored_task
+from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
 from rf_exp.types import Episode, Pictures, Rollout, Scene
 
 FASTEST_RAD = 0.05  # a control step; demonstrations are slower
 SLOWER = 2  # times as long as the demonstration, a rollout may take
 
 
-class Player(Performer):
+class Player(PolicyRunner):
     """One agent that plays commands (T, 8) back, chunk by chunk, and stands still before and behind them."""
 
     def __init__(self, agent: int, commands: NDArray[np.float64], chunk: int, late: int) -> None:
@@ -83,16 +80,16 @@ def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, lis
     times_s: list[float] = []
     found: Both = {}
     for shielded in (False, True):
-        world = simulator(task, Pictures(render=False))
+        world = shared_simulator(task, Pictures(render=False))
         start = world.reset(episode.seed)
-        actors = [
+        runners = [
             Player(agent, commands[:, agent - 1], chunk, delay)
             for agent, delay in zip(task.agents, delays, strict=True)
         ]
         shield = Timed(Shield(task), times_s) if shielded else None
-        limit, judge, monitor = SLOWER * len(commands), Judge(task, start), PolicyMonitor(task)
+        limit, judge, monitor = SLOWER * len(commands), SuccessEvaluator(task, start), PolicyMonitor(task)
         began = time.perf_counter()
-        result = rollout(world, judge, actors, episode.seed, limit, monitor, None, start, shield)
+        result = rollout(world, judge, runners, episode.seed, limit, monitor, None, start, shield)
         found[shielded] = result, time.perf_counter() - began
     return found, times_s
 

@@ -31,17 +31,14 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 from scipy.optimize import brentq
 
-from rf_exp.ablation.statistics import wilson
-from rf_exp.constraints import Paths, Plan
-from rf_exp.constraints.spatial import AvoidAgents, touching
-from rf_exp.geometry import AGENT_MARGIN_M, VOXEL_M, Bodies, Swept, folded, nearest, shared, voxels
+from rf_exp.ablation import wilson
+from rf_exp.constraints import AvoidAgents, Paths, Plan, touching
+from rf_exp.geometry import AGENT_MARGIN_M, VOXEL_M, PlanningScene, Swept, folded, nearest, shared, voxels
 from rf_exp.processes import in_order
-from rf_exp.robots.panda import limits_rad, self_pairs
-from rf_exp.tasks import ObjectSpec, Task
-from rf_exp.tasks.base import FINGERS_OPEN_M, REST_QPOS
-from rf_exp.tasks.configuration import load_task
+from rf_exp.robots import limits_rad, self_pairs
+from rf_exp.tasks import FINGERS_OPEN_M, REST_QPOS, ObjectSpec, Task, load_task
 from rf_exp.transforms import Matrix, inverse
-from rf_exp.types import Row, Scene, Schedule, Segment, Subgoal, Trajectory
+from rf_exp.types import ConstraintSet, Scene, Schedule, Segment, Subgoal, Trajectory
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 TEAMS = ("lift_barrier", "three_robots_stack_cube", "take_photo")  # of two, three and four arms
@@ -68,11 +65,11 @@ class State:
     grips: tuple[Matrix | None, ...]  # (N,) tcp_from_object
 
     def bodies(self) -> list[Swept]:
-        bodies = Bodies(self.task, self.scene())
-        return [self._arm(bodies, agent) for agent in self.task.agents]
+        planning_scene = PlanningScene(self.task, self.scene())
+        return [self._arm(planning_scene, agent) for agent in self.task.agents]
 
     def scene(self) -> Scene:
-        arms = Bodies(self.task, _empty(self.qpos)).arms
+        arms = PlanningScene(self.task, _empty(self.qpos)).arms
         poses = {
             load: arm.tcp(qpos) @ grip
             for arm, qpos, load, grip in zip(arms, self.qpos, self.loads, self.grips, strict=True)
@@ -85,18 +82,20 @@ class State:
         standing = zip(self.task.agents, self.qpos, self.loads, self.grips, strict=True)
         trajectories = tuple(_still(*each) for each in standing)
         schedule = Schedule(np.arange(2)[:, None].repeat(len(trajectories), axis=1), 1)
-        return Plan(Paths(self.task, Row("full"), self.scene(), trajectories), schedule)
+        return Plan(Paths(self.task, ConstraintSet("full"), self.scene(), trajectories), schedule)
 
     def pairs(self) -> tuple[tuple[int, int], ...]:
         return tuple(combinations(self.task.agents, 2))
 
     def clear_of_itself_and_table(self) -> bool:
         bodies = self.bodies()
-        return not any(folded(body, self_pairs()).any() or Bodies.below_table(body).any() for body in bodies)
+        return not any(
+            folded(body, self_pairs()).any() or PlanningScene.below_table(body).any() for body in bodies
+        )
 
-    def _arm(self, bodies: Bodies, agent: int) -> Swept:
+    def _arm(self, planning_scene: PlanningScene, agent: int) -> Swept:
         load, grip = self.loads[agent - 1], self.grips[agent - 1]
-        return bodies.arm(agent, self.qpos[agent - 1], carries=load, tcp_from_object=grip, touches=())
+        return planning_scene.arm(agent, self.qpos[agent - 1], carries=load, tcp_from_object=grip, touches=())
 
 
 def _empty(qpos: NDArray[np.float64]) -> Scene:

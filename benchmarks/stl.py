@@ -21,15 +21,12 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from rf_exp.constraints import Check, RoboChecker
-from rf_exp.constraints.compile import compiled
+from rf_exp.constraints import Check, RoboChecker, compiled
 from rf_exp.constraints.stl import judged, kept
+from rf_exp.datagen import EpisodeMaker, Settings, Trace
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker
-from rf_exp.datagen.planning import Settings
-from rf_exp.datagen.trace import Trace
 from rf_exp.errors import ArgumentError
-from rf_exp.sim.pool import simulator
+from rf_exp.sim import shared_simulator
 from rf_exp.statements import (
     Before,
     Deadline,
@@ -47,12 +44,15 @@ from rf_exp.statements import (
     Step,
     Together,
 )
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import load_task
-from rf_exp.types import Pictures, Row
+from rf_exp.tasks import Task, load_task
+from rf_exp.types import ConstraintSet, Pictures
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
-FULL, LOGICAL, BLIND = Row("full"), Row("logical", spatial=False, temporal=False), Pictures(render=False)
+FULL, LOGICAL, BLIND = (
+    ConstraintSet("full"),
+    ConstraintSet("logical", spatial=False, temporal=False),
+    Pictures(render=False),
+)
 
 
 def drawn(task: Task, proposal: Proposal, length_s: float, rng: np.random.Generator) -> Iterator[Statement]:
@@ -107,7 +107,7 @@ def episode(task: Task, seed: int) -> dict[str, Any]:
     """Kind of check -> how many verdicts, formulas, violations and disagreements; and the two times."""
     settings = Settings(task, FULL if seed % 2 == 0 else LOGICAL, ScriptedSpec())
     trace, began, rng = Trace(), time.process_time(), np.random.default_rng([seed, 3])
-    EpisodeMaker(settings, simulator(task, BLIND), settings.make_brain(seed), trace).make(seed)
+    EpisodeMaker(settings, shared_simulator(task, BLIND), settings.make_brain(seed), trace).make(seed)
     made_s, kinds, differ = time.process_time() - began, defaultdict(lambda: [0, 0, 0, 0]), []
     undecided = 0
     for planned, execution in trace.executions():
@@ -127,7 +127,7 @@ def episode(task: Task, seed: int) -> dict[str, Any]:
     return {
         "task": task.name,
         "seed": seed,
-        "row": settings.row.name,
+        "row": settings.constraint_set.name,
         "kinds": kinds,
         "differ": differ,
         "undecided": undecided,

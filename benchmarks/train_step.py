@@ -16,9 +16,7 @@ import numpy as np
 import torch
 from loader import COMPACT, VIEW, noise
 
-from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.policy.dataset import Batch, Windows
-from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy import Batch, DiffusionPolicy, PolicyConfig, TrainConfig, Windows
 
 
 def per_window(batch: Batch) -> Batch:

@@ -5,11 +5,18 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from statistics import fmean
 
-from rf_exp.ablation.paper import paper
-from rf_exp.ablation.rows import EvaluationRow, load, newest
-from rf_exp.ablation.statistics import wilson
-from rf_exp.ablation.suite import configured
-from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, title_of
+from rf_exp.ablation import (
+    BASELINE_ARCH,
+    BASELINE_CONSTRAINTS,
+    EvaluationRow,
+    configured,
+    core_minutes,
+    load,
+    newest,
+    paper,
+    title_of,
+    wilson,
+)
 from rf_exp.types import FOREIGN
 
 ROOT = Path(__file__).parents[1]

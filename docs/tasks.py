@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 from omegaconf import OmegaConf
 
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation import paper
 from rf_exp.command import CONF
-from rf_exp.tasks import Judge, Task
-from rf_exp.tasks.configuration import load_task
+from rf_exp.tasks import SuccessEvaluator, Task, load_task
 from rf_exp.types import Scene
 
 INTRODUCTION = """\
@@ -46,7 +45,7 @@ def conditions(task: Task) -> list[str]:
     start = task.start(0)
     still = dict.fromkeys(start.poses, 0.0)
     scene = Scene(0, start.qpos, np.zeros_like(start.qpos), start.poses, still, (None,) * len(task.agents))
-    return list(Judge(task, scene)(scene).evidence)
+    return list(SuccessEvaluator(task, scene)(scene).evidence)
 
 
 def section(task: Task) -> str:

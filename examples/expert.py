@@ -11,10 +11,9 @@ import argparse
 import gymnasium
 
 import rf_exp.envs  # registers the tasks
+from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.generate import make_episode
-from rf_exp.datagen.planning import Settings
-from rf_exp.types import Pictures, Row
+from rf_exp.types import ConstraintSet, Pictures
 
 
 def main() -> None:
@@ -23,7 +22,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=3)
     given = parser.parse_args()
     env = gymnasium.make(rf_exp.envs.environment_id(given.task))
-    settings = Settings(env.get_wrapper_attr("task"), Row("full"), ScriptedSpec())
+    settings = Settings(env.get_wrapper_attr("task"), ConstraintSet("full"), ScriptedSpec())
     for seed in range(given.episodes):
         episode = make_episode(settings, Pictures(render=False), seed).episode
         if episode is None:

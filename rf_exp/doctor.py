@@ -159,7 +159,7 @@ def _gpu(names: list[str]) -> Check:
 def vulkan() -> Check:
     """Draw a picture with SAPIEN."""
     try:
-        from rf_exp.sim.vulkan import COSTS, render_probe
+        from rf_exp.sim import COSTS, render_probe
     except ImportError as error:
         return Check("vulkan", "missing", f"not tried: {error}", "pictures", SET_UP)
     probe = render_probe()
@@ -202,10 +202,9 @@ def brain(overrides: list[str]) -> Check:
         from omegaconf import OmegaConf
 
         from rf_exp.command import CONF, WRONG, register_all_tasks
-        from rf_exp.datagen.brain import OpenAISpec, read_brain
-        from rf_exp.datagen.brain.probe import probe
+        from rf_exp.datagen.brain import OpenAISpec, probe, read_brain
         from rf_exp.secrets import refuse_keys
-        from rf_exp.tasks.configuration import load_task
+        from rf_exp.tasks import load_task
     except ImportError as error:
         return Check("brain", "missing", f"not tried: {error}", "runs with a model", SET_UP)
     try:

@@ -1,5 +1,8 @@
 """Errors a person can act on: what was wrong, what was found, what is possible."""
 
+import pickle
+import traceback
+
 
 class RfError(Exception):
     """Base of every error this project raises on purpose. Its text is shown without a traceback."""
@@ -13,7 +16,23 @@ class StageError(RfError):
     """A stage could not finish with valid arguments (exit code 1)."""
 
 
+class WorkerDied(StageError):
+    """A process died with its job under way; the same job may do well in another one."""
+
+
 def choices(what: str, got: object, available: object) -> ArgumentError:
     """The error for a name that does not exist: names what does."""
     listed = ", ".join(sorted(str(name) for name in available))  # pyright: ignore[reportGeneralTypeIssues]
     return ArgumentError(f"unknown {what} {got!r}; available: {listed}")
+
+
+def portable(error: Exception) -> Exception:
+    """The error of a worker with its traceback as a note, in a form that can be pickled."""
+    told = "".join(traceback.format_exception(error))
+    try:
+        error.add_note(f"in a worker:\n{told}")
+        return pickle.loads(pickle.dumps(error))
+    except Exception:  # whatever its class does when it is made again
+        stand_in = RuntimeError(f"{type(error).__name__}: {error}")
+        stand_in.add_note(f"in a worker:\n{told}")
+        return stand_in

@@ -10,14 +10,13 @@ import dacite
 
 from rf_exp.datagen.brain import BrainSpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.policy.foreign.spec import Foreign, foreign_policy
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import load_task
-from rf_exp.types import FOREIGN, Arch, Extras, JointLimits, Occupancy, Pictures, Row
+from rf_exp.launch import Launch
+from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy
+from rf_exp.tasks import Task, load_task
+from rf_exp.types import FOREIGN, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
 if TYPE_CHECKING:
-    from rf_exp.datagen.planning import Settings
+    from rf_exp.datagen import Settings
 
 STAGES = ("generate", "train", "evaluate", "report")
 _FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
@@ -41,10 +40,10 @@ class Dagger:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One job: tasks x rows x architectures, and what is done with them."""
+    """One job: tasks x sets of constraints x architectures, and what is done with them."""
 
     tasks: tuple[Task, ...]
-    rows: tuple[Row, ...]
+    constraint_sets: tuple[ConstraintSet, ...]
     archs: tuple[Arch, ...]
     brain: BrainSpec
     stages: tuple[str, ...]
@@ -57,6 +56,7 @@ class Experiment:
     demos: int
     workers: int
     seed_limit_s: float
+    launch: Launch
     pictures: Pictures
     store: Extras
     occupancy: Occupancy
@@ -79,7 +79,11 @@ class Experiment:
         check_file_name("name", self.name)
         check_file_name("recipe", self.recipe)
         check_file_name("learned_as", self.learned_as)
-        for kind, chosen in (("task", self.tasks), ("constraints", self.rows), ("arch", self.archs)):
+        for kind, chosen in (
+            ("task", self.tasks),
+            ("constraints", self.constraint_sets),
+            ("arch", self.archs),
+        ):
             for each in chosen:
                 check_file_name(kind, each.name)
         unknown = [stage for stage in self.stages if stage not in STAGES]
@@ -100,7 +104,7 @@ class Experiment:
             if getattr(self, key) < low:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
         self._check_recordings()
-        if self.seed + (self.episodes or self.demos) >= EVALUATION_SEED:
+        if self.seed + (self.episodes or self.demos) > EVALUATION_SEED:
             raise ArgumentError(
                 f"seed is {self.seed}; generation must stay below {EVALUATION_SEED}, "
                 "where the seeds of evaluation begin"
@@ -109,6 +113,10 @@ class Experiment:
             self._check_foreign(self.foreign)
         if isinstance(self.brain, OpenAISpec) and self.brain.sight is not None:
             self.brain.sight.check(self.pictures)
+        self._check_pictures()
+
+    def _check_pictures(self) -> None:
+        """Nothing is asked for that needs pictures where none are made."""
         looks = self.policy.observation == "pictures" and self.foreign is None
         if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(
@@ -186,12 +194,12 @@ class Experiment:
             return tuple(first[: self.recordings])
         return tuple(seed for seed in self.recordings if (seed < EVALUATION_SEED) == (stage == "generate"))
 
-    def settings(self, task: Task, row: Row) -> "Settings":
+    def settings(self, task: Task, constraint_set: ConstraintSet) -> "Settings":
         """What decides the episodes of a task under a row of constraints."""
-        from rf_exp.datagen.episode import Settings  # slow to import; arguments are checked without it
+        from rf_exp.datagen import Settings
 
         how = self.limits, self.attempts, self.occupancy, self.disturbance_rad, self.delay_s
-        return Settings(task, row, self.brain, *how)
+        return Settings(task, constraint_set, self.brain, *how)
 
 
 def check_file_name(key: str, value: str) -> None:
@@ -219,11 +227,13 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
         plain: dict[str, Any] = {
             key: node[key]
             for key in Experiment.__dataclass_fields__
-            if key not in {"tasks", "rows", "archs", "pictures", "policy", "brain", "out"}
+            if key not in {"tasks", "constraint_sets", "archs", "pictures", "policy", "brain", "out"}
         }
         plain |= {
             "tasks": (),
-            "rows": tuple(Row(name, **row) for name, row in node["constraints"].items()),
+            "constraint_sets": tuple(
+                ConstraintSet(name, **kinds) for name, kinds in node["constraints"].items()
+            ),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
             "out": Path(node["out"]),

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks import Task
-from rf_exp.tasks.labels import labelled
+from rf_exp.tasks import Task, labelled
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import CameraChoice, Pictures, Scene
 

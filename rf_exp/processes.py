@@ -10,18 +10,24 @@ import pickle
 import signal
 import sys
 import time
-import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process, resource_tracker
+from multiprocessing import (
+    get_all_start_methods,
+    get_context,
+    get_start_method,
+    parent_process,
+    resource_tracker,
+    set_start_method,
+)
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 
-from rf_exp.errors import StageError
+from rf_exp.errors import WorkerDied, portable
 
 AHEAD = 4  # results for each worker that may wait for an earlier one: a bound on memory
 LOOK_EVERY_S = 0.5
@@ -57,7 +63,7 @@ def in_order(
     early, or an error, ends them after a SIGTERM and at most `grace_s`. One worker without a limit
     and without `meanwhile` is this process itself.
 
-    Raises what a job raises, and StageError when a child dies with its job under way.
+    Raises what a job raises, and WorkerDied when a child dies with its job under way.
     """
     if workers == 1 and limit_s is None and meanwhile is None:
         yield from (job() for job in jobs)
@@ -118,7 +124,7 @@ class _Team:
         elif answer.dead:
             self._children.remove(answer.child)
             if answer.child.busy:
-                raise StageError(answer.child.ending())
+                raise WorkerDied(answer.child.ending())
         elif answer.error is not None:
             raise answer.error
         else:
@@ -256,6 +262,8 @@ def _birth(one_thread: bool) -> Iterator[None]:
     # Without this every process starts a thread for each core.
     names = ("OMP_NUM_THREADS", "LP_NUM_THREADS") if one_thread else ()
     missing = [name for name in names if name not in os.environ]
+    if get_start_method(allow_none=True) not in (None, *get_all_start_methods()):
+        set_start_method("spawn", force=True)  # in a process of loky: children are told, and do not know, its
     resource_tracker.ensure_running()  # which would start with the first child, and unblock SIGINT by that
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.update(dict.fromkeys(missing, "1"))
@@ -283,17 +291,5 @@ def _serve(pipe: Connection) -> None:
         except KeyboardInterrupt:  # how a job that was told to end says that all is in safety
             os._exit(SHELL_SIGNAL + signal.SIGTERM)
         except Exception as error:
-            answer = pickle.dumps((None, _portable(error)))
+            answer = pickle.dumps((None, portable(error)))
         pipe.send_bytes(answer)
-
-
-def _portable(error: Exception) -> Exception:
-    """The error with its traceback as a note, in a form that passes a pipe."""
-    told = "".join(traceback.format_exception(error))
-    try:
-        error.add_note(f"in a worker:\n{told}")
-        return pickle.loads(pickle.dumps(error))
-    except Exception:  # whatever its class does when it is made again
-        stand_in = RuntimeError(f"{type(error).__name__}: {error}")
-        stand_in.add_note(f"in a worker:\n{told}")
-        return stand_in

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from rf_exp.command import guarded
 from rf_exp.errors import StageError
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import owned
+from rf_exp.stages import owned
 from rf_exp.store import Damaged, Store, empty_like
 
 

@@ -21,7 +21,7 @@ register_all_tasks()
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
 @explained
 def main(config: DictConfig) -> None:
-    """One job: every chosen task under every chosen row of constraints and architecture."""
+    """One job: every chosen task under every chosen set of constraints and architecture."""
     # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
     from rf_exp.experiment import read_experiment
 
@@ -41,17 +41,17 @@ def main(config: DictConfig) -> None:
     say_how_long(experiment)
     demonstrations = 0
 
-    for task, row in product(experiment.tasks, experiment.rows):
+    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
         # RoboBrain proposes, primitives move, RoboChecker checks; what passes becomes the data set.
         if "generate" in stages:
-            demonstrations += generate_data(experiment, task, row)
+            demonstrations += generate_data(experiment, task, constraint_set)
         # One view of the data set for each policy of an architecture, one diffusion policy for each view.
         for arch in experiment.archs:
             if "train" in stages:
-                train_policies(experiment, task, row, arch)
+                train_policies(experiment, task, constraint_set, arch)
             # Every seed counts: consecutive scenes that generation never sees.
             if "evaluate" in stages:
-                evaluate_policies(experiment, task, row, arch)
+                evaluate_policies(experiment, task, constraint_set, arch)
 
     # All rows there are, beside the paper's figures.
     if "report" in stages:

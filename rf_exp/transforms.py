@@ -90,6 +90,11 @@ def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+def wrapped_rad(angles: ArrayLike) -> NDArray[np.float64]:
+    """Angles (...) brought into [-pi, pi)."""
+    return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
+
+
 def angle_between_rad(a: ArrayLike, b: ArrayLike) -> float:
     """The angle between two directions (3,), in [0, pi]."""
     (ax, ay, az), (bx, by, bz) = np.asarray(a, dtype=float).tolist(), np.asarray(b, dtype=float).tolist()
@@ -102,11 +107,13 @@ def rotation_angle_rad(a: Matrix, b: Matrix) -> float:
     return float(Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).magnitude())
 
 
-def interpolate(a: Matrix, b: Matrix, fraction: float) -> Matrix:
-    """The pose at `fraction` of the way from `a` to `b`: straight line, shortest rotation."""
-    between = a.copy()
-    between[:3, 3] += fraction * (b[:3, 3] - a[:3, 3])
+def interpolate(a: Matrix, b: Matrix, fraction: ArrayLike) -> NDArray[np.float64]:
+    """Poses (..., 4, 4) at fractions (...) of the way from `a` to `b`: straight line, shortest rotation."""
+    share = np.asarray(fraction, dtype=float)
+    between = np.broadcast_to(a, (*share.shape, 4, 4)).copy()
+    between[..., :3, 3] += share[..., None] * (b[:3, 3] - a[:3, 3])
     if not np.array_equal(a[:3, :3], b[:3, :3]):  # most straight motions do not turn
         turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
-        between[:3, :3] = a[:3, :3] @ Rotation.from_rotvec(fraction * turn).as_matrix()
+        turns = Rotation.from_rotvec((share[..., None] * turn).reshape(-1, 3)).as_matrix()
+        between[..., :3, :3] = a[:3, :3] @ turns.reshape(*share.shape, 3, 3)
     return between

@@ -14,8 +14,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import guarded, register_all_tasks
 from rf_exp.experiment import Experiment, read_experiment
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import load_task
+from rf_exp.tasks import Task, load_task
 
 hypothesis.settings.register_profile("suite", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("suite")

@@ -19,15 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp.artifacts.files import write_json
-from rf_exp.artifacts.identity import digest
+from rf_exp.artifacts import digest, write_json
+from rf_exp.datagen import GENERATOR, EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec, to_json
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Settings
-from rf_exp.datagen.version import GENERATOR
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_HZ, Row, Scene
+from rf_exp.types import CONTROL_HZ, ConstraintSet, Scene
 from tests.conftest import CONF, TASKS, read_task
 from tests.scenes import start_scene
 
@@ -37,13 +34,13 @@ PLANS = range(8)  # seeds whose first proposals are kept
 Digests = dict[str, Any]
 
 
-def rows() -> list[Row]:
+def rows() -> list[ConstraintSet]:
     paths = sorted(path for path in (CONF / "constraints").glob("*.yaml") if path.stem != "all")
     nodes: list[Any] = [OmegaConf.to_container(OmegaConf.load(path)) for path in paths]
-    return [Row(path.stem, **node[path.stem]) for path, node in zip(paths, nodes, strict=True)]
+    return [ConstraintSet(path.stem, **node[path.stem]) for path, node in zip(paths, nodes, strict=True)]
 
 
-class Watching(Nobody):
+class Watching(NullObserver):
     """Keeps what is stored of every step, and how it is judged."""
 
     def __init__(self, task: Task) -> None:
@@ -69,7 +66,7 @@ class Watching(Nobody):
         }
 
 
-def of(task: Task, constraints: list[Row]) -> Digests:
+def of(task: Task, constraints: list[ConstraintSet]) -> Digests:
     """Versions and digests of one task."""
     plans = [json.loads(to_json(task.module.plan(start_scene(task, seed), task))) for seed in PLANS]
     found: Digests = {

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import FaultySpec, Question
-from rf_exp.datagen.planning import Planner, Settings
 from rf_exp.findings import Violation
 from rf_exp.tasks import Task
-from rf_exp.types import Row, Scene
+from rf_exp.types import ConstraintSet, Scene
 
 
 def start_scene(task: Task, seed: int) -> Scene:
@@ -16,7 +16,7 @@ def start_scene(task: Task, seed: int) -> Scene:
 
 def rejection(task: Task, fault: str) -> Violation:
     """What RoboChecker finds wrong with the plan of seed 0 that has a fault in it, before anything moves."""
-    settings, scene = Settings(task, Row("full"), FaultySpec(fault)), start_scene(task, 0)
+    settings, scene = Settings(task, ConstraintSet("full"), FaultySpec(fault)), start_scene(task, 0)
     planner = Planner(settings, settings.make_brain(0))
     found = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(0))
     assert isinstance(found, Violation)

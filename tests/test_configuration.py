@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from rf_exp.command import CONF
-from rf_exp.tasks.base import Randomisation
+from rf_exp.tasks import Randomisation
 from tests.conftest import experiment
 
 GROUPS = {
@@ -24,14 +24,15 @@ def test_every_choice_composes(group, name):
 @pytest.mark.parametrize("group", ["task", "arch", "constraints"])
 def test_all_means_every_file_there_is(group):
     everything = getattr(
-        experiment(f"{group}=all"), {"task": "tasks", "arch": "archs", "constraints": "rows"}[group]
+        experiment(f"{group}=all"),
+        {"task": "tasks", "arch": "archs", "constraints": "constraint_sets"}[group],
     )
     ours = {"all", "separate_both", "separate_coordinated"}  # arch=all is the paper's four
     assert sorted(each.name for each in everything) == [name for name in GROUPS[group] if name not in ours]
 
 
 def test_rows_of_the_ablation_are_the_papers():
-    rows = {row.name: (row.spatial, row.temporal) for row in experiment("constraints=all").rows}
+    rows = {row.name: (row.spatial, row.temporal) for row in experiment("constraints=all").constraint_sets}
     names = ("logical", "logical_temporal", "logical_spatial", "full")
     assert rows == dict(zip(names, product((False, True), repeat=2), strict=True))
 

@@ -12,17 +12,17 @@ from hydra.core.global_hydra import GlobalHydra
 
 from rf_exp.command import guarded
 from rf_exp.constraints import RoboChecker
+from rf_exp.datagen import Planned, Settings
 from rf_exp.datagen.brain import FaultySpec
-from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
 from rf_exp.statements import Proposal
-from rf_exp.types import Pictures, Row, Schedule
+from rf_exp.types import ConstraintSet, Pictures, Schedule
 from tests.conftest import read_task
 from tests.scenes import start_scene
 from tests.test_viz import TWO
 
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_subgoals_that_begin_together_are_one_phase():
         """Agent 2 begins after `wait_steps`, agent 1 at once."""
         second = np.clip(np.arange(51) - wait_steps, 0, 20)
         schedule = Schedule(np.column_stack([np.minimum(np.arange(51), 30), second]), 30)
-        checker = RoboChecker(LIFT, Proposal((), ()), Row("logical"))
+        checker = RoboChecker(LIFT, Proposal((), ()), ConstraintSet("logical"))
         checked = checker.check(checker.paths(TWO, start_scene(LIFT, 0)), schedule)
         plan = Planned(Proposal((), ()), checker, TWO, checked)
         return [(phase.begins_s, [goal.agent for goal in phase.goals]) for phase in phases(plan, 2.0)]

@@ -11,15 +11,15 @@ from hydra.core.global_hydra import GlobalHydra
 from PIL import Image
 
 from rf_exp.command import guarded
+from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.planning import Settings
 from rf_exp.errors import StageError
 from rf_exp.gallery import __main__ as gallery
 from rf_exp.gallery.film import EVERY, REST_FRAMES
 from rf_exp.gallery.performance import perform, play
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 
 
 @pytest.fixture
@@ -106,7 +106,7 @@ def test_wrong_arguments_exit_with_2(command, argument: str, message: str, tmp_p
 @pytest.mark.slow
 def test_words_belong_to_their_step(place_food: Task) -> None:
     with Simulator(place_food, width_px=64, height_px=48) as world:
-        performance, _ = perform(Settings(place_food, Row("full"), ScriptedSpec()), world, 0)
+        performance, _ = perform(Settings(place_food, ConstraintSet("full"), ScriptedSpec()), world, 0)
         assert performance is not None
         start, middle, end = performance.stills
         assert [still.title for still in performance.stills] == ["start", "middle", "end"]

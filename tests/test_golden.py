@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rf_exp.datagen.motion import primitives
+from rf_exp.datagen.motion import verbs
 from rf_exp.tasks import Task, pick_meat
 from tests import golden
 from tests.conftest import TASKS, read_task
@@ -52,7 +52,7 @@ def test_what_changed_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         assert "raise VERSION in rf_exp.tasks.pick_meat" in said(task, recorded)
 
     with monkeypatch.context() as patch:
-        patch.setattr(primitives, "GRIPPER_STEPS", 12)
+        patch.setattr(verbs, "GRIPPER_STEPS", 12)
         assert "its bytes (rows full) changed" in said(task, recorded)
         assert "raise GENERATOR in rf_exp.datagen.version, or PLAN_VERSION" in said(task, recorded)
 

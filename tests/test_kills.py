@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow
-from rf_exp.artifacts.locks import locked
+from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
+from rf_exp.artifacts import locked
 from rf_exp.store import Store
 from tests.children import children, session, until
 
@@ -98,14 +97,14 @@ def test_a_killed_worker_or_run_goes_on_to_the_same_bytes(tmp_path: Path) -> Non
     assert code == 0, errors
     whole, again = (tmp_path / name / "data/lift_barrier/full/fast.zarr" for name in ("whole", "killed"))
     assert Store.open(whole).digest() == Store.open(again).digest()
-    found = rows.read(tmp_path / "killed/results/generate/lift_barrier/full-disturbed.jsonl", GenerationRow)
+    found = read_rows(tmp_path / "killed/results/generate/lift_barrier/full-disturbed.jsonl", GenerationRow)
     assert [row.seed for row in found] == [0, 1]
 
 
 @pytest.mark.slow
 def test_a_seed_that_takes_too_long_is_a_row_with_its_reason(tmp_path: Path) -> None:
     ended(start(*STATES, "seed_limit_s=1", f"out={tmp_path}"))  # no process starts in a second
-    found = rows.read(tmp_path / "results/generate/lift_barrier/full-disturbed.jsonl", GenerationRow)
+    found = read_rows(tmp_path / "results/generate/lift_barrier/full-disturbed.jsonl", GenerationRow)
     assert [(row.seed, row.success) for row in found] == [(0, False), (1, False)]
     assert all(row.reason.startswith("no result after 1 s; its process, ") for row in found)
 
@@ -154,5 +153,5 @@ def test_a_scene_that_takes_too_long_is_a_row(data: Path) -> None:
     arguments = (*TINY, "stages=[train,evaluate]", "training.steps=3", "seed_limit_s=1", f"out={data}")
     code, _, errors = ended(start(*arguments))
     assert code == 0, errors
-    found = rows.read(data / "results/evaluate/lift_barrier/separate_local/full-fast-2.jsonl", EvaluationRow)
+    found = read_rows(data / "results/evaluate/lift_barrier/separate_local/full-fast-2.jsonl", EvaluationRow)
     assert [(row.scene_seed, row.success) for row in found] == [(1_000_000, False), (1_000_001, False)]

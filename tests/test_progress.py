@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from rf_exp import progress
-from rf_exp.policy.curves import Curve
+from rf_exp.policy import Curve
 from rf_exp.progress import Progress
 from rf_exp.stages.logs import Follower
 

@@ -5,21 +5,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints import Evidence
+from rf_exp.datagen import EpisodeMaker, Outcome, Planned, Settings
 from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Outcome
-from rf_exp.datagen.planning import Planned, Settings
 from rf_exp.findings import Cause, CheckName, Finding, Violation
-from rf_exp.geometry import Bodies, centres_m
+from rf_exp.geometry import PlanningScene, centres_m
 from rf_exp.perception import look
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import Panda
-from rf_exp.sim.simulator import Limited, Simulator
-from rf_exp.types import Row, Scene
+from rf_exp.sim import Limited, Simulator
+from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import read_task
 from tests.test_viz import Content
 
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
 class Witness(EpisodeRecorder):
@@ -158,7 +157,7 @@ def test_occupancy_moves_with_the_arm_and_with_what_it_holds(episode):
 def test_what_the_cameras_saw_is_shown_where_spatial_constraints_ask_them(tmp_path):
     path, task = tmp_path / "generate-0.rrd", read_task("pick_meat")
     with Simulator(task) as world:
-        seen = look(world.depth(), world.camera_models(), Bodies(task, world.reset(0)))
+        seen = look(world.depth(), world.camera_models(), PlanningScene(task, world.reset(0)))
         with EpisodeRecorder(path, task, world, "Pick Meat") as recorder:
             settings = Settings(task, FULL, ScriptedSpec(), occupancy="depth")
             assert EpisodeMaker(settings, Limited(world), settings.make_brain(0), recorder).make(0).success

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.artifacts.provenance import commit
+from rf_exp.artifacts import commit
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import Store, empty_like, layout
 from rf_exp.types import Episode

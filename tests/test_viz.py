@@ -25,19 +25,9 @@ from rf_exp.types import (
     Trajectory,
     Verdict,
 )
-from rf_exp.viz import text
+from rf_exp.viz import HOLDS, VIOLATED, Film, text
 from rf_exp.viz.figures import coordination, coordination_size_px, lanes
-from rf_exp.viz.film import Film
-from rf_exp.viz.layout import (
-    AGENT_COLOURS,
-    HOLDS,
-    OBJECT,
-    ORDERED,
-    PRIMITIVES,
-    VIOLATED,
-    WAITS,
-    primitive_colour,
-)
+from rf_exp.viz.layout import AGENT_COLOURS, OBJECT, ORDERED, PRIMITIVES, WAITS, primitive_colour
 from rf_exp.viz.shading import creased, srgb
 
 BARRIER = viz.object_entity("barrier")

@@ -5,10 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from rf_exp.sim.simulator import Simulator
-from rf_exp.tasks import assets
-from rf_exp.tasks.assets.cube import COLOURS
-from rf_exp.tasks.base import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task
+from rf_exp.sim import Simulator
+from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets
 from rf_exp.transforms import planar
 
 COLUMNS = 4
@@ -43,7 +41,7 @@ def picture(name: str, **options: str) -> np.ndarray:
 
 def main() -> None:
     tiles = [picture(name) for name in assets.available() if name != "cube"]
-    tiles += [picture("cube", colour=colour) for colour in COLOURS]
+    tiles += [picture("cube", colour=colour) for colour in ("blue", "red", "green")]
     tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % COLUMNS)
     rows = [np.hstack(tiles[k : k + COLUMNS]) for k in range(0, len(tiles), COLUMNS)]
     cv2.imwrite(str(Path(__file__).with_suffix(".png")), cv2.cvtColor(np.vstack(rows), cv2.COLOR_RGB2BGR))

@@ -14,8 +14,7 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from rf_exp.policy.foreign.factory import make_policy
-from rf_exp.policy.foreign.wire import pack, unpack
+from rf_exp.policy import make_policy, pack, unpack
 
 
 def main() -> None:

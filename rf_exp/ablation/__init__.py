@@ -1,1 +1,48 @@
 """Result rows, statistics, the paper's tables and the report. Never needs torch or a simulator."""
+
+from rf_exp.ablation.formats import show
+from rf_exp.ablation.published import Paper, paper
+from rf_exp.ablation.report import publish
+from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
+from rf_exp.ablation.rows import (
+    EvaluationRow,
+    GenerationRow,
+    Results,
+    append_row,
+    load,
+    newest,
+    read_rows,
+    row_of,
+)
+from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
+from rf_exp.ablation.suite import configured, facts
+from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, title_of
+
+__all__ = [
+    "BASELINE_ARCH",
+    "BASELINE_CONSTRAINTS",
+    "FILM",
+    "PICTURE",
+    "Estimate",
+    "EvaluationRow",
+    "GenerationRow",
+    "Paper",
+    "Results",
+    "append_row",
+    "configured",
+    "core_minutes",
+    "difference",
+    "facts",
+    "load",
+    "mean",
+    "newest",
+    "paper",
+    "publish",
+    "read_rows",
+    "rollout_name",
+    "row_of",
+    "show",
+    "title_of",
+    "wilson",
+    "worth_seeing",
+]

@@ -28,7 +28,7 @@ from rf_exp.ablation.tables import (
     Violations,
     escape_latex,
 )
-from rf_exp.artifacts.files import write_text
+from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
 
 LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and are folded away in the report

@@ -20,7 +20,7 @@ from rf_exp.ablation.rollouts import FILM, PICTURE, learnt_from, rollout_file
 from rf_exp.ablation.rows import EvaluationRow, Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import title_of
-from rf_exp.artifacts.provenance import commit, installed
+from rf_exp.artifacts import commit, installed
 from rf_exp.errors import RfError
 from rf_exp.store import Store
 from rf_exp.types import CONTROL_DT_S

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rf_exp.ablation import formats
 from rf_exp.ablation.tables import CLEAN, Column, Table, Text
-from rf_exp.artifacts.pages import rendered
+from rf_exp.artifacts import rendered
 
 ABREAST = 5  # columns of figures that a page of 1400 pixels holds
 TEMPLATE = Path(__file__).with_name("templates") / "report.html"

@@ -6,12 +6,12 @@ from pathlib import Path
 from rf_exp.ablation import found, page, plots, tables
 from rf_exp.ablation.formats import write
 from rf_exp.ablation.page import Panel, Section, Texts, Tile
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation.published import paper
 from rf_exp.ablation.rollouts import learnt_from
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
-from rf_exp.artifacts.files import write_text
+from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
 
 REASONS = 30  # at most so many in one report; more are counted

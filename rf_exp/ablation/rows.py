@@ -27,8 +27,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from rf_exp.ablation.upgrade import upgraded
-from rf_exp.artifacts.identity import canonical, plain, restored
-from rf_exp.artifacts.lines import append_line, read_lines
+from rf_exp.artifacts import append_line, canonical, plain, read_lines, restored
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account
 
@@ -151,7 +150,7 @@ class Results:
     notes: tuple[str, ...] = field(default_factory=tuple)
 
 
-def append(path: Path, row: GenerationRow | EvaluationRow) -> None:
+def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
     """Add one row, durably. Any number of processes may append to one file at a time.
 
     A line that a crash left unfinished is removed first. Raises StageError when the file cannot be
@@ -166,7 +165,7 @@ def append(path: Path, row: GenerationRow | EvaluationRow) -> None:
         ) from error
 
 
-def read(path: Path, kind: type[R]) -> tuple[R, ...]:
+def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
     """The rows of one file, in the order they were written.
 
     Raises StageError naming file and line of a bad row. An unfinished last line, left by a crash, is
@@ -267,10 +266,10 @@ def _parse(line: bytes, kind: type[R]) -> R:
     said = value.pop(CHECKSUM)
     if said != (found := _checksum(value)):
         raise ValueError(f"damaged or edited: its checksum is {found}, it says {said!r}")
-    return from_values(value, kind)
+    return row_of(value, kind)
 
 
-def from_values(values: Mapping[str, Any], kind: type[R]) -> R:
+def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
     """The row of plain values of any schema that is read, with or without the sentence for people.
 
     Raises ArgumentError for values of another schema, or that are none of such a row.

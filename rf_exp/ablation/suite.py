@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import CONFIGURED, read_task
+from rf_exp.tasks import CONFIGURED, Task, read_task
 
 
 @dataclass(frozen=True)

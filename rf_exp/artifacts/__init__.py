@@ -1,1 +1,31 @@
 """What every artifact has, whatever is in it: who made it and of what, and that it is whole."""
+
+from rf_exp.artifacts.files import keep_text, read_json, sweep, whole, write_json, write_text
+from rf_exp.artifacts.identity import canonical, differing, digest, expect_same, plain, restored, without
+from rf_exp.artifacts.lines import append_line, read_lines
+from rf_exp.artifacts.locks import hold_folder, locked
+from rf_exp.artifacts.pages import rendered
+from rf_exp.artifacts.provenance import commit, installed
+
+__all__ = [
+    "append_line",
+    "canonical",
+    "commit",
+    "differing",
+    "digest",
+    "expect_same",
+    "hold_folder",
+    "installed",
+    "keep_text",
+    "locked",
+    "plain",
+    "read_json",
+    "read_lines",
+    "rendered",
+    "restored",
+    "sweep",
+    "whole",
+    "without",
+    "write_json",
+    "write_text",
+]

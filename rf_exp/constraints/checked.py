@@ -36,7 +36,7 @@ class CheckedPlan:
         """What was checked before execution and with what result; plain JSON values."""
         timed = self.plan.schedule
         return {
-            "row": self.plan.row.name,
+            "row": self.plan.constraint_set.name,
             "margins_m": {"agents": AGENT_MARGIN_M, "objects": OBJECT_MARGIN_M},
             "makespan_s": len(timed) * CONTROL_DT_S,
             "makespan_bound_s": timed.makespan_bound * CONTROL_DT_S,

@@ -9,23 +9,19 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from rf_exp.constraints.checked import CheckedPlan
-from rf_exp.constraints.compile import compiled
+from rf_exp.constraints.checks.avoidance import AvoidAgents, AvoidObjects
+from rf_exp.constraints.checks.distance import Distance
+from rf_exp.constraints.checks.keep_out import StayOut
+from rf_exp.constraints.checks.limits import Speed
+from rf_exp.constraints.checks.temporal import Sequential, ShareSpace, Simultaneous
+from rf_exp.constraints.compiler import compiled
 from rf_exp.constraints.evidence import Check
-from rf_exp.constraints.limits import Distance, Speed
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, StayOut
-from rf_exp.constraints.temporal import Sequential, ShareSpace, Simultaneous
-from rf_exp.coordination import Delays, Rule, schedule, serial
+from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
-from rf_exp.types import (
-    Kind,
-    Row,
-    Scene,
-    Schedule,
-    Trajectory,
-)
+from rf_exp.types import ConstraintSet, Kind, Scene, Schedule, Trajectory
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
@@ -39,9 +35,13 @@ class CheckCode:
     def __repr__(self) -> str:
         return " and ".join(map(repr, self.checks)) or "True"
 
-    def of(self, row: Row) -> tuple[Check, ...]:
+    def of(self, constraint_set: ConstraintSet) -> tuple[Check, ...]:
         """The checks that a row of the ablation has switched on."""
-        active: dict[Kind, bool] = {"logical": row.logical, "spatial": row.spatial, "temporal": row.temporal}
+        active: dict[Kind, bool] = {
+            "logical": constraint_set.logical,
+            "spatial": constraint_set.spatial,
+            "temporal": constraint_set.temporal,
+        }
         return tuple(check for check in self.checks if active[check.kind])
 
 
@@ -58,10 +58,13 @@ class RoboChecker:
     understood or does not fit the proposal.
     """
 
-    def __init__(self, task: Task, proposal: Proposal, row: Row) -> None:
-        self._task, self._row, self._proposal = task, row, proposal
+    def __init__(self, task: Task, proposal: Proposal, constraint_set: ConstraintSet) -> None:
+        self._task, self._constraint_set, self._proposal = task, constraint_set, proposal
         self.code = compile(proposal.constraints, task, proposal)
-        self.checks = (*self.code.of(row), *(_implied(task, self.code) if row.spatial else ()))
+        self.checks = (
+            *self.code.of(constraint_set),
+            *(_implied(task, self.code) if constraint_set.spatial else ()),
+        )
 
     @property
     def rules(self) -> tuple[Rule, ...]:
@@ -101,23 +104,23 @@ class RoboChecker:
     @property
     def makes_room(self) -> frozenset[int]:
         """Agents that draw back once they are done: where space counts, or is shared in turns."""
-        if self._row.spatial:
+        if self._constraint_set.spatial:
             return frozenset(self._task.agents)
         shared = (check.agents for check in self.checks if isinstance(check, ShareSpace))
         return frozenset(agent for agents in shared for agent in agents)
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""
-        return Paths(self._task, self._row, scene, tuple(trajectories))
+        return Paths(self._task, self._constraint_set, scene, tuple(trajectories))
 
     def schedule(self, paths: Paths, delays: Delays | None = None) -> Schedule | Violation:
         """When everybody moves: the shortest schedule with a model of time, turns without one."""
         trajectories = paths.trajectories
-        if not self._row.temporal:
-            return serial(trajectories, self._proposal)
+        if not self._constraint_set.temporal:
+            return sequential(trajectories, self._proposal)
         zones = [check.closing(paths) for check in self.checks if isinstance(check, StayOut | Distance)]
         rules = (*self.rules, *(closing for closing in zones if closing is not None))
-        diagrams = paths.diagrams if self._row.spatial else {}
+        diagrams = paths.diagrams if self._constraint_set.spatial else {}
         return schedule(trajectories, diagrams, rules, delays, begins_s=paths.begins_s)
 
     def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:

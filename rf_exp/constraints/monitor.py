@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgents
 from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.spatial import TRAILS_STEPS, AvoidAgents
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.timeline import doing
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene, Segment

@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, Mask, Swept, closer_than
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Mask, PlanningScene, Swept, closer_than
 from rf_exp.perception import Seen, together
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Row, Scene, Schedule, Segment, Trajectory
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, ConstraintSet, Scene, Schedule, Segment, Trajectory
 
 FINER = 8  # steps of the second look in one control step
 
@@ -20,18 +20,18 @@ class Paths:
     """Where agents are about to go from `scene` on, without when: what schedules are made for."""
 
     task: Task
-    row: Row
+    constraint_set: ConstraintSet
     scene: Scene
     trajectories: tuple[Trajectory, ...]  # one an agent, in the order of the agents
 
     @cached_property
-    def bodies(self) -> Bodies:
-        return Bodies(self.task, self.scene, self.trajectories)
+    def planning_scene(self) -> PlanningScene:
+        return PlanningScene(self.task, self.scene, self.trajectories)
 
     @cached_property
     def swept(self) -> tuple[Swept, ...]:
         """Every agent along its trajectory with what it moves."""
-        return tuple(self.bodies.along(trajectory) for trajectory in self.trajectories)
+        return tuple(self.planning_scene.along(trajectory) for trajectory in self.trajectories)
 
     @cached_property
     def diagrams(self) -> Mapping[tuple[int, int], Mask]:
@@ -48,13 +48,13 @@ class Paths:
     def still(self) -> tuple[Swept, ...]:
         """For each agent what nobody moves: the objects, or as far as cameras have looked what they see."""
         if self.scene.seen is None:
-            return (self.bodies.standing(),) * len(self.trajectories)
-        seen, moved, found = Seen(self.bodies), self.bodies.moved, []
+            return (self.planning_scene.standing(),) * len(self.trajectories)
+        seen, moved, found = Seen(self.planning_scene), self.planning_scene.moved, []
         for trajectory in self.trajectories:
             about = {name for segment in trajectory.segments for name in segment.about}
             about &= set(self.task.objects)
             boxes, exactly = seen.obstacles(trajectory.agent, about | moved)
-            found.append(together(self.bodies.standing(sorted(exactly - moved)), boxes))
+            found.append(together(self.planning_scene.standing(sorted(exactly - moved)), boxes))
         return tuple(found)
 
     @cached_property
@@ -70,12 +70,12 @@ class Paths:
             if near.any():
                 close = closer_than(self.finer(trajectory.agent), still, OBJECT_MARGIN_M)[:, 0]
                 near = np.array([close[self.around(at)].any() for at in range(len(near))])
-            found.append(near | self.bodies.below_table(body))
+            found.append(near | self.planning_scene.below_table(body))
         return tuple(found)
 
     def finer(self, agent: int) -> Swept:
         """An agent along its trajectory with FINER positions for each one."""
-        return self.bodies.along(_finer(self.trajectory(agent)))
+        return self.planning_scene.along(_finer(self.trajectory(agent)))
 
     @staticmethod
     def around(position: int) -> slice:
@@ -103,8 +103,8 @@ class Plan:
         return self.paths.task
 
     @property
-    def row(self) -> Row:
-        return self.paths.row
+    def constraint_set(self) -> ConstraintSet:
+        return self.paths.constraint_set
 
     @property
     def scene(self) -> Scene:
@@ -119,8 +119,8 @@ class Plan:
         return self.paths.trajectory(agent)
 
     @property
-    def bodies(self) -> Bodies:
-        return self.paths.bodies
+    def planning_scene(self) -> PlanningScene:
+        return self.paths.planning_scene
 
     @property
     def begins_s(self) -> float:

@@ -1,10 +1,10 @@
 """When who moves: the shortest schedule of agents on fixed paths, which keeps what is asked of it.
 
 `Demands` are cells of coordination diagrams; `schedule` finds a proven shortest schedule, or says as a
-violation why there is none; `serial` lets agents take turns.
+violation why there is none; `sequential` lets agents take turns.
 """
 
 from rf_exp.coordination.demands import Delays, Demands, Rule
-from rf_exp.coordination.scheduling import actions, intended, schedule, serial, subgoal_runs
+from rf_exp.coordination.scheduling import actions, intended, schedule, sequential, subgoal_runs
 
-__all__ = ["Delays", "Demands", "Rule", "actions", "intended", "schedule", "serial", "subgoal_runs"]
+__all__ = ["Delays", "Demands", "Rule", "actions", "intended", "schedule", "sequential", "subgoal_runs"]

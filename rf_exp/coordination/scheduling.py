@@ -122,7 +122,7 @@ def _problem(
     return search.Problem(tuple(knots), lengths, forbidden, deadlines, passed, slack), tuple(real)
 
 
-def serial(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
+def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
     """Agents take turns, subgoal by subgoal in the order of the plan: a schedule without a model of time."""
     _agents(trajectories)
     # Who moves without being named in the plan makes room for those who are: that comes first.

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from rf_exp.artifacts.files import whole, write_text
+from rf_exp.artifacts import whole, write_text
 from rf_exp.command import guarded
 from rf_exp.errors import StageError, choices
 from rf_exp.progress import Progress, console

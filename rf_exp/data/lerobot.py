@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rf_exp.artifacts.files import write_json
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts import plain, write_json
 from rf_exp.data import statistics
 from rf_exp.data.target import Advance, by_agent, flat, last, library
 from rf_exp.store import COMMANDS, JOINTS, POSE, Store
 from rf_exp.types import Episode
-from rf_exp.viz.film import Film
+from rf_exp.viz import Film
 
 PICTURES = ("video", "png")  # both keep every pixel
 TAGS = ("LeRobot",)

@@ -19,7 +19,7 @@ from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
 
-VERSION = 4  # of what it decides
+COORDINATOR_VERSION = 4  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
 REACHED_STEPS = 3  # this near to the end of a segment an arm has come to its end
 SLACK_STEPS = 5  # that others may lack of where the plan has them

@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.datagen.motion.state import Blocked, Obstacle, State
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, Swept, closer_than, folded
+from rf_exp.datagen.motion import Blocked, Obstacle, State
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, closer_than, folded
 from rf_exp.perception import SEEN, Seen
-from rf_exp.robots.panda import self_pairs
+from rf_exp.robots import self_pairs
 from rf_exp.statements import Proposal
-from rf_exp.tasks import Task
-from rf_exp.tasks.base import FINGERS_OPEN_M
-from rf_exp.types import Row, Scene
+from rf_exp.tasks import FINGERS_OPEN_M, Task
+from rf_exp.types import ConstraintSet, Scene
 
 
 class Obstacles:
@@ -23,9 +22,9 @@ class Obstacles:
     table it is bolted to. Where the scene has been looked at by depth cameras, what they see is in the way.
     """
 
-    def __init__(self, task: Task, scene: Scene, row: Row, proposal: Proposal) -> None:
-        self._task, self._scene, self._row, self._proposal = task, scene, row, proposal
-        self._seen = Seen(Bodies(task, scene)) if scene.seen is not None else None
+    def __init__(self, task: Task, scene: Scene, constraint_set: ConstraintSet, proposal: Proposal) -> None:
+        self._task, self._scene, self._constraint_set, self._proposal = task, scene, constraint_set, proposal
+        self._seen = Seen(PlanningScene(task, scene)) if scene.seen is not None else None
 
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
@@ -38,12 +37,12 @@ class Obstacles:
             *,
             between: bool = False,
         ) -> Obstacle | None:
-            bodies = self._bodies(state)
-            body = self._body(bodies, agent, points, state, touches)
+            planning_scene = self._planning_scene(state)
+            body = self._body(planning_scene, agent, points, state, touches)
             if folded(body, self_pairs()).any():
                 return "the arm itself"
-            hit = bodies.below_table(body)
-            for obstacle, other, margin_m in self._others(bodies, agent, state, touches, avoid_arms):
+            hit = planning_scene.below_table(body)
+            for obstacle, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
                 near = closer_than(body, other, margin_m, between=between)[:, 0]
                 if near.any():
                     return obstacle
@@ -51,34 +50,46 @@ class Obstacles:
 
         return test
 
-    def _bodies(self, state: State) -> Bodies:
+    def _planning_scene(self, state: State) -> PlanningScene:
         qpos = self._scene.qpos.copy()
         for agent, joints in state.qpos.items():
             qpos[agent - 1] = [*joints, FINGERS_OPEN_M, FINGERS_OPEN_M]
         held = tuple(state.held[agent][0] if agent in state.held else None for agent in self._task.agents)
-        return Bodies(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held))
+        return PlanningScene(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held))
 
     def _body(
-        self, bodies: Bodies, agent: int, points: NDArray[np.float64], state: State, touches: frozenset[str]
+        self,
+        planning_scene: PlanningScene,
+        agent: int,
+        points: NDArray[np.float64],
+        state: State,
+        touches: frozenset[str],
     ) -> Swept:
         carries, tcp_from_object = state.held.get(agent, (None, None))
-        return bodies.arm(agent, points, carries=carries, tcp_from_object=tcp_from_object, touches=touches)
+        return planning_scene.arm(
+            agent, points, carries=carries, tcp_from_object=tcp_from_object, touches=touches
+        )
 
     def _others(
-        self, bodies: Bodies, agent: int, state: State, touches: frozenset[str], avoid_arms: bool
+        self,
+        planning_scene: PlanningScene,
+        agent: int,
+        state: State,
+        touches: frozenset[str],
+        avoid_arms: bool,
     ) -> Iterator[tuple[Obstacle, Swept, float]]:
         carries = state.held[agent][0] if agent in state.held else None
-        names: Collection[str] = self._task.objects if self._row.spatial else sorted(state.targets)
-        if self._seen is not None and self._row.spatial:
+        names: Collection[str] = self._task.objects if self._constraint_set.spatial else sorted(state.targets)
+        if self._seen is not None and self._constraint_set.spatial:
             boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
             names = sorted(exactly)
             yield SEEN, boxes, OBJECT_MARGIN_M
         for name in names:
             if name != carries:
-                yield name, bodies.standing([name]), OBJECT_MARGIN_M
-        for other in self._task.agents if avoid_arms and self._row.spatial else ():
+                yield name, planning_scene.standing([name]), OBJECT_MARGIN_M
+        for other in self._task.agents if avoid_arms and self._constraint_set.spatial else ():
             if other != agent:
-                yield other, bodies.arm(other, bodies.scene.qpos[other - 1]), AGENT_MARGIN_M
+                yield other, planning_scene.arm(other, planning_scene.scene.qpos[other - 1]), AGENT_MARGIN_M
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
         """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""

@@ -13,15 +13,15 @@ from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation
-from rf_exp.geometry import Bodies
+from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.types import (
     CONTROL_DT_S,
     CONTROL_HZ,
+    ConstraintSet,
     JointLimits,
     Occupancy,
-    Row,
     Scene,
     Schedule,
     Trajectory,
@@ -37,7 +37,7 @@ class Settings:
     """How episodes are made. All of it decides the bytes of the result, together with the seed."""
 
     task: Task
-    row: Row
+    constraint_set: ConstraintSet
     brain: BrainSpec
     limits: JointLimits = field(default_factory=JointLimits)
     attempts: int = 4
@@ -57,7 +57,7 @@ class Settings:
 
     def make_brain(self, seed: int) -> Brain:
         """The brain for one episode."""
-        return self.brain.make(self.task, self.row, seed)
+        return self.brain.make(self.task, self.constraint_set, seed)
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Planner:
 
         With `pauses` arms pause at random, where the settings have delays.
         """
-        task, row = self._settings.task, self._settings.row
+        task, constraint_set = self._settings.task, self._settings.constraint_set
         try:
             proposal = from_json(self._brain.answer(question), task)
         except BadAnswer as error:
@@ -103,11 +103,11 @@ class Planner:
         if not proposal.subgoals:
             return None
         try:
-            checker = RoboChecker(task, proposal, row)
+            checker = RoboChecker(task, proposal, constraint_set)
         except ArgumentError as error:
             return _refused(CheckName.CODE, scene, error)
         violation: Violation | None = None
-        for way in _ways(row):
+        for way in _ways(constraint_set):
             result = self._motion(proposal, checker, scene, way, rng, pauses)
             if isinstance(result, Planned):
                 return result
@@ -127,7 +127,7 @@ class Planner:
     ) -> Planned | Violation:
         """Trajectories and a schedule that pass all checks, or the first reason why not."""
         settings = self._settings
-        obstacles = Obstacles(settings.task, scene, settings.row, proposal)
+        obstacles = Obstacles(settings.task, scene, settings.constraint_set, proposal)
         try:
             trajectories, _ = plan_motion(
                 settings.task,
@@ -147,7 +147,7 @@ class Planner:
             about = {"cause": error.cause, "agents": error.agents, **error.facts}
             return Violation(check=CheckName.MOTION, time_s=now_s, **about)
         if checker.speeds_m_s:
-            trajectories = slowed(trajectories, Bodies(settings.task, scene).arms, checker.speeds_m_s)
+            trajectories = slowed(trajectories, PlanningScene(settings.task, scene).arms, checker.speeds_m_s)
         paths = checker.paths(trajectories, scene)
         schedule = self._schedule(checker, paths, pauses)
         if isinstance(schedule, Violation):
@@ -197,11 +197,11 @@ class _Way(NamedTuple):
     idle_too: bool = False  # whether arms that have nothing to do go aside first
 
 
-def _ways(row: Row) -> Sequence[_Way]:
+def _ways(constraint_set: ConstraintSet) -> Sequence[_Way]:
     """The ways to plan, the best first."""
-    if not row.spatial:
+    if not constraint_set.spatial:
         return [_Way(False)]
-    if not row.temporal:
+    if not constraint_set.temporal:
         return [_Way(True), _Way(True, idle_too=True)]
     # Who knows when arms move may pass one before it is in the way, and may send it farther off.
     return [_Way(False), _Way(True), _Way(False, "aside", idle_too=True)]

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.stl import Execution
-from rf_exp.datagen.episode import Nobody
+from rf_exp.datagen.observer import NullObserver
 from rf_exp.datagen.planning import Planned
-from rf_exp.types import CONTROL_HZ, Scene, Violation
+from rf_exp.findings import Violation
+from rf_exp.types import CONTROL_HZ, Scene
 
 
-class Trace(Nobody):
+class Trace(NullObserver):
     """An observer of the generation loop; afterwards it has an `Execution` of every plan."""
 
     def __init__(self) -> None:

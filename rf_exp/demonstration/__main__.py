@@ -10,12 +10,9 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.artifacts.files import whole, write_json
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts import plain, whole, write_json
 from rf_exp.command import CONF, explained, guarded
-from rf_exp.datagen.episode import EpisodeMaker, Outcome
-from rf_exp.datagen.planning import Settings
-from rf_exp.datagen.trace import Trace
+from rf_exp.datagen import EpisodeMaker, Outcome, Settings, Trace
 from rf_exp.demonstration.formulas import specified
 from rf_exp.demonstration.notes import Notes, Overheard, Together
 from rf_exp.demonstration.page import write_page
@@ -23,7 +20,7 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim.pool import close_simulator, simulator
+from rf_exp.sim import close_shared_simulator, shared_simulator
 from rf_exp.types import Pictures
 
 SEEDS = 20  # tried for one success
@@ -34,13 +31,13 @@ SEEDS = 20  # tried for one success
 def main(config: DictConfig) -> None:
     """A page for every chosen task, of the first seed that succeeds."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
-    if len(experiment.rows) != 1:
-        names = ", ".join(row.name for row in experiment.rows)
+    if len(experiment.constraint_sets) != 1:
+        names = ", ".join(row.name for row in experiment.constraint_sets)
         raise ArgumentError(
             f"a demonstration is of one row of constraints, got {names}; use constraints=full"
         )
     for task in experiment.tasks:
-        settings = experiment.settings(task, experiment.rows[0])
+        settings = experiment.settings(task, experiment.constraint_sets[0])
         folder, last = experiment.out / "demonstrations", experiment.seed + SEEDS - 1
         for seed in range(experiment.seed, last + 1):
             outcome = demonstrate(settings, experiment.pictures, seed, folder)
@@ -49,17 +46,17 @@ def main(config: DictConfig) -> None:
             console.print(f"{task.name}, seed {seed}: {outcome.reason}")
         else:
             raise StageError(f"{task.name}: no success in seeds {experiment.seed} to {last}")
-    close_simulator()
+    close_shared_simulator()
 
 
 def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
     """Makes the episode of a seed; for a success `<task>-<seed>.md`, `.rrd` and `.json` in `folder`."""
-    task, row = settings.task, settings.row
-    world, notes, trace = simulator(task, pictures), Notes(task, row), Trace()
+    task, constraint_set = settings.task, settings.constraint_set
+    world, notes, trace = shared_simulator(task, pictures), Notes(task, constraint_set), Trace()
     page = folder / f"{task.name}-{seed}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
     with whole(page.with_suffix(".rrd")) as draft:
-        title = f"{task.title}, {row.name}, scene {seed}"
+        title = f"{task.title}, {constraint_set.name}, scene {seed}"
         with EpisodeRecorder(draft, task, world, title) as recorder:
             brain = Overheard(settings.make_brain(seed), notes)
             outcome = EpisodeMaker(settings, world, brain, Together(recorder, notes, trace)).make(seed)

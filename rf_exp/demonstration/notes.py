@@ -9,16 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import CheckCode, CheckedPlan, compile
+from rf_exp.datagen import Observer, Planned
 from rf_exp.datagen.brain import BadAnswer, Brain, Question, from_json
-from rf_exp.datagen.episode import Observer
-from rf_exp.datagen.planning import Planned
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.timeline import spans
-from rf_exp.types import CONTROL_DT_S, Row, Scene, Subgoal
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Subgoal
 from rf_exp.viz.figures import coordination, lanes
 from rf_exp.viz.text import CheckResult
 
@@ -55,8 +54,8 @@ class Round:
 class Notes:
     """An observer of the generation loop, and of the brain it asks."""
 
-    def __init__(self, task: Task, row: Row) -> None:
-        self._task, self._row = task, row
+    def __init__(self, task: Task, constraint_set: ConstraintSet) -> None:
+        self._task, self._constraint_set = task, constraint_set
         self._checked: CheckedPlan | None = None
         self.rounds: list[Round] = []
 

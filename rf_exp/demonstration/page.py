@@ -7,10 +7,8 @@ from typing import Any
 
 import cv2
 
-from rf_exp.artifacts.files import write_text
-from rf_exp.artifacts.pages import rendered
-from rf_exp.datagen.episode import Outcome
-from rf_exp.datagen.planning import Settings
+from rf_exp.artifacts import rendered, write_text
+from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
 from rf_exp.findings import Violation
 from rf_exp.statements import Statement
@@ -95,7 +93,7 @@ def _facts(settings: Settings, outcome: Outcome, rounds: int) -> dict[str, objec
     return {
         "agents": len(settings.task.agents),
         "scene seed": outcome.seed,
-        "constraints": settings.row.name,
+        "constraints": settings.constraint_set.name,
         "brain": settings.brain.name,
         "rounds": rounds,
         "length": f"{outcome.steps} control steps, {outcome.steps * CONTROL_DT_S:.2f} s",

@@ -10,16 +10,14 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.constraints import PolicyMonitor
-from rf_exp.constraints.spatial import pressing
+from rf_exp.constraints import PolicyMonitor, pressing
 from rf_exp.envs.observations import action_space
 from rf_exp.envs.registration import find_task
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.observations import Eyes, Observation, Observations
 from rf_exp.sim import Simulator
-from rf_exp.tasks import Judge, Task
-from rf_exp.tasks.labels import labels
+from rf_exp.tasks import SuccessEvaluator, Task, labels
 from rf_exp.types import CONTROL_HZ, Scene
 
 RENDER_MODES = ("rgb_array",)
@@ -65,7 +63,7 @@ class EpisodeCore:
         self._monitor = _monitor(self.task, overlaps)
         space = action_space(len(self.task.agents))
         self._low, self._high = space.low, space.high
-        self._judge: Judge | None = None  # of the episode, while there is one
+        self._judge: SuccessEvaluator | None = None  # of the episode, while there is one
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> None:
         """Begins the episode of a seed; without one it is drawn, below those that evaluation begins with."""
@@ -73,7 +71,7 @@ class EpisodeCore:
             raise ResetNeeded("the environment is closed; make another one")
         self.seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
         self.scene = self._world.reset(self.seed)
-        self._judge = Judge(self.task, self.scene)
+        self._judge = SuccessEvaluator(self.task, self.scene)
         self.success = self.success_paper = self.truncated = False
         self.violations = 0
         self._see(self.scene)

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from rf_exp.observations import Observation, Observations
 from rf_exp.robots import limits_rad
-from rf_exp.sim.environment import FAR_M
-from rf_exp.tasks import Task
-from rf_exp.tasks.base import FINGERS_OPEN_M
-from rf_exp.tasks.labels import labels
+from rf_exp.sim import FAR_M
+from rf_exp.tasks import FINGERS_OPEN_M, Task, labels
 from rf_exp.transforms import position_and_quaternion
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Pictures, Scene
 

@@ -7,8 +7,7 @@ import gymnasium
 
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.observations import Observations
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import CONFIGURED, read_task
+from rf_exp.tasks import CONFIGURED, Task, read_task
 
 if TYPE_CHECKING:
     from rf_exp.envs.parallel import ParallelArmsEnv

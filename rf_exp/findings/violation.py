@@ -6,7 +6,8 @@ Agents are numbered from 1. There is one clock: `time_s` is in seconds since the
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rf_exp.findings.finding import Finding, Words, agent_name
+from rf_exp.findings.finding import Finding
+from rf_exp.findings.words import Words, agent_name
 
 
 class CheckName(StrEnum):

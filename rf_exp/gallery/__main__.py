@@ -20,7 +20,7 @@ from rf_exp.gallery.draw import contact_sheet, overview, panel
 from rf_exp.gallery.film import film
 from rf_exp.gallery.performance import Performance, perform
 from rf_exp.progress import console
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 
 WIDTH_PX, HEIGHT_PX = 640, 480
@@ -36,8 +36,8 @@ def main(config: DictConfig) -> None:
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
     if not experiment.pictures.render:
         raise ArgumentError("render=false makes no pictures, and the gallery is pictures; leave it out")
-    if len(experiment.rows) > 1:
-        chosen = ", ".join(row.name for row in experiment.rows)
+    if len(experiment.constraint_sets) > 1:
+        chosen = ", ".join(row.name for row in experiment.constraint_sets)
         raise ArgumentError(f"constraints are {chosen}; the gallery shows one of them, e.g. constraints=full")
     folder = experiment.out / "gallery"
     try:
@@ -65,7 +65,7 @@ def main(config: DictConfig) -> None:
 
 def _first_success(experiment: Experiment, task: Task, world: Simulator) -> Performance:
     """The expert's episode of the first scene seed from `seed` on that succeeds."""
-    settings, reason = experiment.settings(task, experiment.rows[0]), ""
+    settings, reason = experiment.settings(task, experiment.constraint_sets[0]), ""
     for seed in range(experiment.seed, experiment.seed + TRIES):
         performance, reason = perform(settings, world, seed)
         if performance is not None:

@@ -10,7 +10,7 @@ from PIL import Image
 from rf_exp.gallery.performance import Line, Pictures, Still
 from rf_exp.statements import agent_name
 from rf_exp.tasks import Task
-from rf_exp.viz import frames
+from rf_exp.viz import agent_colour, frames
 from rf_exp.viz.frames import (
     GAP_PX,
     INK,
@@ -25,7 +25,6 @@ from rf_exp.viz.frames import (
     write,
     write_lines,
 )
-from rf_exp.viz.layout import agent_colour
 
 TITLE_PX = 26  # size of letters
 THUMB_PX = (400, 300)  # a picture on the sheet of a task

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from rf_exp.gallery.draw import frame
 from rf_exp.gallery.performance import Performance, play
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S
-from rf_exp.viz.film import Film
+from rf_exp.viz import Film
 
 EVERY = 2  # control steps from one frame to the next: at 20 frames a second, twice as fast as real
 REST_FRAMES = 20  # the last frame stays a while

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.datagen.episode import EpisodeMaker
-from rf_exp.datagen.planning import Planned, Settings
+from rf_exp.datagen import EpisodeMaker, Planned, Settings
 from rf_exp.errors import StageError
 from rf_exp.findings import Violation
-from rf_exp.sim.simulator import Limited, Simulator
-from rf_exp.tasks import Judge
+from rf_exp.sim import Limited, Simulator
+from rf_exp.tasks import SuccessEvaluator
 from rf_exp.timeline import activity
 from rf_exp.types import CONTROL_DT_S, Scene
 
@@ -130,7 +129,7 @@ def play(
     Raises StageError when it does not end in success as it did before.
     """
     scene = world.reset(seed)
-    judge = Judge(world.task, scene)
+    judge = SuccessEvaluator(world.task, scene)
     success = judge(scene).success
     for step, action in enumerate(actions):
         if step in shown:

@@ -35,28 +35,37 @@ class Pair(NamedTuple):
 
 def pairs_apart(a: Swept, b: Swept) -> Iterator[Pair]:
     """The pairs of pieces that must keep apart, with the positions at which they must."""
-    everywhere_a, everywhere_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
+    when = {
+        (x, y): tuple(_apart(a, b, x, y)) for x in dict.fromkeys(a.labels) for y in dict.fromkeys(b.labels)
+    }
     for i, x in enumerate(a.labels):
         for j, y in enumerate(b.labels):
-            rows, columns = everywhere_a, everywhere_b
-            if x in a.objects and y in b.objects:
-                if x == y:
-                    continue
-                rows = ~a.rests.get(y, ~everywhere_a)
-                columns = ~b.rests.get(x, ~everywhere_b)
-                moves_a, moves_b = a.carried.get(x, ~everywhere_a), b.carried.get(y, ~everywhere_b)
-                if (rows & moves_a).any():  # two things lying on the table are nobody's concern
-                    yield Pair(i, j, rows & moves_a, columns)
-                if (columns & moves_b).any():
-                    yield Pair(i, j, rows & ~moves_a, columns & moves_b)
-                continue
-            # Between two that hold one thing it is no obstacle: it goes with both of them.
-            if y in b.objects:
-                rows = ~(a.touches if x in a.gripper else a.holds).get(y, ~everywhere_a)
-            if x in a.objects:
-                columns = ~(b.touches if y in b.gripper else b.holds).get(x, ~everywhere_b)
-            if (rows is everywhere_a or rows.any()) and (columns is everywhere_b or columns.any()):
+            for rows, columns in when[x, y]:
                 yield Pair(i, j, rows, columns)
+
+
+def _apart(a: Swept, b: Swept, x: str, y: str) -> Iterator[tuple[Mask, Mask]]:
+    """When pieces of a link or object `x` of `a` must keep apart from those of `y` of `b`."""
+    everywhere_a, everywhere_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
+    rows, columns = everywhere_a, everywhere_b
+    if x in a.objects and y in b.objects:
+        if x == y:
+            return
+        rows = ~a.rests.get(y, ~everywhere_a)
+        columns = ~b.rests.get(x, ~everywhere_b)
+        moves_a, moves_b = a.carried.get(x, ~everywhere_a), b.carried.get(y, ~everywhere_b)
+        if (rows & moves_a).any():  # two things lying on the table are nobody's concern
+            yield rows & moves_a, columns
+        if (columns & moves_b).any():
+            yield rows & ~moves_a, columns & moves_b
+        return
+    # Between two that hold one thing it is no obstacle: it goes with both of them.
+    if y in b.objects:
+        rows = ~(a.touches if x in a.gripper else a.holds).get(y, ~everywhere_a)
+    if x in a.objects:
+        columns = ~(b.touches if y in b.gripper else b.holds).get(x, ~everywhere_b)
+    if rows.any() and columns.any():
+        yield rows, columns
 
 
 def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:

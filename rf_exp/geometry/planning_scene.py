@@ -1,12 +1,12 @@
 """What fills space: arms, fingers, held objects, objects and the table, as convex pieces.
 
-`Bodies` turns a task and the measured scene into `Swept` bodies, the currency of every spatial
+`PlanningScene` turns a task and the measured scene into `Swept` bodies, the currency of every spatial
 question: the arm of an agent along joint positions, an agent along its trajectory together with
 the objects it moves, and the objects that nobody moves. World frame, metres, radians.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,9 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.geometry.distance import Nearest, nearest
 from rf_exp.geometry.shapes import Piece, arm_pieces
 from rf_exp.geometry.swept import Mask, Swept
-from rf_exp.robots.panda import LINKS, Panda
-from rf_exp.tasks import Task
+from rf_exp.robots import LINKS, Panda
+from rf_exp.tasks import FINGERS_OPEN_M, Task
 from rf_exp.tasks.assets import Asset
-from rf_exp.tasks.base import FINGERS_OPEN_M
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
 
@@ -29,17 +28,18 @@ PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther 
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
 RESTS_M = 0.005  # things this near to one another lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
-GRIPPER = frozenset({"panda_hand", "panda_leftfinger", "panda_rightfinger"})
+HAND = "panda_hand"
+GRIPPER = frozenset({HAND, "panda_leftfinger", "panda_rightfinger"})
 
 
-@cache
+@lru_cache(maxsize=1024)  # scenes that are read bring assets of their own, each time
 def asset_pieces(asset: Asset) -> tuple[Piece, ...]:
     """The pieces of an asset, in its frame. None for a mark on the table, which nothing can touch."""
     return tuple(Piece.of(hull) for hull in asset.hulls)
 
 
-class Bodies:
-    """The bodies of a task as they stand in a scene."""
+class PlanningScene:
+    """The arms and objects of a task as they stand in a measured scene."""
 
     def __init__(self, task: Task, scene: Scene, trajectories: Sequence[Trajectory] = ()) -> None:
         self.task, self.scene = task, scene
@@ -170,6 +170,11 @@ class Bodies:
     ) -> Swept:
         pieces, labels = list(arm_pieces()), list(LINKS)
         poses = [self.arms[agent - 1].links(qpos)]
+        mounted = self.task.robots[agent - 1].mounted
+        for piece in asset_pieces(mounted) if mounted else ():
+            pieces.append(piece)
+            labels.append(HAND)
+            poses.append(poses[0][:, [LINKS.index(HAND)]])
         for name, along in moved.items():
             for piece in asset_pieces(self._asset(name)):
                 pieces.append(piece)

@@ -1,4 +1,4 @@
-"""Bodies that move along paths: convex pieces with a pose at every path position.
+"""PlanningScene that move along paths: convex pieces with a pose at every path position.
 
 And such a body cut into blocks of positions, with bounds on how far its pieces move within one, from which
 `closer_than` finds coordination diagrams.

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.geometry import VOXEL_M, Bodies, Swept, Voxels
+from rf_exp.geometry import VOXEL_M, PlanningScene, Swept, Voxels
 from rf_exp.types import CameraModel
 
 NOISE_M = 0.01  # a point this near to the table, an arm, or what it holds may be theirs
@@ -24,21 +24,23 @@ Points = NDArray[np.float32]  # (K, 3) world frame
 
 
 def look(
-    depth: Mapping[str, NDArray[np.float32]], cameras: Mapping[str, CameraModel], bodies: Bodies
+    depth: Mapping[str, NDArray[np.float32]],
+    cameras: Mapping[str, CameraModel],
+    planning_scene: PlanningScene,
 ) -> Voxels:
     """Voxels (K, 3) in which a camera sees a surface that is no table's and no arm's. In lexical order.
 
     `depth`: camera -> (H, W) metres along the viewing direction, 0 where nothing was measured, with the
-    models of these cameras. The scene of `bodies` says where the arms are then, and what they hold.
+    models of these cameras. The scene of `planning_scene` says where the arms are then, and what they hold.
     """
-    bases_m = [robot.world_from_base[:2, 3] for robot in bodies.task.robots]
+    bases_m = [robot.world_from_base[:2, 3] for robot in planning_scene.task.robots]
     seen = [points(depth[name], cameras[name]) for name in depth]
     found = _one_of_each_cube(np.concatenate([np.zeros((0, 3), dtype=np.float32), *seen]), POINT_M)
     away_m = [np.linalg.norm(found[:, :2] - base_m, axis=1) for base_m in bases_m]
     found = found[np.min(away_m, axis=0) < REACH_M]
-    for agent, held in zip(bodies.task.agents, bodies.scene.held, strict=True):
-        arm = bodies.arm(agent, bodies.scene.qpos[agent - 1])
-        for body in (arm, bodies.standing([held] if held else [])):
+    for agent, held in zip(planning_scene.task.agents, planning_scene.scene.held, strict=True):
+        arm = planning_scene.arm(agent, planning_scene.scene.qpos[agent - 1])
+        for body in (arm, planning_scene.standing([held] if held else [])):
             found = found[~within(body, found, NOISE_M)]
     occupied, count = np.unique(np.floor(found / VOXEL_M).astype(np.int64), axis=0, return_counts=True)
     return occupied[count >= FEWEST]

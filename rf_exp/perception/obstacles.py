@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 import trimesh
 
-from rf_exp.geometry import VOXEL_M, Bodies, Piece, Swept, Voxels, among, beside
+from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, Voxels, among, beside
 from rf_exp.perception.depth import NOISE_M
 from rf_exp.transforms import transform
 
@@ -27,19 +27,19 @@ STARTS_M = VOXEL_M / 2  # an arm stands free where it begins, however near a vox
 class Seen:
     """The voxels seen in a scene, and whose they may be."""
 
-    def __init__(self, bodies: Bodies) -> None:
-        scene, seen = bodies.scene, bodies.scene.seen
+    def __init__(self, planning_scene: PlanningScene) -> None:
+        scene, seen = planning_scene.scene, planning_scene.scene.seen
         assert seen is not None  # the cameras have looked
         self._occupied = occupied = down_to_table(seen)
         self._held = frozenset(name for name in scene.held if name)
-        objects = {name: bodies.standing([name]) for name in bodies.task.objects}
+        objects = {name: planning_scene.standing([name]) for name in planning_scene.task.objects}
         self._owned = {
             name: among(occupied, down_to_table(seen[beside(seen, body, NOISE_M)]))
             for name, body in objects.items()
         }
         self._near = {name: beside(occupied, body, NEAR_M) for name, body in objects.items()}
         self._known = np.any([np.zeros(len(occupied), dtype=bool), *self._owned.values()], axis=0)
-        arms = (bodies.arm(agent, scene.qpos[agent - 1]) for agent in bodies.task.agents)
+        arms = (planning_scene.arm(agent, scene.qpos[agent - 1]) for agent in planning_scene.task.agents)
         self._starts = [beside(occupied, arm, STARTS_M) for arm in arms]
         self._found: dict[tuple[int, frozenset[str]], tuple[Swept, frozenset[str]]] = {}
 

@@ -7,7 +7,7 @@ the authors' release where it does not. `conf/policy/` holds the recipes.
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from rf_exp.artifacts.identity import without
+from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError, choices
 
 ENCODERS = ("resnet18", "compact", "heatmaps")

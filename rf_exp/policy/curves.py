@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts.files import whole
+from rf_exp.artifacts import whole
 from rf_exp.policy.saved import CURVES
 
 

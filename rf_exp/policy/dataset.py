@@ -26,7 +26,7 @@ from rf_exp.policy.moments import Going, by_episode, moving, shown
 from rf_exp.policy.normaliser import Normaliser, largest_change
 from rf_exp.policy.observation import context, of_agent, others, proprioception, senses_of, widths
 from rf_exp.policy.pictures import crop, pictures_of, side_by_side
-from rf_exp.policy.views import ACTION_SIZE, PROPRIO_SIZE, View
+from rf_exp.policy.view import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
 

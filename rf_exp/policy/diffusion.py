@@ -5,13 +5,9 @@ computes what stays the same once: the FiLM table over the diffusion steps and t
 observation.
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import torch
-from diffusers.schedulers.scheduling_ddim import DDIMScheduler
-from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 from diffusers.utils.torch_utils import randn_tensor
 from torch import Tensor, nn
 from torch.nn import functional
@@ -20,10 +16,11 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.dataset import Batch, action_origin
 from rf_exp.policy.encoder import Blind, Compact, ResNet18, encoder
 from rf_exp.policy.eyes import OUT, PLACED, Eyes
+from rf_exp.policy.layers import hidden, scaled, scheduler
 from rf_exp.policy.normaliser import Normaliser
 from rf_exp.policy.observation import POSE, of_agent
 from rf_exp.policy.unet import ConditionalUNet1D
-from rf_exp.policy.views import ACTION_SIZE
+from rf_exp.policy.view import ACTION_SIZE
 from rf_exp.types import ARM_JOINTS
 
 NEXT = OUT + 3  # numbers that say where an own arm goes next
@@ -67,21 +64,21 @@ class DiffusionPolicy(nn.Module):
         self._told = self._agents * phase  # the last numbers of a context
         self.phase: nn.Module | None = None
         if phase:
-            self.phase = nn.Sequential(*_hidden([size, 256, 256], config.dropout), nn.Linear(256, self._told))
-        self.trunk = nn.Sequential(*_hidden([size, *config.trunk]))
+            self.phase = nn.Sequential(*hidden([size, 256, 256], config.dropout), nn.Linear(256, self._told))
+        self.trunk = nn.Sequential(*hidden([size, *config.trunk]))
         given = action_size if config.draft else 0
         self.unet = ConditionalUNet1D(action_size, [size, *config.trunk][-1], config.unet_channels, given)
         self.draft: nn.Module | None = None
         if config.draft:
             self.draft = nn.Sequential(
-                *_hidden([size, *config.draft], config.dropout),
+                *hidden([size, *config.draft], config.dropout),
                 nn.Linear(config.draft[-1], config.horizon * action_size),
                 nn.Unflatten(1, (config.horizon, action_size)),
             )
         self.normaliser = Normaliser(
             proprio_size, action_size, context_size, seen if isinstance(self.encoder, Eyes) else 0
         )
-        self.scheduler = _scheduler(config)
+        self.scheduler = scheduler(config)
         self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
 
     def train(self, mode: bool = True) -> "DiffusionPolicy":
@@ -90,7 +87,7 @@ class DiffusionPolicy(nn.Module):
 
     def encode(self, pictures: Tensor) -> Tensor:
         """Cropped uint8 pictures (U, h, w, 3) -> features (U, F)."""
-        return self.encoder(_scaled(pictures))
+        return self.encoder(scaled(pictures))
 
     def encode_whole(self, pictures: Tensor) -> Tensor:
         """Uncropped uint8 pictures (U, H, W, 3) -> features (U, F) of their centres."""
@@ -101,7 +98,7 @@ class DiffusionPolicy(nn.Module):
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
         """Features of pictures (U, H, W, 3), and where in them heat maps see their keypoints: (U, M, 2)."""
         if isinstance(self.encoder, Eyes):
-            return self.encoder.see(_scaled(pictures))
+            return self.encoder.see(scaled(pictures))
         return self.encode_whole(pictures), None
 
     def observation(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
@@ -141,7 +138,7 @@ class DiffusionPolicy(nn.Module):
     def eyes_loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor, doing: Tensor) -> Tensor:
         """Of pictures (B, H, W, 3), places and headings of their keypoints, and subgoals of the others."""
         assert isinstance(self.encoder, Eyes)
-        return self.encoder.loss(_scaled(pictures), pixels, headings, doing)
+        return self.encoder.loss(scaled(pictures), pixels, headings, doing)
 
     def lift_eyes(self, pixels: Tensor, points: Tensor) -> None:
         """Tells heat maps where the points (N, M, 3) are that stand at `pixels` (N, M, 2) of pictures."""
@@ -281,32 +278,3 @@ class DiffusionPolicy(nn.Module):
         if not self.config.relative_actions:
             return 0.0
         return action_origin(proprio, context if self.config.tcp_actions else None)
-
-
-def _scheduler(config: PolicyConfig) -> DDPMScheduler | DDIMScheduler:
-    kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
-    # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
-    scheduler = kind(
-        config.train_diffusion_steps,
-        beta_schedule="squaredcos_cap_v2",
-        clip_sample=True,
-        prediction_type=config.prediction,
-        timestep_spacing="trailing",
-    )
-    if config.inference_diffusion_steps:
-        scheduler.set_timesteps(config.inference_diffusion_steps)
-    return scheduler
-
-
-def _scaled(pictures: Tensor) -> Tensor:
-    """Pictures (U, h, w, 3) uint8 -> (U, 3, h, w) in [-1, 1]."""
-    # Seen with channels in front they are channels_last already: no copy, the fast layout on CPUs.
-    return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
-
-
-def _hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
-    """Linear layers between these sizes, each with Mish behind it."""
-    for inputs, outputs in pairwise(sizes):
-        yield from (nn.Linear(inputs, outputs), nn.Mish())
-        if dropout:
-            yield nn.Dropout(dropout)

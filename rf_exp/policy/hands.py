@@ -1,8 +1,8 @@
 """Actions as motions of hands: where the TCP is sent, beside the joints that it takes.
 
 A network that predicts seven joints makes small mistakes in each, which add up at the fingers; where the TCP
-goes it predicts more sharply. Its joints say which of the arm's many postures is meant, and Newton steps from
-there reach the predicted pose.
+goes it predicts more sharply. Its joints say which of the arm's many postures is meant:
+the nearest with the same last joint.
 """
 
 from collections.abc import Sequence
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.policy.observation import POSE, Senses, tcp_poses
-from rf_exp.policy.views import ACTION_SIZE, Stream
+from rf_exp.policy.view import ACTION_SIZE, Stream
 from rf_exp.robots import Panda
 from rf_exp.transforms import from_axes, planar
 from rf_exp.types import ARM_JOINTS
 
+TURNS_RAD = np.linspace(-0.3, 0.3, 61)
 FARTHEST_RAD = 0.35  # from the predicted joints; what is farther is another posture, and not meant
 
 
@@ -34,10 +35,16 @@ def followed(senses: Senses, stream: Stream, chunk: NDArray[np.float64]) -> NDAr
     world_from_base = planar(*senses.bases[agents[0] - 1])  # in whose frame the poses are
     for row, agent in enumerate(agents):
         arm = Panda(planar(*senses.bases[agent - 1]))
-        for action, pose in zip(actions[:, row], poses[:, row], strict=True):
-            x, y = pose[3:6], pose[6:9]
-            base_from_tcp = from_axes(pose[:3], z=np.cross(x, y), y=y)
-            found = arm.solve(world_from_base @ base_from_tcp, action[:ARM_JOINTS])
-            if found is not None and np.abs(found - action[:ARM_JOINTS]).max() < FARTHEST_RAD:
-                action[:ARM_JOINTS] = found
+        joints, pose = actions[:, row, :ARM_JOINTS], poses[:, row]
+        x, y = pose[:, 3:6], pose[:, 6:9]
+        axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)
+        base_from_tcp = np.stack([from_axes(place, z=out, y=across) for place, out, across in axes])
+        turns = joints[:, -1:] + TURNS_RAD  # with its own last joint alone a pose may just be out of reach
+        found = arm.postures((world_from_base @ base_from_tcp)[:, None], turns).reshape(
+            len(joints), -1, ARM_JOINTS
+        )
+        away = np.nan_to_num(np.abs(found - joints[:, None]).max(axis=-1), nan=np.inf)
+        nearest = away.argmin(axis=1)
+        near = away[np.arange(len(away)), nearest] < FARTHEST_RAD
+        joints[near] = found[near, nearest[near]]
     return actions

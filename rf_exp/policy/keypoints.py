@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.grippers import changes
 from rf_exp.policy.observation import Senses, others, widths, world_from_tcp
-from rf_exp.policy.views import Stream
-from rf_exp.tasks.base import CameraSpec
+from rf_exp.policy.view import Stream
+from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import apply, inverse, planar
 from rf_exp.types import ARM_JOINTS, CameraModel
 

@@ -17,8 +17,8 @@ from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import numbered
 from rf_exp.policy.grippers import CHANGES, MEMORY, changes
-from rf_exp.policy.views import PROPRIO_SIZE, Stream, View
-from rf_exp.robots.panda import tcp_pose
+from rf_exp.policy.view import PROPRIO_SIZE, Stream, View
+from rf_exp.robots import tcp_pose
 from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import ARM_JOINTS
 

@@ -20,13 +20,12 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from rf_exp.artifacts.files import read_json, sweep, whole, write_json
-from rf_exp.artifacts.identity import digest, expect_same, plain, restored
+from rf_exp.artifacts import digest, expect_same, plain, read_json, restored, sweep, whole, write_json
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import ACTING, PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Senses
-from rf_exp.policy.views import View
+from rf_exp.policy.view import View
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
 SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
@@ -100,13 +99,13 @@ def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
     """
     sweep(folder)
     if (folder / CONFIG).exists():
-        expect(folder, made_of)
+        expect_policy(folder, made_of)
     else:
         write_json(folder / CONFIG, plain(made_of))
     return (folder / MODEL).exists()
 
 
-def expect(folder: Path, wanted: Mapping[str, Any]) -> None:
+def expect_policy(folder: Path, wanted: Mapping[str, Any]) -> None:
     """Raises StageError naming what differs unless the policy of a folder is made of these values."""
     found = read_json(folder / CONFIG, ANEW)
     made, asked = ({key: _weighty(key, each.get(key)) for key in wanted} for each in (found, wanted))

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import CheckedPlan, RoboChecker
-from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints import Check, CheckedPlan, Evidence, RoboChecker
 from rf_exp.coordination import Demands
-from rf_exp.datagen.planning import Planned
+from rf_exp.datagen import Planned
 from rf_exp.findings import Violation
 from rf_exp.geometry import Mask, centres_m
 from rf_exp.recording.scene import SceneRecorder
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.timeline import activity
 from rf_exp.types import Scene, Trajectory

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Rollout, RolloutStep, Scene
-from rf_exp.viz import text
-from rf_exp.viz.film import Film
+from rf_exp.viz import HOLDS, VIOLATED, Film, agent_colour, text
 from rf_exp.viz.frames import INK, SOFT, Line, Mark, frame
-from rf_exp.viz.layout import HOLDS, VIOLATED, agent_colour
 
 EVERY = 4  # control steps from one frame to the next
 RATE = 2 * CONTROL_HZ // EVERY  # frames a second: twice as fast as real

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.geometry import Bodies
+from rf_exp.geometry import PlanningScene
 from rf_exp.recording.scene import SceneRecorder
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Rollout, RolloutStep, Scene, Sight, Verdict
 from rf_exp.viz import text
@@ -72,9 +72,9 @@ class RolloutRecorder(SceneRecorder):
         self._recorder.note(f"{'success' if result.success else result.reason}, step {result.steps}")
 
     def _distances(self, scene: Scene) -> None:
-        bodies = Bodies(self._task, scene)
+        planning_scene = PlanningScene(self._task, scene)
         for a, b in combinations(self._task.agents, 2):
-            self._recorder.distance(a, b, bodies.between(a, b).distance_m)
+            self._recorder.distance(a, b, planning_scene.between(a, b).distance_m)
 
     def _contacts(self, scene: Scene) -> None:
         """Forces between arms, and of fingers on objects."""

@@ -10,10 +10,9 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from rf_exp.geometry import Bodies, centres_m, voxels
-from rf_exp.robots import LINKS, Panda
-from rf_exp.robots.meshes import light_meshes
-from rf_exp.sim.simulator import Simulator
+from rf_exp.geometry import PlanningScene, centres_m, voxels
+from rf_exp.robots import LINKS, Panda, light_meshes
+from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, Scene
 from rf_exp.viz import Mesh, Panels, Recorder, camera_entity, link_entity, object_entity
@@ -71,10 +70,10 @@ class SceneRecorder:
 
     def _occupancy(self, scene: Scene) -> None:
         """Voxels of every arm with what it holds, and of the objects that nobody holds."""
-        bodies = Bodies(self._task, scene)
-        objects = {name: voxels(bodies.standing([name])) for name in self._task.objects}
+        planning_scene = PlanningScene(self._task, scene)
+        objects = {name: voxels(planning_scene.standing([name])) for name in self._task.objects}
         for agent, held in zip(self._task.agents, scene.held, strict=True):
-            occupied = [voxels(bodies.arm(agent, scene.qpos[agent - 1]))]
+            occupied = [voxels(planning_scene.arm(agent, scene.qpos[agent - 1]))]
             occupied += [objects[held]] if held is not None else []
             self._recorder.occupancy(f"agent{agent}", centres_m(np.unique(np.concatenate(occupied), axis=0)))
         for name, occupied in objects.items():

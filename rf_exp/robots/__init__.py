@@ -1,5 +1,18 @@
 """The robot without a simulator."""
 
-from rf_exp.robots.panda import LINKS, Panda, hulls, limits_rad, link_poses, tcp_pose
+from rf_exp.robots.meshes import light_meshes, light_urdf
+from rf_exp.robots.panda import LINKS, Panda, hulls, limits_rad, link_poses, self_pairs, tcp_pose
+from rf_exp.robots.postures import OTHER_SIGN
 
-__all__ = ["LINKS", "Panda", "hulls", "limits_rad", "link_poses", "tcp_pose"]
+__all__ = [
+    "LINKS",
+    "OTHER_SIGN",
+    "Panda",
+    "hulls",
+    "light_meshes",
+    "light_urdf",
+    "limits_rad",
+    "link_poses",
+    "self_pairs",
+    "tcp_pose",
+]

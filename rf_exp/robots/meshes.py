@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
 
-from rf_exp.artifacts.files import whole
+from rf_exp.artifacts import whole
 from rf_exp.errors import StageError
 from rf_exp.robots.panda import description_folder
 from rf_exp.transforms import Matrix, apply, transform

@@ -13,11 +13,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import trimesh
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import StageError
-from rf_exp.transforms import Matrix, inverse, transform
+from rf_exp.robots.postures import postures
+from rf_exp.transforms import Matrix, inverse, transform, wrapped_rad
 
 ARM_JOINTS = 7
 LINKS = (*(f"panda_link{i}" for i in range(8)), "panda_hand", "panda_leftfinger", "panda_rightfinger")
@@ -125,16 +126,9 @@ def self_pairs() -> tuple[tuple[int, int], ...]:
     return tuple((i, j) for i, j in pairs if frozenset((LINKS[i], LINKS[j])) not in excused)
 
 
-# Of the arm's geometry (its URDF): the axis of the last joint meets the plane of the wrist 0.2104 m
-# behind the TCP, and is never farther from the shoulder than the outstretched arm and the wrist's offset.
-SHOULDER_M, FLANGE_TO_TCP_M = 0.333, 0.2104
-REACH_M = float(np.hypot(0.316, 0.0825) + np.hypot(0.384, 0.0825)) + 0.088
-
-
-@cache
-def _data() -> pin.Data:
-    """Scratch space of Pinocchio, for one computation at a time."""
-    return _model().createData()
+_MARGIN_RAD = 0.02  # to the limits of joints, of postures that are planned
+_AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # of the last joint
+NEIGHBOUR_RAD = 0.35  # postures nearer than this in every joint are on one branch
 
 
 class Panda:
@@ -143,8 +137,6 @@ class Panda:
     def __init__(self, world_from_base: Matrix) -> None:
         self.world_from_base = world_from_base
         self._base_from_world = inverse(world_from_base)
-        self._data = _data()
-        self._frame = _model().getFrameId(TCP)
 
     def tcp(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
         """world_from_tcp (..., 4, 4) for arm joints (..., 7 or 9) rad."""
@@ -154,38 +146,35 @@ class Panda:
         """World poses of LINKS (..., L, 4, 4) for joint positions (..., 9)."""
         return self.world_from_base @ link_poses(qpos)
 
-    def solve(
-        self,
-        world_from_tcp: Matrix,
-        seed_qpos: NDArray[np.float64],
-        *,
-        tolerance: float = 1e-4,
-        iterations: int = 15,
-        margin_rad: float = 0.02,
-    ) -> NDArray[np.float64] | None:
-        """Joints (7,) rad that put the TCP at a pose, by damped Newton steps from `seed_qpos` (7,).
+    def postures(self, world_from_tcp: NDArray[np.float64], last_rad: ArrayLike) -> NDArray[np.float64]:
+        """All joints (..., BRANCHES, 7) rad for TCP poses (..., 4, 4) and the last joint (...).
 
-        None when the steps do not converge within the joint limits (shrunk by `margin_rad`).
-        `tolerance` bounds position (m) and rotation (rad) error together.
+        Within the joint limits and a small margin; NaN where there is no such posture.
         """
-        model, data = _model(), self._data
-        base_from_tcp = self._base_from_world @ world_from_tcp
-        flange = base_from_tcp[:3, 3] - FLANGE_TO_TCP_M * base_from_tcp[:3, 2]
-        if np.linalg.norm(flange - (0.0, 0.0, SHOULDER_M)) > REACH_M:
-            return None
-        goal = pin.SE3(base_from_tcp)
-        low, high = limits_rad() + np.array([[margin_rad], [-margin_rad]])
-        q = np.zeros(model.nq)
-        q[:ARM_JOINTS] = np.clip(seed_qpos[:ARM_JOINTS], low, high)
-        for _ in range(iterations):
-            pin.framesForwardKinematics(model, data, q)
-            delta = data.oMf[self._frame].actInv(goal)
-            error = pin.log6(delta).vector
-            if np.linalg.norm(error) < tolerance:
-                return q[:ARM_JOINTS].copy()
-            jacobian = pin.computeFrameJacobian(model, data, q, self._frame)[:, :ARM_JOINTS]
-            damping = 1e-6 + 1e-3 * min(1.0, float(error @ error))
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(6), error)
-            step *= min(1.0, 0.5 / max(np.abs(step).max(), 1e-12))
-            q[:ARM_JOINTS] = np.clip(q[:ARM_JOINTS] + step, low, high)
+        limits = limits_rad() + np.array([[_MARGIN_RAD], [-_MARGIN_RAD]])
+        return postures(self._base_from_world @ world_from_tcp, last_rad, limits)
+
+    def facing(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Angles (...) rad of the last joint that put the arm into an upright plane at TCP poses (..., 4, 4).
+
+        Where the tool does not point straight down no posture is quite so; this one comes near.
+        """
+        pose = self._base_from_world @ world_from_tcp
+        away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
+        ahead = np.einsum("...i,...ij->...j", away, pose[..., :2, :2])
+        return wrapped_rad(np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0]))
+
+    def solve(self, world_from_tcp: Matrix, near_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Joints (7,) rad that put the TCP at a pose, near to `near_rad` (7,); None where there are none.
+
+        The last joint stays as it is where a neighbouring posture allows that, so along a path of near poses
+        the joints go smoothly; otherwise it is the nearest posture of a range of them.
+        """
+        last = near_rad[ARM_JOINTS - 1]
+        for turns, farthest in (([last], NEIGHBOUR_RAD), (last + _AWAY_RAD, np.inf)):
+            found = self.postures(world_from_tcp, turns).reshape(-1, ARM_JOINTS)
+            away = np.abs(found - near_rad[:ARM_JOINTS]).max(axis=1)
+            nearest = int(np.nan_to_num(away, nan=np.inf).argmin())
+            if away[nearest] < farthest:
+                return found[nearest]
         return None

@@ -1,9 +1,26 @@
 """The one simulation: ManiSkill behind arrays and frozen values. Only this package imports it."""
 
-from rf_exp.sim.vulkan import select_driver
+from rf_exp.sim.vulkan import COSTS, render_probe, select_driver
 
 select_driver()  # before SAPIEN is imported, or it would not know the software driver
 
+from rf_exp.sim.environment import FAR_M, hand_from_camera  # noqa: E402
+from rf_exp.sim.geometry import depth_and_segmentation  # noqa: E402
+from rf_exp.sim.pool import close_shared_simulator, shared_simulator  # noqa: E402
 from rf_exp.sim.simulator import Limited, Simulator  # noqa: E402
+from rf_exp.sim.stock import Arm, Stepped, Stock  # noqa: E402
 
-__all__ = ["Limited", "Simulator"]
+__all__ = [
+    "COSTS",
+    "FAR_M",
+    "Arm",
+    "Limited",
+    "Simulator",
+    "Stepped",
+    "Stock",
+    "close_shared_simulator",
+    "depth_and_segmentation",
+    "hand_from_camera",
+    "render_probe",
+    "shared_simulator",
+]

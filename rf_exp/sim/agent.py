@@ -6,7 +6,7 @@ from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPos
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
 
-from rf_exp.robots.meshes import light_urdf
+from rf_exp.robots import light_urdf
 
 UID = "rf_panda"
 GRIPPER_M = (-0.01, 0.04)  # finger position at commands -1 and 1; below 0 presses on thin things

@@ -21,7 +21,7 @@ from sapien import physx
 from rf_exp.sim import objects
 from rf_exp.sim.agent import UID
 from rf_exp.sim.room import build_room, light_room
-from rf_exp.tasks.base import Start, Task
+from rf_exp.tasks import Start, Task
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import CONTROL_HZ
 

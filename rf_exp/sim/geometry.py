@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.sim.simulator import Simulator
-from rf_exp.tasks.labels import labelled
+from rf_exp.tasks import labelled
 from rf_exp.types import Extras
 
 
@@ -20,7 +20,7 @@ def depth_mm(world: Simulator, cameras: Iterable[str]) -> dict[str, NDArray[np.u
     return {name: np.rint(image * 1000).astype(np.uint16) for name, image in world.depth(cameras).items()}
 
 
-def geometry(world: Simulator, cameras: Iterable[str], extras: Extras) -> dict[str, NDArray]:
+def depth_and_segmentation(world: Simulator, cameras: Iterable[str], extras: Extras) -> dict[str, NDArray]:
     """`depth_<camera>` (H, W) u16 mm and `segmentation_<camera>` (H, W) u8, of what `extras` asks for."""
     found: dict[str, NDArray] = {}
     if extras.depth:

@@ -13,8 +13,7 @@ from mani_skill.utils.structs.actor import Actor
 from numpy.typing import NDArray
 from sapien import physx
 
-from rf_exp.tasks.assets import Asset, Part
-from rf_exp.tasks.assets.base import Colour
+from rf_exp.tasks.assets import Asset, Colour, Part
 from rf_exp.transforms import Matrix, quaternion
 
 SMOOTH_RAD = np.deg2rad(30)  # edges sharper than this are seen as edges

@@ -8,18 +8,18 @@ from rf_exp.types import Pictures
 _simulator: tuple[tuple[str, Pictures], Simulator] | None = None
 
 
-def simulator(task: Task, pictures: Pictures) -> Simulator:
+def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
     """This process's simulator for a task and picture size; an earlier one is closed."""
     global _simulator
     key = (repr(task), pictures)
     if _simulator is None or _simulator[0] != key:
-        close_simulator()
+        close_shared_simulator()
         size = {"width_px": pictures.width, "height_px": pictures.height}
         _simulator = key, Simulator(task, **size, render=pictures.render)
     return _simulator[1]
 
 
-def close_simulator() -> None:
+def close_shared_simulator() -> None:
     """Gives the memory of this process's simulator back."""
     global _simulator
     if _simulator is not None:

@@ -14,7 +14,7 @@ from rf_exp.sim.agent import GRIPPER_M
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv, hand_from_camera
 from rf_exp.sim.vulkan import require_rendering
-from rf_exp.tasks.base import Task
+from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, CONTROL_HZ, CameraModel, Scene
 

@@ -4,6 +4,7 @@ An artifact made from another configuration is never reused and never overwritte
 and names what differs. Jobs that want the same artifact at the same time wait for one another.
 """
 
+from rf_exp.stages.artifacts import owned
 from rf_exp.stages.costs import say_how_long
 from rf_exp.stages.evaluation import evaluate_policies
 from rf_exp.stages.folders import check_folders
@@ -15,6 +16,7 @@ __all__ = [
     "check_folders",
     "evaluate_policies",
     "generate_data",
+    "owned",
     "say_how_long",
     "train_policies",
     "write_tables",

@@ -8,25 +8,30 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import GenerationRow
-from rf_exp.datagen.planning import Settings
+from rf_exp.ablation import GenerationRow, read_rows
+from rf_exp.datagen import Settings
 from rf_exp.errors import StageError
 from rf_exp.experiment import Experiment
-from rf_exp.policy.config import LEARNER, PolicyConfig
-from rf_exp.policy.curves import cost_s
-from rf_exp.policy.foreign.performer import foreigners
-from rf_exp.policy.rollout import Actor, Performer, load_actors
-from rf_exp.policy.saved import expect, made_of
-from rf_exp.policy.views import views
+from rf_exp.policy import (
+    LEARNER,
+    DiffusionRunner,
+    PolicyConfig,
+    PolicyRunner,
+    cost_s,
+    expect_policy,
+    foreign_runners,
+    load_runners,
+    made_of,
+    views,
+)
 from rf_exp.sim import Simulator
 from rf_exp.stages.artifacts import correction_path, generation_path, policy_path
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Arch, Row
+from rf_exp.types import CONTROL_DT_S, Arch, ConstraintSet
 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
-Cast = Callable[[Simulator], Sequence[Performer]]  # who acts in a world; made in the process that asks
+Cast = Callable[[Simulator], Sequence[PolicyRunner]]  # who acts in a world; made in the process that asks
 
 
 @dataclass(frozen=True)
@@ -47,35 +52,39 @@ class Learning:
     queries: int = 0  # proposals that the expert was asked for
 
 
-def acting(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Acting:
+def acting(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Acting:
     """Who acts. Raises StageError where nobody knows for how long."""
     if (foreign := experiment.foreign) is not None:
-        limit = foreign.step_limit or step_limit(experiment, task, row, ", or give foreign.step_limit")
+        limit = foreign.step_limit or step_limit(
+            experiment, task, constraint_set, ", or give foreign.step_limit"
+        )
         fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
-        return Acting(partial(foreigners, foreign, fastest_rad), limit)
-    folder = policy_path(experiment, task, row, arch)
-    plans = replace(experiment.settings(task, row), disturbance_rad=0.0) if arch.coordinated else None
-    limit = step_limit(experiment, task, row)
+        return Acting(partial(foreign_runners, foreign, fastest_rad), limit)
+    folder = policy_path(experiment, task, constraint_set, arch)
+    plans = (
+        replace(experiment.settings(task, constraint_set), disturbance_rad=0.0) if arch.coordinated else None
+    )
+    limit = step_limit(experiment, task, constraint_set)
     return Acting(partial(_trained, folder, experiment.policy), limit, plans)
 
 
-def learning(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Learning:
+def learning(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Learning:
     """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
     if (foreign := experiment.foreign) is not None:
         return Learning({"foreign": foreign.name})
-    folder = policy_path(experiment, task, row, arch)
+    folder = policy_path(experiment, task, constraint_set, arch)
     made = trained(experiment, task, arch, folder)
     core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
-    return Learning(made, core_s, _queries(experiment, task, row, arch))
+    return Learning(made, core_s, _queries(experiment, task, constraint_set, arch))
 
 
 @lru_cache(maxsize=1)
-def _loaded(folder: Path, config: PolicyConfig) -> tuple[Actor, ...]:
+def _loaded(folder: Path, config: PolicyConfig) -> tuple[DiffusionRunner, ...]:
     """The policies of a folder, loaded once a process; a finished folder never changes."""
-    return load_actors(folder, acting=config)
+    return load_runners(folder, acting=config)
 
 
-def _trained(folder: Path, config: PolicyConfig, world: Simulator) -> tuple[Actor, ...]:
+def _trained(folder: Path, config: PolicyConfig, world: Simulator) -> tuple[DiffusionRunner, ...]:
     return _loaded(folder, config)  # they see what a rollout shows them, whatever the world
 
 
@@ -89,32 +98,33 @@ def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dic
         made[view.name] = made_of(folder / view.name)
         config = replace(experiment.training, seed=experiment.train_seed)
         wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
-        expect(folder / view.name, wanted)
+        expect_policy(folder / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}
 
 
-def step_limit(experiment: Experiment, task: Task, row: Row, otherwise: str = "") -> int:
+def step_limit(experiment: Experiment, task: Task, constraint_set: ConstraintSet, otherwise: str = "") -> int:
     """Twice the mean length of the first successful expert episodes (supplementary B).
 
     Raises StageError where there is none; `otherwise` is what else a person can do.
     """
-    path = generation_path(experiment, task, row)
+    path = generation_path(experiment, task, constraint_set)
     if not path.exists():
         raise StageError(
-            f"no generated episodes of {task.name}/{row.name}; run stages=[generate] first{otherwise}"
+            f"no generated episodes of {task.name}/{constraint_set.name}; run stages=[generate] first"
+            + otherwise
         )
-    succeeded = (r.steps for r in rows.read(path, GenerationRow) if r.success and r.version == task.version)
+    succeeded = (r.steps for r in read_rows(path, GenerationRow) if r.success and r.version == task.version)
     steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
     if not steps:
         raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
     return round(2 * mean(steps))
 
 
-def _queries(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
+def _queries(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
     """How many proposals the expert was asked for to correct the policies, in all rounds."""
     count = 0
     for rounds in range(1, experiment.dagger.rounds + 1):
-        path = correction_path(experiment.after(rounds), task, row, arch)
-        count += sum(made.attempts for made in rows.read(path, GenerationRow))
+        path = correction_path(experiment.after(rounds), task, constraint_set, arch)
+        count += sum(made.attempts for made in read_rows(path, GenerationRow))
     return count

@@ -8,45 +8,53 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts.files import read_json, sweep, write_json
-from rf_exp.artifacts.identity import expect_same
-from rf_exp.artifacts.locks import locked
+from rf_exp.artifacts import expect_same, locked, read_json, sweep, write_json
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
 from rf_exp.tasks import Task
-from rf_exp.types import Arch, Row
+from rf_exp.types import Arch, ConstraintSet
 
 
-def data_path(experiment: Experiment, task: Task, row: Row) -> Path:
-    return experiment.out / "data" / task.name / row.name / f"{experiment.name}.zarr"
+def data_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Path:
+    return experiment.out / "data" / task.name / constraint_set.name / f"{experiment.name}.zarr"
 
 
-def generation_path(experiment: Experiment, task: Task, row: Row) -> Path:
-    name = f"{row.name}{'-disturbed' * (experiment.disturbance_rad > 0)}.jsonl"
+def generation_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Path:
+    name = f"{constraint_set.name}{'-disturbed' * (experiment.disturbance_rad > 0)}.jsonl"
     return experiment.out / "results" / "generate" / task.name / name
 
 
-def corrected_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
+def shards_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, digest: str) -> Path:
+    """Of the shards of what has this digest, each of which is an `out` of its own."""
+    return experiment.out / "shards" / f"{task.name}-{constraint_set.name}-{digest}"
+
+
+def corrected_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
     """The demonstrations, and those that correct what the policies of the round before have done."""
-    return data_path(experiment, task, row).with_name(f"corrected-{arch.name}-{experiment.policies}.zarr")
+    return data_path(experiment, task, constraint_set).with_name(
+        f"corrected-{arch.name}-{experiment.policies}.zarr"
+    )
 
 
-def correction_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    name = f"{row.name}-{experiment.policies}.jsonl"
+def correction_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
+    name = f"{constraint_set.name}-{experiment.policies}.jsonl"
     return experiment.out / "results" / "correct" / task.name / arch.name / name
 
 
-def policy_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    return experiment.out / "policies" / task.name / row.name / arch.name / experiment.policies
+def policy_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
+    return experiment.out / "policies" / task.name / constraint_set.name / arch.name / experiment.policies
 
 
-def evaluation_path(experiment: Experiment, task: Task, row: Row, arch: Arch) -> Path:
-    name = f"{row.name}-{experiment.method}-{experiment.learned_from}{'-shield' * experiment.shield}.jsonl"
+def evaluation_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
+    shielded = "-shield" * experiment.shield
+    name = f"{constraint_set.name}-{experiment.method}-{experiment.learned_from}{shielded}.jsonl"
     return experiment.out / "results" / "evaluate" / task.name / arch.name / name
 
 
-def recording_path(experiment: Experiment, task: Task, row: Row, stage: str, seed: int) -> Path:
-    return experiment.out / "recordings" / task.name / row.name / f"{stage}-{seed}.rrd"
+def recording_path(
+    experiment: Experiment, task: Task, constraint_set: ConstraintSet, stage: str, seed: int
+) -> Path:
+    return experiment.out / "recordings" / task.name / constraint_set.name / f"{stage}-{seed}.rrd"
 
 
 @contextmanager

@@ -17,33 +17,34 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.artifacts.files import keep_text
-from rf_exp.datagen.episode import Outcome
-from rf_exp.datagen.generate import make_episode
+from rf_exp.artifacts import keep_text
+from rf_exp.datagen import Outcome, make_episode
 from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS, Experiment
 from rf_exp.findings import Account
-from rf_exp.policy.coordination import sent_on
+from rf_exp.policy import sent_on
 from rf_exp.stages.acting import acting, learning
 from rf_exp.stages.artifacts import corrected_path, correction_path, data_path, owned
 from rf_exp.stages.evaluation import scene_of
-from rf_exp.stages.generation import collect
+from rf_exp.stages.generation import attempts, collect
 from rf_exp.stages.identity import correction_identity
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store, card
 from rf_exp.tasks import Task
-from rf_exp.types import Arch, Rollout, RolloutStep, Row
+from rf_exp.types import Arch, ConstraintSet, Rollout, RolloutStep
 
 MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
 STREAM = 3  # of the random numbers of an episode
 
 
-def demonstrations(experiment: Experiment, task: Task, row: Row, arch: Arch) -> tuple[Path, int]:
+def demonstrations(
+    experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch
+) -> tuple[Path, int]:
     """The data set, and of how many of its episodes policies learn, once it is known to hold enough."""
     if experiment.dagger.rounds:
-        path = corrected_path(experiment, task, row, arch)
+        path = corrected_path(experiment, task, constraint_set, arch)
         return path, len(Store.open(path))
-    path = data_path(experiment, task, row)
+    path = data_path(experiment, task, constraint_set)
     if not path.exists():
         raise StageError(f"no data at {path}; run stages=[generate] first")
     found = len(Store.open(path))
@@ -55,21 +56,24 @@ def demonstrations(experiment: Experiment, task: Task, row: Row, arch: Arch) -> 
     return path, experiment.demos
 
 
-def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
+def correct(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> None:
     """The data set of a round of correction: that of the round before, and the expert's corrections.
 
     Continues where it stopped. Raises StageError where the policies of the round before were made otherwise.
     """
     rounds = experiment.dagger.rounds
     before = replace(experiment.after(rounds - 1), shield=False)
-    who, policies = acting(before, task, row, arch), learning(before, task, row, arch).made_of
-    made_of = correction_identity(experiment, task, row, who.limit, policies)
-    data, demos = demonstrations(before, task, row, arch)
+    who, policies = (
+        acting(before, task, constraint_set, arch),
+        learning(before, task, constraint_set, arch).made_of,
+    )
+    made_of = correction_identity(experiment, task, constraint_set, who.limit, policies)
+    data, demos = demonstrations(before, task, constraint_set, arch)
     source = Store.open(data).first(demos)
-    path = corrected_path(experiment, task, row, arch)
-    rows_path = correction_path(experiment, task, row, arch)
+    path = corrected_path(experiment, task, constraint_set, arch)
+    rows_path = correction_path(experiment, task, constraint_set, arch)
     with owned(rows_path, made_of, [path]), owned(path), _continued(path, source, made_of) as store:
-        settings = experiment.settings(task, row)
+        settings = experiment.settings(task, constraint_set)
         expert = partial(
             make_episode,
             settings,
@@ -82,15 +86,13 @@ def correct(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
 
         collect(
-            experiment,
-            settings,
-            f"correct {task.name}/{row.name}/{arch.name}{experiment.corrected}",
+            f"correct {task.name}/{constraint_set.name}/{arch.name}{experiment.corrected}",
             store,
             rows_path,
             range(first, first + experiment.dagger.rollouts),
             None,
-            partial(_corrected, act, expert),
-            partial(rate_log, experiment, "correct", task, row, arch),
+            partial(attempts, experiment, settings, partial(_corrected, act, expert)),
+            partial(rate_log, experiment, "correct", task, constraint_set, arch),
             became="corrected",
         )
         keep_text(path.with_suffix(".md"), card(store))

@@ -6,15 +6,13 @@ from typing import Any
 
 import yaml
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
 from rf_exp.experiment import Experiment
-from rf_exp.policy.saved import MODEL
-from rf_exp.policy.views import views
+from rf_exp.policy import MODEL, views
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import correction_path, evaluation_path, generation_path, policy_path
 from rf_exp.tasks import Task
-from rf_exp.types import Arch, Row
+from rf_exp.types import Arch, ConstraintSet
 
 COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures them
 
@@ -35,17 +33,17 @@ def foretold(experiment: Experiment) -> str:
     for phase in ("eyes_steps", "draft_steps", "steps"):
         policy_s += learning_s[phase] * (getattr(experiment.training, phase) or 0)
     left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
-    for task, row in product(experiment.tasks, experiment.rows):
+    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
         cost = known["tasks"][task.name]
-        left_s["generate"] += cost["demonstration_s"] * _demonstrations(experiment, task, row)
+        left_s["generate"] += cost["demonstration_s"] * _demonstrations(experiment, task, constraint_set)
         for arch in experiment.archs:
             rounds = [experiment.after(k) for k in range(experiment.dagger.rounds + 1)]
             policies, rollouts = (
-                sum(missing(each, task, row, arch) for each in some)
+                sum(missing(each, task, constraint_set, arch) for each in some)
                 for missing, some in ((_policies, rounds), (_rollouts, rounds[1:]))
             )
             left_s["train"] += policy_s * policies + cost["scene_s"] * rollouts
-            left_s["evaluate"] += cost["scene_s"] * _scenes(experiment, task, row, arch)
+            left_s["evaluate"] += cost["scene_s"] * _scenes(experiment, task, constraint_set, arch)
     left_s = {stage: each for stage, each in left_s.items() if each and stage in experiment.stages}
     total_s = sum(left_s.values())
     if total_s < 120:
@@ -55,31 +53,31 @@ def foretold(experiment: Experiment) -> str:
     return f"about {_time(total_s / experiment.workers)} with {workers} ({parts} of one core)"
 
 
-def _demonstrations(experiment: Experiment, task: Task, row: Row) -> int:
+def _demonstrations(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> int:
     """That are not there yet."""
-    tried = _read(generation_path(experiment, task, row), GenerationRow)
+    tried = _read(generation_path(experiment, task, constraint_set), GenerationRow)
     if experiment.episodes is not None:
         return max(0, experiment.episodes - len(tried))
     return max(0, experiment.demos - sum(each.success for each in tried))
 
 
-def _policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
-    folder = policy_path(experiment, task, row, arch)
+def _policies(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
+    folder = policy_path(experiment, task, constraint_set, arch)
     return sum(not (folder / view.name / MODEL).exists() for view in views(arch, len(task.agents)))
 
 
-def _rollouts(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
-    tried = _read(correction_path(experiment, task, row, arch), GenerationRow)
+def _rollouts(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
+    tried = _read(correction_path(experiment, task, constraint_set, arch), GenerationRow)
     return max(0, experiment.dagger.rollouts - len(tried))
 
 
-def _scenes(experiment: Experiment, task: Task, row: Row, arch: Arch) -> int:
-    seen = _read(evaluation_path(experiment, task, row, arch), EvaluationRow)
+def _scenes(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
+    seen = _read(evaluation_path(experiment, task, constraint_set, arch), EvaluationRow)
     return max(0, experiment.scenes - sum(each.train_seed == experiment.train_seed for each in seen))
 
 
 def _read(path: Path, kind: Any) -> tuple[Any, ...]:
-    return rows.read(path, kind) if path.exists() else ()
+    return read_rows(path, kind) if path.exists() else ()
 
 
 def _time(seconds: float) -> str:

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.artifacts.identity import plain
-from rf_exp.sim.environment import hand_from_camera
+from rf_exp.artifacts import plain
+from rf_exp.sim import hand_from_camera
 from rf_exp.store import Description
-from rf_exp.tasks import Task
-from rf_exp.tasks.labels import labels
+from rf_exp.tasks import Task, labels
 from rf_exp.types import CameraModel, Extras, Pictures
 
 

@@ -9,73 +9,72 @@ from typing import Any
 
 import torch
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
-from rf_exp.ablation.rows import EvaluationRow
-from rf_exp.artifacts.files import sweep, whole
-from rf_exp.artifacts.provenance import commit
+from rf_exp.ablation import FILM, PICTURE, EvaluationRow, append_row, read_rows, rollout_name, worth_seeing
+from rf_exp.artifacts import commit, sweep, whole
 from rf_exp.constraints import PolicyMonitor
-from rf_exp.datagen.coordinator import Coordinator
+from rf_exp.datagen import Coordinator
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.findings import Account
-from rf_exp.policy.rollout import Actor, Performer, rollout
-from rf_exp.policy.shield import Shield
+from rf_exp.policy import DiffusionRunner, PolicyRunner, Shield, rollout
 from rf_exp.processes import Overdue, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
-from rf_exp.sim.pool import simulator
+from rf_exp.sim import Simulator, shared_simulator
 from rf_exp.stages.acting import Acting, Learning, acting, learning
-from rf_exp.stages.artifacts import (
-    evaluation_path,
-    owned,
-    recording_path,
-    same_configuration,
-)
+from rf_exp.stages.artifacts import evaluation_path, owned, recording_path, same_configuration
 from rf_exp.stages.identity import evaluation_identity
 from rf_exp.stages.logs import rate_log
-from rf_exp.tasks import Judge, Task
-from rf_exp.types import Arch, Pictures, Rollout, RolloutStep, Row
+from rf_exp.tasks import SuccessEvaluator, Task
+from rf_exp.types import Arch, ConstraintSet, Pictures, Rollout, RolloutStep
 
 
-def evaluate_policies(experiment: Experiment, task: Task, row: Row, arch: Arch) -> None:
+def evaluate_policies(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> None:
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
-    path = evaluation_path(experiment, task, row, arch)
-    who, learned = acting(experiment, task, row, arch), learning(experiment, task, row, arch)
-    with owned(path, evaluation_identity(experiment, task, row, arch, who.limit)):
-        known = rows.read(path, EvaluationRow) if path.exists() else ()
+    path = evaluation_path(experiment, task, constraint_set, arch)
+    who, learned = (
+        acting(experiment, task, constraint_set, arch),
+        learning(experiment, task, constraint_set, arch),
+    )
+    with owned(path, evaluation_identity(experiment, task, constraint_set, arch, who.limit)):
+        known = read_rows(path, EvaluationRow) if path.exists() else ()
         of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, learned.made_of, there, [path])
-        sweep(recording_path(experiment, task, row, "evaluate", 0).parent)
+        sweep(recording_path(experiment, task, constraint_set, "evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
-        title = f"evaluate {task.name}/{row.name}/{arch.name}{experiment.corrected}"
+        title = f"evaluate {task.name}/{constraint_set.name}/{arch.name}{experiment.corrected}"
         title += ", shielded" * experiment.shield
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
         successes = sum(r.success for r in ours)
         with (
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
-            rate_log(experiment, "evaluate", task, row, arch, ours) as log,
+            rate_log(experiment, "evaluate", task, constraint_set, arch, ours) as log,
         ):
             scene = scene_of(experiment, task, who)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
-                tells = _row(experiment, task, row, arch, who.limit, learned, result, wall_s)
-                rows.append(path, tells)
+                tells = _row(experiment, task, constraint_set, arch, who.limit, learned, result, wall_s)
+                append_row(path, tells)
                 ours.append(tells)
                 log(tells)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        _look(experiment, task, row, arch, who, ours)
+        _look(experiment, task, constraint_set, arch, who, ours)
 
 
 def _look(
-    experiment: Experiment, task: Task, row: Row, arch: Arch, who: Acting, known: Sequence[EvaluationRow]
+    experiment: Experiment,
+    task: Task,
+    constraint_set: ConstraintSet,
+    arch: Arch,
+    who: Acting,
+    known: Sequence[EvaluationRow],
 ) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
     scene = scene_of(experiment, task, who)
@@ -89,7 +88,7 @@ def _look(
     looks: list[tuple[int, list[Path]]] = []
     jobs: list[Callable[[], Any]] = []
     for seed in sorted({*recorded, *filmed}):
-        record = recording_path(experiment, task, row, stage, seed)
+        record = recording_path(experiment, task, constraint_set, stage, seed)
         film = record.with_suffix(FILM)
         wanted = [record] if seed in recorded else []
         wanted += [film, record.with_suffix(PICTURE)] if seed in filmed else []
@@ -113,12 +112,17 @@ def _look(
         result, _ = look
         for path in missing:
             console.print(f"recorded {path}")
-        then = before.get(seed)
-        if then is not None and (then.success, then.steps) != (result.success, result.steps):
-            console.print(
-                f"warning: scene {seed} ended otherwise than in its row: success {result.success} after "
-                f"{result.steps} steps, there {then.success} after {then.steps}"
-            )
+        if seed in before:
+            _compare(before[seed], result)
+
+
+def _compare(then: EvaluationRow, now: Rollout) -> None:
+    """Warns of a rollout that is not the same once more."""
+    if (then.success, then.steps) != (now.success, now.steps):
+        console.print(
+            f"warning: scene {now.seed} ended otherwise than in its row: success {now.success} after "
+            f"{now.steps} steps, there {then.success} after {then.steps}"
+        )
 
 
 def scene_of(experiment: Experiment, task: Task, who: Acting) -> Callable[..., tuple[Rollout, float]]:
@@ -143,17 +147,11 @@ def evaluate_scene(
     began = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
-    world, monitor = simulator(task, pictures), PolicyMonitor(task)
+    world, monitor = shared_simulator(task, pictures), PolicyMonitor(task)
     start = world.reset(seed)
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
-        observers: list[RolloutRecorder | RolloutFilm] = []
-        if record is not None:
-            draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
-            observers.append(stack.enter_context(RolloutRecorder(draft, task, world, title)))
-        if film is not None:
-            draft, picture = (stack.enter_context(whole(path)) for path in (film, film.with_suffix(PICTURE)))
-            observers.append(stack.enter_context(RolloutFilm(draft, picture, task, world)))
+        observers = _observers(stack, world, seed, record, film)
         for observer in observers:
             observer.begun(start)
 
@@ -164,20 +162,43 @@ def evaluate_scene(
                 watch(step)
 
         guard = Shield(task) if shield else None
-        actors = who.cast(world)
-        coordinator = Coordinator(who.plans, seed, start, _subgoals(actors)) if who.plans else None
+        runners = who.cast(world)
+        coordinator = Coordinator(who.plans, seed, start, _subgoals(runners)) if who.plans else None
         result = rollout(
-            world, Judge(task, start), actors, seed, who.limit, monitor, look, start, guard, coordinator
+            world,
+            SuccessEvaluator(task, start),
+            runners,
+            seed,
+            who.limit,
+            monitor,
+            look,
+            start,
+            guard,
+            coordinator,
         )
         for observer in observers:
             observer.ended(result)
     return result, time.perf_counter() - began
 
 
-def _subgoals(actors: Sequence[Performer]) -> tuple[tuple[str, ...], ...]:
+def _observers(
+    stack: ExitStack, world: Simulator, seed: int, record: Path | None, film: Path | None
+) -> list[RolloutRecorder | RolloutFilm]:
+    """Those who record and film a rollout of a world, for as long as the stack is open."""
+    task, observers = world.task, list[RolloutRecorder | RolloutFilm]()
+    if record is not None:
+        draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
+        observers.append(stack.enter_context(RolloutRecorder(draft, task, world, title)))
+    if film is not None:
+        draft, picture = (stack.enter_context(whole(path)) for path in (film, film.with_suffix(PICTURE)))
+        observers.append(stack.enter_context(RolloutFilm(draft, picture, task, world)))
+    return observers
+
+
+def _subgoals(runners: Sequence[PolicyRunner]) -> tuple[tuple[str, ...], ...]:
     """Of each agent, that trained policies know by their numbers."""
-    (first, *_) = actors
-    assert isinstance(first, Actor)
+    (first, *_) = runners
+    assert isinstance(first, DiffusionRunner)
     return first.senses.names
 
 
@@ -197,7 +218,7 @@ def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
 def _row(
     experiment: Experiment,
     task: Task,
-    row: Row,
+    constraint_set: ConstraintSet,
     arch: Arch,
     limit: int,
     learned: Learning,
@@ -208,7 +229,7 @@ def _row(
     return EvaluationRow(
         task=task.name,
         arch=arch.name,
-        constraints=row.name,
+        constraints=constraint_set.name,
         demos=experiment.learned_from,
         train_seed=experiment.train_seed,
         scene_seed=result.seed,

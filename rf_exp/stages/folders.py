@@ -6,13 +6,7 @@ from tempfile import TemporaryFile
 
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
-from rf_exp.stages.artifacts import (
-    data_path,
-    evaluation_path,
-    generation_path,
-    policy_path,
-    recording_path,
-)
+from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path, recording_path
 
 
 def check_folders(experiment: Experiment) -> None:
@@ -31,17 +25,18 @@ def check_folders(experiment: Experiment) -> None:
 
 def _folders(experiment: Experiment) -> set[Path]:
     stages, found = set(experiment.stages), {experiment.out}
-    for task, row in product(experiment.tasks, experiment.rows):
+    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
         if "generate" in stages:
-            found |= {data_path(experiment, task, row).parent, generation_path(experiment, task, row).parent}
+            found.add(data_path(experiment, task, constraint_set).parent)
+            found.add(generation_path(experiment, task, constraint_set).parent)
         looks = {"generate": experiment.recordings, "evaluate": experiment.recordings or experiment.films}
         if any(looks.get(stage) for stage in stages):
-            found.add(recording_path(experiment, task, row, "generate", 0).parent)
+            found.add(recording_path(experiment, task, constraint_set, "generate", 0).parent)
         for arch in experiment.archs:
             if "train" in stages:
-                found.add(policy_path(experiment, task, row, arch))
+                found.add(policy_path(experiment, task, constraint_set, arch))
             if "evaluate" in stages:
-                found.add(evaluation_path(experiment, task, row, arch).parent)
+                found.add(evaluation_path(experiment, task, constraint_set, arch).parent)
     if stages & {"generate", "train", "evaluate"} and experiment.wandb != "disabled":
         found.add(experiment.out / "wandb")
     if "report" in stages:

@@ -2,57 +2,62 @@
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import GenerationRow
-from rf_exp.artifacts.files import keep_text, sweep, whole
-from rf_exp.artifacts.identity import plain, without
-from rf_exp.artifacts.provenance import commit
-from rf_exp.datagen.episode import EpisodeMaker, Outcome
-from rf_exp.datagen.generate import generate, make_episode
-from rf_exp.datagen.planning import Settings
-from rf_exp.datagen.version import generator_version
+from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
+from rf_exp.artifacts import commit, keep_text, plain, sweep, whole
+from rf_exp.datagen import EpisodeMaker, Outcome, Settings, generate, generator_version, make_episode
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim.pool import close_simulator, simulator
+from rf_exp.sim import close_shared_simulator, shared_simulator
 from rf_exp.stages.artifacts import data_path, generation_path, owned, recording_path
 from rf_exp.stages.description import described
-from rf_exp.stages.identity import generation_identity
+from rf_exp.stages.identity import generation_identity, store_identity
 from rf_exp.stages.logs import rate_log
+from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Store, card
 from rf_exp.tasks import Task
-from rf_exp.types import Episode, Pictures, Row
+from rf_exp.types import ConstraintSet, Episode, Pictures
 
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
 
-def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
+def generate_data(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> int:
     """`demos` successes, or all of `episodes` consecutive seeds; continues where it stopped.
 
     Returns how many demonstrations there are.
 
     Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
     """
-    title = f"generate {task.name}/{row.name}"
-    settings = experiment.settings(task, row)
-    made_of = generation_identity(experiment, task, row)
-    path, rows_path = data_path(experiment, task, row), generation_path(experiment, task, row)
+    title = f"generate {task.name}/{constraint_set.name}"
+    settings = experiment.settings(task, constraint_set)
+    made_of = generation_identity(experiment, task, constraint_set)
+    path, rows_path = (
+        data_path(experiment, task, constraint_set),
+        generation_path(experiment, task, constraint_set),
+    )
     goal = experiment.episodes or HOPELESS * experiment.demos
     span = range(experiment.seed, min(experiment.seed + goal, EVALUATION_SEED))
-    with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, row, made_of) as store:
+    with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, constraint_set) as store:
         pictures = _pictures(experiment, store.cameras, len(task.agents))
 
         enough = None if experiment.episodes else experiment.demos
-        logged = partial(rate_log, experiment, "generate", task, row, None)
-        make = partial(make_episode, settings, pictures, extras=experiment.store)
-        made = collect(experiment, settings, title, store, rows_path, span, enough, make, logged)
+        logged = partial(rate_log, experiment, "generate", task, constraint_set, None)
+        if experiment.launch.engine == HERE:
+            make = partial(make_episode, settings, pictures, extras=experiment.store)
+            source = partial(attempts, experiment, settings, make)
+        else:
+            source = Shards(
+                replace(experiment, pictures=pictures), task, constraint_set, generate_data
+            ).attempts
+        made = collect(title, store, rows_path, span, enough, source, logged)
         keep_text(path.with_suffix(".md"), card(store))
-        _record(experiment, task, row, experiment.recorded("generate", store.seeds.tolist()))
+        _record(experiment, task, constraint_set, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(
                 f"{title}: only {made} of {len(span)} seeds succeeded, {enough} demonstrations "
@@ -62,25 +67,23 @@ def generate_data(experiment: Experiment, task: Task, row: Row) -> int:
 
 
 def collect(
-    experiment: Experiment,
-    settings: Settings,
     title: str,
     store: Store,
     rows_path: Path,
     span: Sequence[int],
     enough: int | None,
-    make: Callable[[int], Outcome],
+    source: Callable[[Sequence[int], int | None], Iterator[Attempt]],
     logged: Callable[[Iterable[GenerationRow]], AbstractContextManager[Callable[[GenerationRow], None]]],
     became: str = "succeeded",
 ) -> int:
     """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
 
-    `make` gives the outcome of a seed, made as `settings` say; `logged`, from the rows that are known, who is
-    told of the new ones. Returns how many of `span` are stored.
+    `source` gives the attempts at some of the seeds, in their order: at all, or until so many have succeeded;
+    `logged`, from the rows that are known, who is told of the new ones. Returns how many of `span` there are.
     """
-    known = {r.seed: r for r in rows.read(rows_path, GenerationRow)} if rows_path.exists() else {}
+    known = {r.seed: r for r in read_rows(rows_path, GenerationRow)} if rows_path.exists() else {}
     for lost in _lost(store, span, known, rows_path):
-        rows.append(rows_path, lost)
+        append_row(rows_path, lost)
         known[lost.seed] = lost
     stored = {*store.seeds.tolist()} & {*span}
     tried = stored | {seed for seed, r in known.items() if seed in span and not r.success}
@@ -91,42 +94,50 @@ def collect(
     unit, total, there = ("demonstrations", enough, made) if enough else ("seeds", len(span), len(tried))
     with Progress(title, total, unit, there) as progress, logged(known.values()) as log:
         missing = [seed for seed in span if seed not in tried]
-        for outcome in generate(make, missing, experiment.workers, experiment.seed_limit_s):
-            who = settings.brain.name, outcome, settings.disturbance_rad
-            tells = generation_row(settings.task, settings.row, *who)
-            if outcome.episode is not None:
-                store.append(_with_row(outcome.episode, tells))
-            if outcome.seed not in known:  # a kill before this: the episode has its row
-                rows.append(rows_path, tells)
-                log(tells)
-            tried.add(outcome.seed)
-            made += outcome.success
-            progress.advance(int(enough is None or outcome.success), f"{made} of {len(tried)} seeds {became}")
-            if made == enough:
-                break
+        for row, episode in source(missing, None if enough is None else enough - made):
+            if episode is not None:
+                store.append(episode)
+            if row.seed not in known:  # a kill before this: the episode has its row
+                append_row(rows_path, row)
+                log(row)
+            tried.add(row.seed)
+            made += row.success
+            progress.advance(int(enough is None or row.success), f"{made} of {len(tried)} seeds {became}")
     return made
 
 
-def _store(experiment: Experiment, task: Task, row: Row, made_of: dict[str, object]) -> Store:
-    path, there = data_path(experiment, task, row), ()
+def attempts(
+    experiment: Experiment,
+    settings: Settings,
+    make: Callable[[int], Outcome],
+    seeds: Sequence[int],
+    wanted: int | None,
+) -> Iterator[Attempt]:
+    """Rows and episodes of `seeds` in their order: of all, or until so many as are wanted have succeeded.
+
+    `make` gives the outcome of a seed, made as `settings` say, in a process of this machine.
+    """
+    for outcome in generate(make, seeds, experiment.workers, experiment.seed_limit_s):
+        who = settings.brain.name, outcome, settings.disturbance_rad
+        row = generation_row(settings.task, settings.constraint_set, *who)
+        yield row, None if outcome.episode is None else _with_row(outcome.episode, row)
+        if wanted is not None and not (wanted := wanted - outcome.success):
+            return
+
+
+def _store(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Store:
+    path, there = data_path(experiment, task, constraint_set), ()
     if path.exists() and experiment.pictures.cameras != "all":
         there = Store.open(path).cameras
     pictures = _pictures(experiment, there, len(task.agents))
-    cameras = pictures.of(len(task.agents))
-    size = (pictures.height, pictures.width) if pictures.render else (0, 0)
-    identity = {
-        **made_of,
-        **without(asdict(experiment.store), depth=False, segmentation=False),
-        "first_seed": experiment.seed,
-        "cameras": list(cameras),
-        "picture": list(size),
-    }
+    identity = store_identity(experiment, task, constraint_set, pictures)
     if path.exists():
         return Store.open(path, identity, writable=True)
+    cameras, (height, width) = identity["cameras"], identity["picture"]
     disturbed = experiment.disturbance_rad > 0
     description = described(task, pictures, cameras, experiment.store)
-    objects = tuple(task.objects)
-    return Store.create(path, identity, len(task.agents), cameras, *size, objects, disturbed, description)
+    objects, agents = tuple(task.objects), len(task.agents)
+    return Store.create(path, identity, agents, cameras, height, width, objects, disturbed, description)
 
 
 def _pictures(experiment: Experiment, there: Sequence[str], agents: int) -> Pictures:
@@ -150,7 +161,7 @@ def _lost(
             continue
         try:
             values = {**store.certificates[index]["row"], "wall_s": 0.0}
-            yield rows.from_values(values, GenerationRow)
+            yield row_of(values, GenerationRow)
         except (KeyError, TypeError, ArgumentError) as error:
             raise StageError(
                 f"seed {seed} is stored in {store.path}, but has no row, neither in {rows_path} nor in its "
@@ -158,29 +169,32 @@ def _lost(
             ) from error
 
 
-def _record(experiment: Experiment, task: Task, row: Row, seeds: Sequence[int]) -> None:
+def _record(experiment: Experiment, task: Task, constraint_set: ConstraintSet, seeds: Sequence[int]) -> None:
     """Makes episodes once more, being recorded, where the recording is missing: same seed, same episode."""
-    settings = experiment.settings(task, row)
+    settings = experiment.settings(task, constraint_set)
     settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
-    sweep(recording_path(experiment, task, row, "generate", 0).parent)
+    sweep(recording_path(experiment, task, constraint_set, "generate", 0).parent)
     for seed in seeds:
-        path = recording_path(experiment, task, row, "generate", seed)
+        path = recording_path(experiment, task, constraint_set, "generate", seed)
         if path.exists():
             continue
-        world, title = simulator(task, experiment.pictures), f"{task.title}, {row.name}, scene {seed}"
+        world, title = (
+            shared_simulator(task, experiment.pictures),
+            f"{task.title}, {constraint_set.name}, scene {seed}",
+        )
         with whole(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
             EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")
-    close_simulator()
+    close_shared_simulator()
 
 
 def generation_row(
-    task: Task, row: Row, brain: str, outcome: Outcome, disturbance_rad: float = 0.0
+    task: Task, constraint_set: ConstraintSet, brain: str, outcome: Outcome, disturbance_rad: float = 0.0
 ) -> GenerationRow:
-    """The row of one attempt under the constraints `row`."""
+    """The row of one attempt under the constraints."""
     return GenerationRow(
         task=task.name,
-        constraints=row.name,
+        constraints=constraint_set.name,
         brain=brain,
         seed=outcome.seed,
         success=outcome.success,

@@ -7,22 +7,26 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
-from rf_exp.policy.curves import Curve
+from rf_exp.policy import Curve
 from rf_exp.tasks import Task
-from rf_exp.types import Arch, Row
+from rf_exp.types import Arch, ConstraintSet
 
 ResultRow = GenerationRow | EvaluationRow
+TOLD = (  # of the experiment, beside what a run is about
+    *("recipe", "demos", "episodes", "seed", "train_seed", "scenes"),
+    *("attempts", "occupancy", "name", "shield"),
+)
 
 
 @contextmanager
 def curve_log(
-    experiment: Experiment, task: Task, row: Row, arch: Arch, view: str
+    experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch, view: str
 ) -> Iterator[Callable[[Curve], None]]:
     """A function that logs a row of the training curves of one policy."""
-    with _run(experiment, "train", task, row, arch, view) as log:
+    with _run(experiment, "train", task, constraint_set, arch, view) as log:
         yield lambda curve: log(curve.step, asdict(curve))
 
 
@@ -31,7 +35,7 @@ def rate_log(
     experiment: Experiment,
     stage: str,
     task: Task,
-    row: Row,
+    constraint_set: ConstraintSet,
     arch: Arch | None = None,
     known: Iterable[ResultRow] = (),
 ) -> Iterator[Callable[[ResultRow], None]]:
@@ -44,7 +48,7 @@ def rate_log(
         rates.add(result)
         log(rates.rows, rates.figures())
 
-    with _run(experiment, stage, task, row, arch) as log:
+    with _run(experiment, stage, task, constraint_set, arch) as log:
         yield add
 
 
@@ -84,7 +88,12 @@ class Rates:
 
 @contextmanager
 def _run(
-    experiment: Experiment, stage: str, task: Task, row: Row, arch: Arch | None, view: str = ""
+    experiment: Experiment,
+    stage: str,
+    task: Task,
+    constraint_set: ConstraintSet,
+    arch: Arch | None,
+    view: str = "",
 ) -> Iterator[Callable[[int, Mapping[str, float]], None]]:
     """A function that logs figures at a step. What logs nothing gets no run.
 
@@ -95,14 +104,7 @@ def _run(
         return
     import wandb  # slow to import, and not needed by those who switch it off
 
-    folder, run = experiment.out / "wandb", None
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write the log of Weights & Biases to {folder}: {error.strerror}; "
-            "choose another folder with out=FOLDER, or wandb=disabled"
-        ) from error
+    folder, run = _folder(experiment), None
 
     def log(step: int, figures: Mapping[str, float]) -> None:
         nonlocal run
@@ -115,7 +117,7 @@ def _run(
                     job_type=stage,
                     settings=wandb.Settings(silent=True, console="off"),
                     reinit="create_new",  # policies that train side by side have runs of their own
-                    **identity(experiment, stage, task, row, arch, view),
+                    **identity(experiment, stage, task, constraint_set, arch, view),
                 )
             except wandb.Error as error:
                 raise StageError(
@@ -130,8 +132,26 @@ def _run(
             run.finish()
 
 
+def _folder(experiment: Experiment) -> Path:
+    """Where runs are logged; it is there."""
+    folder = experiment.out / "wandb"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write the log of Weights & Biases to {folder}: {error.strerror}; "
+            "choose another folder with out=FOLDER, or wandb=disabled"
+        ) from error
+    return folder
+
+
 def identity(
-    experiment: Experiment, stage: str, task: Task, row: Row, arch: Arch | None, view: str = ""
+    experiment: Experiment,
+    stage: str,
+    task: Task,
+    constraint_set: ConstraintSet,
+    arch: Arch | None,
+    view: str = "",
 ) -> dict[str, Any]:
     """Name, group, tags and configuration of a run: what it is about, and all that it was made with."""
     counted = f"{experiment.learned_from if stage == 'evaluate' else experiment.demos} demos"
@@ -139,32 +159,20 @@ def identity(
         counted = f"{experiment.episodes} episodes"
     learned = [experiment.method] if arch else []
     seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
-    about = [task.name, row.name, *([arch.name] if arch else [])]
+    about = [task.name, constraint_set.name, *([arch.name] if arch else [])]
     shielded = ["shield"] if stage == "evaluate" and experiment.shield else []
     place = "/".join(about)
-    keys = (
-        "recipe",
-        "demos",
-        "episodes",
-        "seed",
-        "train_seed",
-        "scenes",
-        "attempts",
-        "occupancy",
-        "name",
-        "shield",
-    )
     config = {
         "stage": stage,
         "task": task.name,
-        "constraints": row.name,
-        "row": asdict(row),
+        "constraints": constraint_set.name,
+        "row": asdict(constraint_set),
         "arch": asdict(arch) if arch else None,
         "view": view or None,
         "brain": dict(experiment.brain.identity),
         "criteria_version": task.version,
         "first_scene_seed": experiment.seed if stage == "generate" else EVALUATION_SEED,
-        **{key: getattr(experiment, key) for key in keys},
+        **{key: getattr(experiment, key) for key in TOLD},
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }
     return {

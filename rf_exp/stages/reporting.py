@@ -1,8 +1,6 @@
 """Tables, report, and where to look: pure functions of the rows that are there."""
 
-from rf_exp.ablation import formats
-from rf_exp.ablation.report import publish
-from rf_exp.ablation.suite import configured, facts
+from rf_exp.ablation import configured, facts, publish, show
 from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import owned
@@ -16,7 +14,7 @@ def write_tables(experiment: Experiment) -> None:
         tables, report = publish(experiment.out, {**configured(), **facts(experiment.tasks)})
     for name in SHOWN:
         if tables[name].lines:
-            formats.show(tables[name], console)
+            show(tables[name], console)
     recordings = sorted((experiment.out / "recordings").rglob("*.rrd"))
     console.print(f"report: {report}")
     for path in recordings:

@@ -149,7 +149,7 @@ def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
     for start, end in (*tails, *runs):
         matched = _read([*words[:start], *words[end:]], vocabulary)
         if matched and all(
-            object_name(part) in vocabulary.points for key, part in matched[1].items() if "object" in key
+            vocabulary.named(object_name(part)) for key, part in matched[1].items() if "object" in key
         ):
             form, parts = matched
             try:

@@ -1,12 +1,13 @@
 """What a task has to speak of: its agents, and its objects with their interaction points."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from rf_exp.errors import choices
 from rf_exp.findings import agent_name
 
 TABLE = "table"  # what named places lie on
+_SYNONYMS = {"centre": "center", "middle": "center"}  # of points
 
 
 def listed(agents: tuple[int, ...]) -> str:
@@ -27,6 +28,10 @@ class Vocabulary:
     def objects(self) -> tuple[str, ...]:
         return tuple(self.points)
 
+    def named(self, name: str) -> str | None:
+        """The object of that name, whatever its case: sentences are read in lower case."""
+        return _named(name, self.points)
+
     def agent(self, number: int, where: str) -> int:
         """The agent of that number. Raises ArgumentError that names those there are."""
         if number not in self.agents:
@@ -35,16 +40,18 @@ class Vocabulary:
 
     def object(self, name: str, where: str) -> str:
         """The object of that name. Raises ArgumentError that names those there are."""
-        if name not in self.points:
+        found = self.named(name)
+        if found is None:
             raise choices(f"object in {where}:", name, self.points)
-        return name
+        return found
 
     def point(self, name: str, point: str, where: str) -> str:
         """The interaction point of an object. Raises ArgumentError that names those there are."""
-        point = {"centre": "center", "middle": "center"}.get(point, point)
-        if point not in self.points[name]:
-            raise choices(f"point of {name} in {where}:", point, self.points[name])
-        return point
+        points = self.points[name]
+        found = _named(point, points) or _named(_SYNONYMS.get(point, point), points)
+        if found is None:
+            raise choices(f"point of {name} in {where}:", point, points)
+        return found
 
     def __str__(self) -> str:
         """All of it in a line, for the message of an error."""
@@ -53,3 +60,9 @@ class Vocabulary:
             f"agents: {', '.join(map(agent_name, self.agents))}; "
             f"objects with their points: {', '.join(things) or 'none'}"
         )
+
+
+def _named(name: str, names: Iterable[str]) -> str | None:
+    """The one that is so called; where case tells two apart, the one that is written so."""
+    alike = [each for each in names if each.lower() == name.lower()]
+    return name if name in alike else next(iter(alike), None)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts import plain
 from rf_exp.errors import StageError
 from rf_exp.store.layout import JUDGED, layout
 from rf_exp.store.reader import Reader

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts import plain
 from rf_exp.types import UNITS
 
 ARM = tuple(f"panda_joint{k}" for k in range(1, 8))

@@ -9,7 +9,7 @@ import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
-from rf_exp.artifacts.files import whole
+from rf_exp.artifacts import whole
 from rf_exp.store.description import COMMANDS, JOINTS, POSE, dimensions, explained
 
 FORMAT = 2  # since stores say what they are about, and keep the values of the conditions of success

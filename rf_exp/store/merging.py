@@ -5,8 +5,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts.files import whole
-from rf_exp.artifacts.identity import differing
+from rf_exp.artifacts import differing, whole
 from rf_exp.errors import StageError
 from rf_exp.store.layout import empty_like
 from rf_exp.store.reader import Reader

@@ -11,9 +11,7 @@ from typing import Any, NoReturn, Self
 import numpy as np
 import zarr
 
-from rf_exp.artifacts.identity import expect_same, plain
-from rf_exp.artifacts.locks import hold_folder
-from rf_exp.artifacts.provenance import commit, installed
+from rf_exp.artifacts import commit, expect_same, hold_folder, installed, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import layout
 from rf_exp.store.additions import additions

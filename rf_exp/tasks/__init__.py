@@ -1,5 +1,35 @@
-"""Tasks and their assets: geometry, plans and success criteria. Knows no simulator."""
+"""Tasks and their assets: geometry, plans and success criteria. Knows no simulator.
 
-from rf_exp.tasks.base import CameraSpec, Judge, ObjectSpec, Randomisation, RobotSpec, Start, Task
+`assets` has what stands on the table, `predicates` what the success of a task is made of.
+"""
 
-__all__ = ["CameraSpec", "Judge", "ObjectSpec", "Randomisation", "RobotSpec", "Start", "Task"]
+from rf_exp.tasks import assets, predicates
+from rf_exp.tasks.account import Ledger
+from rf_exp.tasks.configuration import CONFIGURED, load_task, read_task, stored_task
+from rf_exp.tasks.labels import labelled, labels
+from rf_exp.tasks.specs import REST_QPOS, RETRACTED_QPOS, CameraSpec, ObjectSpec, Randomisation, RobotSpec
+from rf_exp.tasks.start import FINGERS_OPEN_M, Start
+from rf_exp.tasks.success import SuccessEvaluator
+from rf_exp.tasks.task import Task
+
+__all__ = [
+    "CONFIGURED",
+    "FINGERS_OPEN_M",
+    "REST_QPOS",
+    "RETRACTED_QPOS",
+    "CameraSpec",
+    "Ledger",
+    "ObjectSpec",
+    "Randomisation",
+    "RobotSpec",
+    "Start",
+    "SuccessEvaluator",
+    "Task",
+    "assets",
+    "labelled",
+    "labels",
+    "load_task",
+    "predicates",
+    "read_task",
+    "stored_task",
+]

@@ -8,9 +8,10 @@ from typing import Any
 import dacite
 from omegaconf import OmegaConf
 
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks.base import Randomisation, Task
+from rf_exp.tasks.specs import Randomisation
+from rf_exp.tasks.task import Task
 
 CONFIGURED = Path(__file__).resolve().parents[2] / "conf" / "task"
 

@@ -3,9 +3,9 @@
 from itertools import pairwise
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
-from rf_exp.tasks import delivery
-from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import distance_xy_m, holders
+from rf_exp.tasks import shoe_on_goal
+from rf_exp.tasks.predicates import distance_xy_m, holders
+from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -27,7 +27,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """From where the shoe is now: each arm lays it within reach of the next one and makes room."""
-    if delivery.done(scene, task):
+    if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
@@ -58,9 +58,9 @@ def _turn(scene: Scene, task: Task) -> int:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The shoe stands upright on the goal, let go and at rest."""
-    return delivery.conditions(scene, task)
+    return shoe_on_goal.conditions(scene, task)
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the shoe is near the goal, seen from above."""
-    return delivery.paper(scene, task)
+    return shoe_on_goal.paper(scene, task)

@@ -1,9 +1,9 @@
 """Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
-from rf_exp.tasks import delivery
-from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import distance_xy_m
+from rf_exp.tasks import shoe_on_goal
+from rf_exp.tasks.predicates import distance_xy_m
+from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -21,7 +21,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """The giver lays the shoe midway and makes room; the taker brings it to the goal."""
-    if delivery.done(scene, task):
+    if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     give = (
         Subgoal(GIVER, "grasp", "shoe", "center"),
@@ -49,9 +49,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The shoe stands upright on the goal, let go and at rest."""
-    return delivery.conditions(scene, task)
+    return shoe_on_goal.conditions(scene, task)
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the shoe is near the goal, seen from above."""
-    return delivery.paper(scene, task)
+    return shoe_on_goal.paper(scene, task)

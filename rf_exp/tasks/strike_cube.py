@@ -5,8 +5,8 @@ from math import degrees, dist
 import numpy as np
 
 from rf_exp.statements import AvoidObjects, Proposal, grasping
-from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import below, every, holders, upright
+from rf_exp.tasks.predicates import below, every, holders, upright
+from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import Condition, Scene, Subgoal
 

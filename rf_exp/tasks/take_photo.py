@@ -4,9 +4,9 @@ import numpy as np
 
 from rf_exp.robots import tcp_pose
 from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
-from rf_exp.tasks import studio
-from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import pushed_n
+from rf_exp.tasks import held_camera
+from rf_exp.tasks.predicates import pushed_n
+from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -18,15 +18,15 @@ PHOTOGRAPHER = 4
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
     """`front`: where the steak is in the middle of the picture once the camera is up."""
-    return studio.places(scene, task)
+    return held_camera.places(scene, task)
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
     """All is grasped; the camera goes up and the steak in front of it; then the shutter is pressed."""
-    before = studio.camera_up(scene, task) + studio.steak_in_front(scene, task)
+    before = held_camera.camera_up(scene, task) + held_camera.steak_in_front(scene, task)
     if before:
         subgoals = [each for each in before if each.verb == "grasp"] or before
-        constraints = studio.constraints(subgoals)
+        constraints = held_camera.constraints(subgoals)
     elif _pressed(scene, task):
         return Proposal((), ())
     else:
@@ -60,16 +60,16 @@ def _pressed(scene: Scene, task: Task) -> bool:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The camera is aligned with the steak, all of it held, and its shutter is pressed."""
-    return {**studio.conditions(scene, task), "shutter pressed": _pressed(scene, task)}
+    return {**held_camera.conditions(scene, task), "shutter pressed": _pressed(scene, task)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
     limits = task.success
-    if not studio.paper(scene, task):
+    if not held_camera.paper(scene, task):
         return False
     off = np.abs(_hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]).max()
     if off >= limits["paper_shutter_m"]:
         return False
-    steak = _hand(scene, task, studio.MODEL)[:3, 3] - scene.poses["steak"][:3, 3]
+    steak = _hand(scene, task, held_camera.MODEL)[:3, 3] - scene.poses["steak"][:3, 3]
     return bool(np.linalg.norm(steak) < limits["paper_steak_m"])

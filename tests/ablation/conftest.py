@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append
+from rf_exp.ablation import EvaluationRow, GenerationRow, append_row
 from rf_exp.findings import Account, Cause, CheckName, Finding, Unmet, Violation
 
 BUDGET = 4  # violations that end an attempt
@@ -70,10 +70,10 @@ def out(tmp_path: Path) -> Path:
         *generation("new_task", "full", 0, 3),
     ]
     for row in rows:
-        append(tmp_path / f"results/generate/{row.task}/{row.constraints}.jsonl", row)
+        append_row(tmp_path / f"results/generate/{row.task}/{row.constraints}.jsonl", row)
     for row in [
         *evaluation("lift_barrier", "separate_local", 150, 12, 8),
         *evaluation("lift_barrier", "shared_global", 150, 5, 15),
     ]:
-        append(tmp_path / f"results/evaluate/{row.task}/{row.arch}/full-{row.demos}.jsonl", row)
+        append_row(tmp_path / f"results/evaluate/{row.task}/{row.arch}/full-{row.demos}.jsonl", row)
     return tmp_path

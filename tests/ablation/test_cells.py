@@ -2,7 +2,7 @@
 
 import pytest
 
-from rf_exp.ablation.statistics import Estimate
+from rf_exp.ablation import Estimate
 from rf_exp.ablation.tables.cells import Cell, Length, Rate, Text, Violations
 
 CLEAN = Estimate(0.5, 0.25, 0.75, 8)

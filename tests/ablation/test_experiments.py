@@ -7,7 +7,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation import paper
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.policy.config import ACTING
 from tests.conftest import experiment

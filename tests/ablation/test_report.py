@@ -12,12 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rf_exp.ablation import plots
+from rf_exp.ablation import append_row, configured, paper, plots, publish
 from rf_exp.ablation.__main__ import main
-from rf_exp.ablation.paper import paper
-from rf_exp.ablation.report import publish, write_report
-from rf_exp.ablation.rows import append
-from rf_exp.ablation.suite import configured
+from rf_exp.ablation.report import write_report
 from rf_exp.errors import StageError
 from rf_exp.findings import Account, Closest, Lost, Unmet
 from rf_exp.store import Store
@@ -63,10 +60,10 @@ def test_the_widest_table_fits_1400_pixels(out: Path) -> None:
     """Every field of the table of tasks measured, for each of the paper's numbers of demonstrations."""
     for task in paper().levels:
         for row in generation(task, "full", 16, 4, loose=3, violations=(0, 1, 3), first=1000, steps=1000):
-            append(out / f"results/generate/{task}/full.jsonl", row)
+            append_row(out / f"results/generate/{task}/full.jsonl", row)
         for demos in paper().demos:
             for row in evaluation(task, "separate_local", demos, 12, 8, violations=(0, 170)):
-                append(out / f"results/evaluate/{task}/separate_local/full-{demos}.jsonl", row)
+                append_row(out / f"results/evaluate/{task}/separate_local/full-{demos}.jsonl", row)
     wide = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth)"
     wider = f"{wide}.map(e => `${{e.closest('section').id}} ${{e.scrollWidth}} px`)"
     measured = out / "measured.html"
@@ -82,7 +79,7 @@ def test_the_widest_table_fits_1400_pixels(out: Path) -> None:
 
 def test_the_summary_counts_the_rollouts_with_a_violation(out: Path) -> None:
     for row in evaluation("place_food", "separate_local", 150, 2, 3, violations=(0, 0, 1, 40, 0)):
-        append(out / "results/evaluate/place_food/separate_local/full-150.jsonl", row)
+        append_row(out / "results/evaluate/place_food/separate_local/full-150.jsonl", row)
     text = write_report(out).read_text("utf-8")
     assert "<b>2 of 45</b>" in text  # the other forty had none
 
@@ -95,7 +92,7 @@ def test_the_report_without_any_result(tmp_path: Path) -> None:
 
 def test_attempts_that_failed_alike_are_counted_together_whatever_their_numbers(out: Path) -> None:
     for row in generation("new_task", "logical", 1, 3, violations=(2,)):
-        append(out / "results/generate/new_task/logical.jsonl", row)
+        append_row(out / "results/generate/new_task/logical.jsonl", row)
     text = write_report(out).read_text("utf-8")
     assert "lifted</td><td>4 of 10</td>" in text and "lifted</td><td>3 of 3</td>" in text
     assert "lifted; Agent_1 and Agent_2: touch</td><td>3 of 4</td>" in text
@@ -112,7 +109,7 @@ FELL = replace(DROPPED, closest=Closest(2, 4, 2.2, 0), lost=(Lost("barrier", "dr
 def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
     for row in evaluation("place_food", "separate_local", 50, 3, 5):
         account = Account() if row.success else DROPPED if row.scene_seed % 2 else FELL
-        append(
+        append_row(
             out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, account=account)
         )
     text = write_report(out).read_text("utf-8")
@@ -126,7 +123,7 @@ def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> N
     folder.mkdir(parents=True)
     for row in evaluation("place_food", "separate_local", 50, 1, 2):
         account = Account() if row.success else DROPPED
-        append(
+        append_row(
             out / "results/evaluate/place_food/separate_local/full-50.jsonl", replace(row, account=account)
         )
         name = f"evaluate-separate_local-paper-50-{row.scene_seed}"
@@ -183,7 +180,7 @@ def test_odd_files_of_rows_are_told(out: Path) -> None:
 
 def test_names_are_escaped(out: Path) -> None:
     (row,) = generation("lift_barrier", "full", 0, 1, first=99)
-    append(out / "results/generate/lift_barrier/full.jsonl", replace(row, account=Account(ended="<b>&")))
+    append_row(out / "results/generate/lift_barrier/full.jsonl", replace(row, account=Account(ended="<b>&")))
     assert "&lt;b&gt;&amp;" in write_report(out).read_text("utf-8")
 
 
@@ -198,7 +195,7 @@ def test_plots_take_their_colours_from_the_page(out: Path) -> None:
     assert plots.panels(built["ablation_success"])[0][1] == svg  # the same bytes every time
     assert "no violation" not in svg
     for row in generation("lift_barrier", "logical", 4, 0, first=99, violations=(1,)):
-        append(out / "results/generate/lift_barrier/logical.jsonl", row)
+        append_row(out / "results/generate/lift_barrier/logical.jsonl", row)
     built, _ = publish(out, configured())
     assert "no violation" in plots.panels(built["ablation_success"])[0][1]
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation.rollouts import rollout_file, worth_seeing
-from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.ablation import EvaluationRow, worth_seeing
+from rf_exp.ablation.rollouts import rollout_file
 from rf_exp.findings import Account, Closest, Lost, Touch, Unmet
 from tests.ablation.conftest import evaluation
 

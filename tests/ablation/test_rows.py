@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append, load, newest, read
-from rf_exp.artifacts.identity import plain
+from rf_exp.ablation import EvaluationRow, GenerationRow, append_row, load, newest, read_rows
+from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account, Unmet
 from tests.ablation.conftest import failed
@@ -55,9 +55,9 @@ def path_of(out: Path) -> Path:
 @pytest.mark.parametrize("row", [GENERATION, EVALUATION])
 def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
     path = tmp_path / "new/folder/rows.jsonl"
-    append(path, row)
-    append(path, row)
-    assert read(path, type(row)) == (row, row)
+    append_row(path, row)
+    append_row(path, row)
+    assert read_rows(path, type(row)) == (row, row)
     written = [json.loads(line) for line in path.read_text().splitlines()]
     assert [list(line) for line in written] == [[*plain(row), "reason", "crc32"]] * 2
     assert [{key: line[key] for key in plain(row)} for line in written] == [plain(row)] * 2
@@ -86,8 +86,8 @@ def test_older_rows_are_read_as_rollouts_without_what_came_later(
     values = {k: v for k, v in asdict(EVALUATION).items() if k in names[: names.index(last) + 1]}
     path = tmp_path / "rows.jsonl"
     path.write_text(signed({**values, "schema": schema, "reason": EVALUATION.reason}) + "\n")
-    append(path, replace(EVALUATION, shield=True, interventions=3))
-    old, new = read(path, EvaluationRow)
+    append_row(path, replace(EVALUATION, shield=True, interventions=3))
+    old, new = read_rows(path, EvaluationRow)
     assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 6)
     assert (new.shield, new.interventions) == (True, 3)
     assert old.identity != new.identity
@@ -99,13 +99,13 @@ def test_a_row_of_this_schema_tells_of_the_shield(tmp_path: Path) -> None:
         json.dumps({**values, "reason": "", "crc32": "0"}, default=plain) + "\n"
     )
     with pytest.raises(StageError, match="fields missing: shield"):
-        read(tmp_path / "rows.jsonl", EvaluationRow)
+        read_rows(tmp_path / "rows.jsonl", EvaluationRow)
 
 
 def test_numpy_scalars_become_plain(tmp_path: Path) -> None:
     row = replace(GENERATION, success=np.bool_(True), steps=np.int64(80), wall_s=2)  # pyright: ignore
-    append(tmp_path / "rows.jsonl", row)
-    assert read(tmp_path / "rows.jsonl", GenerationRow) == (replace(GENERATION, wall_s=2.0),)
+    append_row(tmp_path / "rows.jsonl", row)
+    assert read_rows(tmp_path / "rows.jsonl", GenerationRow) == (replace(GENERATION, wall_s=2.0),)
 
 
 @pytest.mark.parametrize(
@@ -143,43 +143,43 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
 )
 def test_a_bad_line_is_named(tmp_path: Path, line: str, message: str) -> None:
     path = path_of(tmp_path)
-    append(path, GENERATION)
+    append_row(path, GENERATION)
     with path.open("a") as file:
         file.write(line + "\n")
-    append(path, GENERATION)
+    append_row(path, GENERATION)
     with pytest.raises(StageError, match=rf"full\.jsonl, line 2: no GenerationRow: .*{message}"):
-        read(path, GenerationRow)
+        read_rows(path, GenerationRow)
 
 
 def test_an_unfinished_last_line_is_reported_and_then_removed(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = path_of(tmp_path)
-    append(path, GENERATION)
+    append_row(path, GENERATION)
     with path.open("a") as file:
         file.write('{"task": "lift_bar')
     with caplog.at_level(logging.WARNING):
-        assert read(path, GenerationRow) == (GENERATION,)
+        assert read_rows(path, GenerationRow) == (GENERATION,)
     assert "line 2: unfinished, left by a crash; not counted" in caplog.text
     assert "line 2: unfinished" in load(tmp_path).notes[0]
-    append(path, replace(GENERATION, seed=4))
-    assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+    append_row(path, replace(GENERATION, seed=4))
+    assert [row.seed for row in read_rows(path, GenerationRow)] == [3, 4]
 
 
 def test_a_whole_line_without_its_end_counts(tmp_path: Path) -> None:
     path = path_of(tmp_path)
     path.parent.mkdir(parents=True)
     path.write_text(sealed())
-    assert read(path, GenerationRow) == (GENERATION,)
-    append(path, replace(GENERATION, seed=4))
-    assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+    assert read_rows(path, GenerationRow) == (GENERATION,)
+    append_row(path, replace(GENERATION, seed=4))
+    assert [row.seed for row in read_rows(path, GenerationRow)] == [3, 4]
 
 
 def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
     """In any line, also where a line end is hit: no row changes or vanishes in silence."""
     path = path_of(tmp_path)
     for seed in range(3):
-        append(path, replace(GENERATION, seed=seed, success=False, account=failed(seed, 1)))
+        append_row(path, replace(GENERATION, seed=seed, success=False, account=failed(seed, 1)))
     whole = path.read_bytes()
     rng = random.Random(7)
     for bit in rng.sample(range(8 * len(whole)), 600) + [8 * (len(whole) - 1) + k for k in range(8)]:
@@ -190,23 +190,23 @@ def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
         with pytest.raises(
             StageError, match=rf"full\.jsonl, line {line}: no GenerationRow: .*remove that line"
         ):
-            read(path, GenerationRow)
+            read_rows(path, GenerationRow)
         with pytest.raises(StageError, match=rf"full\.jsonl, line {line}: "):
             load(tmp_path)
-        append(path, GENERATION)  # mends what a crash leaves, and only that
+        append_row(path, GENERATION)  # mends what a crash leaves, and only that
         assert path.read_bytes().startswith(flipped)
 
 
 def test_text_of_a_model_survives(tmp_path: Path) -> None:
     """Half a surrogate pair is no text that UTF-8 knows, and a language model can send it."""
     row = replace(GENERATION, success=False, account=Account(ended='caf\u00e9 \ud83d "}\n'))
-    append(tmp_path / "rows.jsonl", row)
-    assert read(tmp_path / "rows.jsonl", GenerationRow) == (row,)
+    append_row(tmp_path / "rows.jsonl", row)
+    assert read_rows(tmp_path / "rows.jsonl", GenerationRow) == (row,)
 
 
 def _write_many(path: Path, worker: int) -> None:
     for seed in range(40):
-        append(path, replace(GENERATION, seed=1000 * worker + seed, account=Account(ended="x" * 500)))
+        append_row(path, replace(GENERATION, seed=1000 * worker + seed, account=Account(ended="x" * 500)))
 
 
 def test_concurrent_writers_lose_nothing(tmp_path: Path) -> None:
@@ -217,39 +217,39 @@ def test_concurrent_writers_lose_nothing(tmp_path: Path) -> None:
         worker.start()
     for worker in workers:
         worker.join()
-    seeds = [row.seed for row in read(path, GenerationRow)]
+    seeds = [row.seed for row in read_rows(path, GenerationRow)]
     assert sorted(seeds) == sorted(1000 * worker + seed for worker in range(4) for seed in range(40))
 
 
 def test_no_room_for_a_row(tmp_path: Path) -> None:
     path = path_of(tmp_path)
-    append(path, GENERATION)
+    append_row(path, GENERATION)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, hard))
     try:
         with pytest.raises(StageError, match=r"cannot append a result row to .*full\.jsonl: only 10 of"):
-            append(path, GENERATION)
+            append_row(path, GENERATION)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert read(path, GenerationRow) == (GENERATION,)
-    append(path, replace(GENERATION, seed=4))
-    assert [row.seed for row in read(path, GenerationRow)] == [3, 4]
+    assert read_rows(path, GenerationRow) == (GENERATION,)
+    append_row(path, replace(GENERATION, seed=4))
+    assert [row.seed for row in read_rows(path, GenerationRow)] == [3, 4]
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(StageError, match=r"cannot append a result row to .*rows\.jsonl: "):
-        append(tmp_path / "file/rows.jsonl", GENERATION)
+        append_row(tmp_path / "file/rows.jsonl", GENERATION)
     with pytest.raises(StageError, match=r"cannot read result rows from .*nothing\.jsonl: No such file"):
-        read(tmp_path / "nothing.jsonl", GenerationRow)
+        read_rows(tmp_path / "nothing.jsonl", GenerationRow)
 
 
 def test_load_gathers_every_file_and_counts_an_attempt_once(tmp_path: Path) -> None:
     path = path_of(tmp_path)
-    append(path, replace(GENERATION, success=False, account=Account(ended="dropped")))
-    append(path, GENERATION)
-    append(path, replace(GENERATION, version="2"))  # another criterion: another attempt
-    append(tmp_path / "results/evaluate/lift_barrier/separate_local/full-150.jsonl", EVALUATION)
+    append_row(path, replace(GENERATION, success=False, account=Account(ended="dropped")))
+    append_row(path, GENERATION)
+    append_row(path, replace(GENERATION, version="2"))  # another criterion: another attempt
+    append_row(tmp_path / "results/evaluate/lift_barrier/separate_local/full-150.jsonl", EVALUATION)
     results = load(tmp_path)
     assert results.generation == (GENERATION, replace(GENERATION, version="2"))
     assert results.evaluation == (EVALUATION,)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
+from rf_exp.ablation import Estimate, difference, mean, wilson
 from rf_exp.errors import ArgumentError
 
 

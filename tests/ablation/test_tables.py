@@ -13,11 +13,18 @@ import pytest
 import yaml
 from rich.console import Console
 
-from rf_exp.ablation import formats, page
-from rf_exp.ablation.paper import paper
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results, load
-from rf_exp.ablation.statistics import wilson
-from rf_exp.ablation.suite import CONFIGURED, Suite, TaskFacts, configured
+from rf_exp.ablation import (
+    EvaluationRow,
+    GenerationRow,
+    Results,
+    configured,
+    formats,
+    load,
+    page,
+    paper,
+    wilson,
+)
+from rf_exp.ablation.suite import CONFIGURED, Suite, TaskFacts
 from rf_exp.ablation.tables import TABLES, Column, Length, Rate, Table, Violations, build
 from rf_exp.ablation.tables.cells import Figure
 from rf_exp.errors import ArgumentError, StageError

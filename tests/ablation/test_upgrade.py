@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, read
+from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
 from rf_exp.ablation.upgrade import upgraded
-from rf_exp.artifacts.identity import restored
+from rf_exp.artifacts import restored
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Account
 from tests.conftest import CONF
@@ -21,7 +21,7 @@ def account(reason: str) -> Account:
 def test_kept_rows_of_rollouts_say_what_their_lines_say() -> None:
     failures = 0
     for path in sorted(RESULTS.glob("evaluate/**/*.jsonl")):
-        for line, row in zip(path.read_text().splitlines(), read(path, EvaluationRow), strict=True):
+        for line, row in zip(path.read_text().splitlines(), read_rows(path, EvaluationRow), strict=True):
             told = json.loads(line)
             assert row.reason == told["reason"] and row.success == (not row.account.unmet)
             failures += not row.success
@@ -30,7 +30,7 @@ def test_kept_rows_of_rollouts_say_what_their_lines_say() -> None:
 
 def test_kept_rows_of_generation_tell_which_conditions_did_not_hold() -> None:
     for path in sorted(RESULTS.glob("ablation/**/*.jsonl")):
-        for line, row in zip(path.read_text().splitlines(), read(path, GenerationRow), strict=True):
+        for line, row in zip(path.read_text().splitlines(), read_rows(path, GenerationRow), strict=True):
             before = json.loads(line)["reason"].partition("; ")[0]
             assert before == ", ".join(f"not {each.name}" for each in row.account.unmet)
 

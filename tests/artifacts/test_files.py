@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts.files import read_json, sweep, whole, write_json
+from rf_exp.artifacts import read_json, sweep, whole, write_json
 from rf_exp.errors import StageError
 
 WRITER = """

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rf_exp.artifacts.identity import differing, digest, expect_same, plain, restored
+from rf_exp.artifacts import differing, digest, expect_same, plain, restored
 from rf_exp.errors import ArgumentError, StageError
 
 

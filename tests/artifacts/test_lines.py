@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts.lines import append_line, read_lines
+from rf_exp.artifacts import append_line, read_lines
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts.locks import hold_folder
-from rf_exp.stages.artifacts import owned
+from rf_exp.artifacts import hold_folder
+from rf_exp.stages import owned
 
 HOLD = """
     import sys, time

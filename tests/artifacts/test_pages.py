@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from jinja2 import UndefinedError
 
-from rf_exp.artifacts.pages import rendered
+from rf_exp.artifacts import rendered
 
 
 @pytest.mark.parametrize(("suffix", "said"), [("html", "<p>&lt;b&gt; &amp;</p>\n"), ("md", "<p><b> &</p>\n")])

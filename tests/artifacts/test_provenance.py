@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts.provenance import commit
+from rf_exp.artifacts import commit
 
 
 @pytest.fixture

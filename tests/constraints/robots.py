@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp.geometry import Bodies
+from rf_exp.geometry import PlanningScene
 from rf_exp.robots import Panda
-from rf_exp.tasks import CameraSpec, RobotSpec, Task
-from rf_exp.tasks.base import REST_QPOS
-from rf_exp.tasks.configuration import load_task
+from rf_exp.tasks import REST_QPOS, CameraSpec, RobotSpec, Task, load_task
 from rf_exp.transforms import Matrix, interpolate, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, Trajectory
 
@@ -158,5 +156,5 @@ class Hand:
 
 def arms(task: Task, rng: np.random.Generator, positions: int):
     """Two swept arms along random joint paths."""
-    bodies = Bodies(task, scene_of(task))
-    return tuple(bodies.arm(agent, random_qpos(rng, positions)) for agent in (1, 2))
+    planning_scene = PlanningScene(task, scene_of(task))
+    return tuple(planning_scene.arm(agent, random_qpos(rng, positions)) for agent in (1, 2))

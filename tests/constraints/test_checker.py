@@ -21,14 +21,14 @@ from rf_exp.statements import (
     Together,
     understood,
 )
-from rf_exp.types import Row, Schedule, Subgoal
+from rf_exp.types import ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, walk
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
-FULL = Row("full")
-LOGICAL = Row("logical", spatial=False, temporal=False)
-TEMPORAL = Row("logical_temporal", spatial=False)
-SPATIAL = Row("logical_spatial", temporal=False)
+FULL = ConstraintSet("full")
+LOGICAL = ConstraintSet("logical", spatial=False, temporal=False)
+TEMPORAL = ConstraintSet("logical_temporal", spatial=False)
+SPATIAL = ConstraintSet("logical_spatial", temporal=False)
 
 
 @pytest.fixture(scope="module")

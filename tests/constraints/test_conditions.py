@@ -11,11 +11,11 @@ from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, read
 from rf_exp.statements.notation import vector
-from rf_exp.types import Row, Scene, Schedule, Subgoal, Trajectory
+from rf_exp.types import ConstraintSet, Scene, Schedule, Subgoal, Trajectory
 from tests.constraints.robots import Hand, real, scene_of
 
 FOOD, BAR = real("place_food"), real("lift_barrier")
-FULL = Row("full")
+FULL = ConstraintSet("full")
 HALF_M = 0.03
 
 

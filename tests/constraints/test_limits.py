@@ -7,16 +7,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import CheckedPlan, Plan, RoboChecker, slowed
-from rf_exp.constraints.limits import speeds_m_s
-from rf_exp.coordination import serial
-from rf_exp.geometry import Bodies
+from rf_exp.constraints.slowing import speeds_m_s
+from rf_exp.coordination import sequential
+from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal, read
 from rf_exp.transforms import transform
-from rf_exp.types import Row, Scene, Schedule, Segment, Subgoal, Trajectory
+from rf_exp.types import ConstraintSet, Scene, Schedule, Segment, Subgoal, Trajectory
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, walk
 
 FOOD, BAR = real("place_food"), real("lift_barrier")
-FULL = Row("full")
+FULL = ConstraintSet("full")
 NEAR = (REST + REACHING) / 2
 
 
@@ -47,7 +47,7 @@ def test_timing_keeps_a_distance(parts) -> None:
     (check,) = (each for each in distance.checks if "apart" in repr(each))
     paths = free.paths(trajectories, scene)
     nearest_m = check.planned(together.plan).value
-    in_turn_m = check.planned(Plan(paths, serial(trajectories, Proposal((), ())))).value
+    in_turn_m = check.planned(Plan(paths, sequential(trajectories, Proposal((), ())))).value
     assert in_turn_m > nearest_m + 1e-3
     asked_m = nearest_m + (in_turn_m - nearest_m) / 20  # the first look at arms keeps more than is asked
     asking, kept = checked(probe.format(parts, asked_m), BAR, scene, trajectories)
@@ -66,7 +66,7 @@ def test_a_measured_distance_is_watched() -> None:
     assert watched.monitor()(scene) is None
     qpos = scene.qpos.copy()
     qpos[:, :7] = NEAR
-    arms = Bodies(BAR, scene).arms
+    arms = PlanningScene(BAR, scene).arms
     apart_m = np.linalg.norm(arms[0].tcp(NEAR)[:3, 3] - arms[1].tcp(NEAR)[:3, 3])
     (check,) = (each for each in checker.checks if "apart" in repr(each))
     evidence = check.measured(replace(scene, qpos=qpos), watched.plan)
@@ -122,7 +122,7 @@ def test_a_slow_agent_takes_its_time() -> None:
     found = watched.violations
     assert found and found[0].cause == "time" and "m/s" in found[0].sentence
     assert checker.speeds_m_s == {1: 0.1}
-    arms = Bodies(BAR, scene).arms
+    arms = PlanningScene(BAR, scene).arms
     slow = slowed(trajectories, arms, checker.speeds_m_s)
     assert slow[1] is trajectories[1] or slow[1] == trajectories[1]
     assert len(slow[0]) > 2 * len(trajectories[0])
@@ -143,7 +143,7 @@ def test_a_joint_motion_is_slow_together() -> None:
         ))
         for agent in (1, 2)
     ]  # fmt: skip
-    slow = slowed(both, Bodies(BAR, scene_of(BAR)).arms, {1: 0.03})
+    slow = slowed(both, PlanningScene(BAR, scene_of(BAR)).arms, {1: 0.03})
     assert len(slow[0]) == len(slow[1]) > 40
     assert set(slow[0].segments[0].gripper) == {-1.0}
-    assert slowed(both, Bodies(BAR, scene_of(BAR)).arms, {}) == tuple(both)
+    assert slowed(both, PlanningScene(BAR, scene_of(BAR)).arms, {}) == tuple(both)

@@ -7,21 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import Paths, Plan
-from rf_exp.constraints.logical import (
-    ORIENTATIONS,
-    ConsistentHeight,
-    ValidateDirection,
-    ValidateInteraction,
-    _carried,
-)
+from rf_exp.constraints.checks.direction import ORIENTATIONS, ValidateDirection
+from rf_exp.constraints.checks.height import ConsistentHeight, _carried
+from rf_exp.constraints.checks.interaction import ValidateInteraction
 from rf_exp.coordination import schedule
 from rf_exp.findings import Finding
 from rf_exp.transforms import transform
-from rf_exp.types import Row, Schedule, Subgoal
+from rf_exp.types import ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import Hand, idle, real, scene_of
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
-FULL, TIMELESS = Row("full"), Row("logical_spatial", temporal=False)
+FULL, TIMELESS = ConstraintSet("full"), ConstraintSet("logical_spatial", temporal=False)
 
 
 def plan_of(task, scene, *trajectories, row=FULL) -> Plan:
@@ -215,7 +211,7 @@ def test_without_a_model_of_time_only_the_end_counts():
     alone = np.array([[k, 0] for k in range(21)] + [[20, k] for k in range(1, 21)])
     turns = Schedule(alone, 20)
     assert ConsistentHeight((1, 2)).planned(Plan(plan.paths, turns)).ok
-    timed = ConsistentHeight((1, 2)).planned(Plan(replace(plan.paths, row=FULL), turns))
+    timed = ConsistentHeight((1, 2)).planned(Plan(replace(plan.paths, constraint_set=FULL), turns))
     assert not timed.ok and timed.value == pytest.approx(0.15, abs=2e-3)
 
 

@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import Paths, Plan
-from rf_exp.constraints.spatial import AvoidAgents, AvoidObjects, PolicyMonitor, StayOut, touching
+from rf_exp.constraints import AvoidAgents, Paths, Plan, PolicyMonitor, touching
+from rf_exp.constraints.checks.avoidance import AvoidObjects
+from rf_exp.constraints.checks.keep_out import StayOut
 from rf_exp.coordination import schedule
-from rf_exp.geometry import Bodies, nearest
+from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import Row, Schedule, Subgoal
+from rf_exp.types import ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, team, walk
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
 def together(trajectories) -> Schedule:
@@ -50,7 +51,7 @@ def test_taking_turns_is_proven_clear_with_its_distance(crossing):
     assert 40 < len(timed) < 80  # overlapping, but not blindly
     evidence = AvoidAgents((1, 2)).planned(plan_of(BAR, crossing.scene, there_and_back, timed))
     assert evidence.ok and evidence.value >= evidence.bound
-    bodies = [paths.bodies.along(trajectory) for trajectory in there_and_back]
+    bodies = [paths.planning_scene.along(trajectory) for trajectory in there_and_back]
     least = nearest(*bodies, at=timed.positions)
     assert least is not None and least.distance_m == pytest.approx(evidence.value)
 
@@ -110,7 +111,7 @@ def test_a_zone_is_kept_or_entered():
     crossed = StayOut(1, (-0.1, -0.05, 0.0), (0.1, 0.2, 0.6)).planned(plan)
     assert not crossed.ok and 0 < crossed.time_s < 1
     assert f"Agent_1 at {crossed.time_s:.2f} s enters the zone" in crossed.sentence
-    here = plan.bodies.arms[0].tcp(REST)[:3, 3]
+    here = plan.planning_scene.arms[0].tcp(REST)[:3, 3]
     zone = StayOut(1, tuple((here - 0.05).tolist()), tuple((here + 0.05).tolist()))
     measured = zone.measured(scene, plan)
     assert measured is not None and not measured.ok
@@ -119,7 +120,7 @@ def test_a_zone_is_kept_or_entered():
 def test_what_an_arm_holds_stays_out_of_a_zone_too():
     scene = scene_of(FOOD)
     plan = plan_of(FOOD, scene, (idle(1, REST), idle(2)))
-    hand = plan.bodies.arms[0].tcp(scene.qpos[0])
+    hand = plan.planning_scene.arms[0].tcp(scene.qpos[0])
     below = transform((*hand[:2, 3], hand[2, 3] - 0.3))
     low, high = (below[:3, 3] - 0.05).tolist(), (below[:3, 3] + 0.05).tolist()
     zone = StayOut(1, tuple(low), tuple(high))
@@ -156,7 +157,7 @@ def test_touching_agrees_with_the_exact_distance():
         qpos = scene_of(BAR).qpos
         qpos[:, :7] = REACHING + rng.normal(0, 0.25, (2, 7))
         scene = scene_of(BAR, qpos=qpos)
-        exact = Bodies(BAR, scene).between(1, 2).distance_m
+        exact = PlanningScene(BAR, scene).between(1, 2).distance_m
         found = touching(BAR, scene, ((1, 2),))
         outcomes.add(found is None)
         assert (found is None) == (exact > 0)
@@ -171,12 +172,12 @@ def test_what_an_arm_holds_is_part_of_it():
         start = scene_of(FOOD)
         qpos = start.qpos
         qpos[:, :7] = REACHING + rng.normal(0, 0.25, (2, 7))
-        bodies = Bodies(FOOD, start)
-        steak = bodies.arms[0].tcp(qpos[0]) @ grip
+        planning_scene = PlanningScene(FOOD, start)
+        steak = planning_scene.arms[0].tcp(qpos[0]) @ grip
         scene = replace(start, qpos=qpos, held=("steak", None), poses={**start.poses, "steak": steak})
-        loaded = bodies.arm(1, qpos[0], carries="steak", tcp_from_object=grip, touches=())
-        exact, bare = nearest(loaded, bodies.arm(2, qpos[1])), bodies.arm(1, qpos[0])
-        alone = nearest(bare, bodies.arm(2, qpos[1]))
+        loaded = planning_scene.arm(1, qpos[0], carries="steak", tcp_from_object=grip, touches=())
+        exact, bare = nearest(loaded, planning_scene.arm(2, qpos[1])), planning_scene.arm(1, qpos[0])
+        alone = nearest(bare, planning_scene.arm(2, qpos[1]))
         assert exact is not None and alone is not None
         found = touching(FOOD, scene, ((1, 2),))
         assert (found is None) == (exact.distance_m > 0)
@@ -193,8 +194,8 @@ def measured_with(task, name, pose, held, qpos=None):
 
 
 def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
-    bodies = Bodies(FOOD, scene_of(FOOD))
-    arm, rest = bodies.arms[1], scene_of(FOOD).qpos
+    planning_scene = PlanningScene(FOOD, scene_of(FOOD))
+    arm, rest = planning_scene.arms[1], scene_of(FOOD).qpos
     in_fingers = measured_with(FOOD, "steak", arm.links(rest[1])[-1], ("steak", None))
     in_elbow = measured_with(FOOD, "steak", arm.links(rest[1])[5], ("steak", None))
     about = {2: frozenset({"steak"})}
@@ -208,7 +209,7 @@ def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
 
 
 def test_what_two_hold_together_is_no_obstacle_between_them():
-    arm = Bodies(BAR, scene_of(BAR)).arms[1]
+    arm = PlanningScene(BAR, scene_of(BAR)).arms[1]
     pose = arm.links(scene_of(BAR).qpos[1])[5]
     assert touching(BAR, measured_with(BAR, "barrier", pose, ("barrier", None)), ((1, 2),)) is not None
     assert touching(BAR, measured_with(BAR, "barrier", pose, ("barrier", "barrier")), ((1, 2),)) is None

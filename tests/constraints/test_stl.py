@@ -8,20 +8,17 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import Check, Plan, RoboChecker, check_of
-from rf_exp.constraints import limits as checks_of_limits
-from rf_exp.constraints.compile import compiled
-from rf_exp.constraints.limits import MEASURED_DEG, MEASURED_M, MEASURED_SPEED
-from rf_exp.constraints.logical import ANGLE_MEASURED_DEG, POSITION_MEASURED_M
-from rf_exp.constraints.plan import Paths
+from rf_exp.constraints import Check, Paths, Plan, RoboChecker, check_of, compiled
+from rf_exp.constraints.checks import limits as checks_of_limits
+from rf_exp.constraints.checks.direction import ANGLE_MEASURED_DEG
+from rf_exp.constraints.checks.interaction import POSITION_MEASURED_M
+from rf_exp.constraints.checks.limits import MEASURED_DEG, MEASURED_M, MEASURED_SPEED
 from rf_exp.constraints.stl import VOID, Execution, evaluated, judged, kept, signals, stl_of
-from rf_exp.coordination import serial
+from rf_exp.coordination import sequential
+from rf_exp.datagen import EpisodeMaker, Planned, Settings, Trace
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker
-from rf_exp.datagen.planning import Planned, Settings
-from rf_exp.datagen.trace import Trace
 from rf_exp.errors import ArgumentError
-from rf_exp.sim.pool import simulator
+from rf_exp.sim import shared_simulator
 from rf_exp.statements import (
     AvoidAgents,
     AvoidObjects,
@@ -43,7 +40,7 @@ from rf_exp.statements import (
     Together,
 )
 from rf_exp.transforms import transform
-from rf_exp.types import CONTROL_DT_S, Pictures, Row, Scene
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Pictures, Scene
 from tests.constraints.robots import REACHING, REST, idle, real, scene_of, walk
 
 Executed = tuple[Planned, Execution]
@@ -56,8 +53,8 @@ def episodes() -> dict[str, list[Executed]]:
     found = {}
     for name in TASKS:
         task, trace = real(name), Trace()
-        settings = Settings(task, Row("full"), ScriptedSpec())
-        world = simulator(task, Pictures(render=False))
+        settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
+        world = shared_simulator(task, Pictures(render=False))
         assert EpisodeMaker(settings, world, settings.make_brain(0), trace).make(0).success
         found[name] = trace.executions()
     return found
@@ -136,7 +133,7 @@ def test_where_the_gripper_meets_an_object(episodes, far_m):
     point = execution.plan.task.asset("barrier").points["left"].object_from_tcp
 
     def poses(scene: Scene) -> dict[str, np.ndarray]:
-        tcp = execution.plan.bodies.arms[0].tcp(scene.qpos[0])
+        tcp = execution.plan.planning_scene.arms[0].tcp(scene.qpos[0])
         aside = transform((far_m, 0, 0)) @ tcp @ np.linalg.inv(point)
         return {**scene.poses, "barrier": aside}
 
@@ -170,7 +167,7 @@ def test_what_is_put_down(episodes):
     assert agreed(execution, check) and judged(execution, check)[0].judged
     paths = execution.plan.paths
     poses = {**paths.scene.poses, "pot": transform((0.2, 0, 0)) @ paths.scene.poses["pot"]}
-    elsewhere = Paths(paths.task, paths.row, replace(paths.scene, poses=poses), paths.trajectories)
+    elsewhere = Paths(paths.task, paths.constraint_set, replace(paths.scene, poses=poses), paths.trajectories)
     assert not agreed(Execution(Plan(elsewhere, execution.plan.schedule), execution.scenes), check)
 
 
@@ -182,9 +179,9 @@ def reaching(goal: NDArray[np.float64], *agents: int) -> Execution:
     """Some of two arms go to a position, one after the other."""
     task = real("lift_barrier")
     moving = tuple(walk(each, [REST, goal], 20) if each in agents else idle(each) for each in (1, 2))
-    checker = RoboChecker(task, Proposal((), ()), Row("full"))
+    checker = RoboChecker(task, Proposal((), ()), ConstraintSet("full"))
     paths = checker.paths(moving, scene_of(task))
-    plan = Plan(paths, serial(moving, Proposal((), ())))
+    plan = Plan(paths, sequential(moving, Proposal((), ())))
     steps = range(1, len(plan.schedule) + 1)
     scenes = []
     for step in steps:

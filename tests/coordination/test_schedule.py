@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rf_exp.constraints.temporal import Deadline, Sequential, ShareSpace, Simultaneous, span
-from rf_exp.coordination import Delays, Demands, actions, intended, schedule, serial
+from rf_exp.constraints.checks.temporal import Deadline, Sequential, ShareSpace, Simultaneous, span
+from rf_exp.coordination import Delays, Demands, actions, intended, schedule, sequential
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Step
@@ -326,7 +326,7 @@ def test_reason_out_of_budget():
 def test_serial_takes_turns_in_the_order_of_the_plan():
     trajectories = pair((3, 4), (5, 6))
     goals = [s.subgoal for t in trajectories for s in t.segments]
-    timed = serial(trajectories, Proposal((goals[2], goals[0], goals[1], goals[3]), ()))
+    timed = sequential(trajectories, Proposal((goals[2], goals[0], goals[1], goals[3]), ()))
     moves(timed, trajectories)
     assert len(timed) == 18
     assert arrived(timed, 2, 5) == 5 and arrived(timed, 1, 7) == 12 and arrived(timed, 2, 11) == 18
@@ -335,8 +335,8 @@ def test_serial_takes_turns_in_the_order_of_the_plan():
 
 def test_serial_lets_those_make_room_first_whom_the_plan_does_not_name():
     trajectories = pair((3,), (5,))
-    assert len(serial(trajectories, Proposal((), ()))) == 8
-    timed = serial(trajectories, Proposal((trajectories[0].segments[0].subgoal,), ()))
+    assert len(sequential(trajectories, Proposal((), ()))) == 8
+    timed = sequential(trajectories, Proposal((trajectories[0].segments[0].subgoal,), ()))
     assert arrived(timed, 2, 5) == 5 and arrived(timed, 1, 3) == 8
 
 

@@ -6,9 +6,9 @@ from rf_exp.constraints import RoboChecker
 from rf_exp.datagen.brain import BadAnswer, from_json
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
 class Guard:

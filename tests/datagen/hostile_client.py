@@ -14,7 +14,7 @@ from pathlib import Path
 import yaml
 
 from rf_exp.datagen.brain import BadAnswer, Question, ScriptedBrain, read_brain
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 from tests.conftest import CONF, read_task
 from tests.datagen.guard import Guard
 from tests.scenes import start_scene
@@ -32,7 +32,7 @@ def main() -> None:
     for number, (url, calls, deadline_s) in enumerate(json.load(sys.stdin)):
         asked = {"base_url": url, "timeout_s": deadline_s, "deadline_s": deadline_s, "budget": calls}
         spec = read_brain(yaml.safe_load((CONF / "brain/openai.yaml").read_text()) | PLAIN | asked)
-        brain = spec.make(task, Row("full"), 0)
+        brain = spec.make(task, ConstraintSet("full"), 0)
         for _ in range(calls):
             began = time.perf_counter()
             guard.on = number > 0  # the first server is asked to load what is loaded once

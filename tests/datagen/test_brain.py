@@ -27,7 +27,7 @@ from rf_exp.datagen.brain.protocol import most_subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.secrets import refuse_keys
 from rf_exp.statements import Deadline, Proposal, Step, read_subgoal
-from rf_exp.types import Row, Subgoal
+from rf_exp.types import ConstraintSet, Subgoal
 from tests.conftest import CONF, read_task
 from tests.scenes import start_scene
 
@@ -206,7 +206,7 @@ def test_every_file_makes_a_brain_that_can_travel(name, kind, lift_barrier, monk
     (tmp_path / "exchanges" / "lift_barrier" / "full").mkdir(parents=True)
     spec = read_brain(composed(f"brain={name}", f"out={tmp_path}"))
     assert isinstance(spec, kind) and spec.name == name
-    brain = pickle.loads(pickle.dumps(spec)).make(lift_barrier, Row("full"), 3)
+    brain = pickle.loads(pickle.dumps(spec)).make(lift_barrier, ConstraintSet("full"), 3)
     assert brain.name == name
     assert json.loads(json.dumps(dict(spec.identity)))["name"] == name
     assert b"sk-some-key" not in pickle.dumps(spec)

@@ -3,21 +3,20 @@
 import numpy as np
 import pytest
 
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, applies, from_json
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.statements import Before, Unread, read
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 from tests.conftest import CONF, read_task
 from tests.scenes import rejection, start_scene
 
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
-class Watcher(Nobody):
+class Watcher(NullObserver):
     """Notes what moved, and what was rejected after how many steps."""
 
     def __init__(self):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import Monitor, Paths, Plan, PolicyMonitor
-from rf_exp.coordination import serial
+from rf_exp.coordination import sequential
+from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec, from_json, to_json
-from rf_exp.datagen.planning import Planner, Settings
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.statements import Before, Deadline, KeepLevel, Proposal, Step
-from rf_exp.tasks.base import ASIDE_QPOS
-from rf_exp.types import Row, Subgoal, Trajectory
+from rf_exp.tasks import RETRACTED_QPOS
+from rf_exp.types import ConstraintSet, Subgoal, Trajectory
 from tests.conftest import read_task
 from tests.scenes import start_scene
 
@@ -28,8 +28,8 @@ def answer(task, scene, violation):
 def watched(task, scene):
     """What the monitor says of a scene in which everybody is to stand still."""
     still = tuple(Trajectory(k, scene.qpos[k - 1, :7], 1.0, ()) for k in task.agents)
-    paths = Paths(task, Row("full"), scene, still)
-    found = Monitor(Plan(paths, serial(still, Proposal((), ()))), ())(scene)
+    paths = Paths(task, ConstraintSet("full"), scene, still)
+    found = Monitor(Plan(paths, sequential(still, Proposal((), ()))), ())(scene)
     assert found is not None
     return found
 
@@ -61,7 +61,7 @@ def planned(proposal):
         def answer(self, question):
             return proposal if isinstance(proposal, str) else to_json(proposal)
 
-    scene, settings = start_scene(PHOTO, 0), Settings(PHOTO, Row("full"), ScriptedSpec())
+    scene, settings = start_scene(PHOTO, 0), Settings(PHOTO, ConstraintSet("full"), ScriptedSpec())
     found = Planner(settings, Says()).plan(Question(PHOTO, scene, {}), scene, np.random.default_rng(0))
     assert isinstance(found, Violation)
     return found
@@ -114,6 +114,6 @@ def test_who_carries_something_with_another_stays_and_so_does_who_is_aside_alrea
     carrying = replace(scene, held=("camera", "camera", None, None))
     assert leaving(PHOTO, carrying, hit(PHOTO, carrying, 1, 4)) == [4]
     qpos = scene.qpos.copy()
-    qpos[3, :7] = np.array(ASIDE_QPOS) + 0.05
+    qpos[3, :7] = np.array(RETRACTED_QPOS) + 0.05
     aside = replace(carrying, qpos=qpos)
     assert leaving(PHOTO, aside, hit(PHOTO, aside, 1, 4)) == []

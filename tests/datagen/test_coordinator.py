@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rf_exp.datagen import Coordinator, EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.coordinator import Coordinator
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Settings
 from rf_exp.policy.coordination import may_go
-from rf_exp.sim.simulator import Simulator
-from rf_exp.types import ARM_JOINTS, Row, Scene
+from rf_exp.sim import Simulator
+from rf_exp.types import ARM_JOINTS, ConstraintSet, Scene
 from tests.conftest import TASKS, read_task
 
 
-class Scenes(Nobody):
+class Scenes(NullObserver):
     """Keeps the scenes before each step."""
 
     def __init__(self) -> None:
@@ -38,7 +36,7 @@ def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float
     Where arms pause, others wait for them at places where the coordinator's plan has no wait.
     """
     task = read_task(name)
-    settings = Settings(task, Row("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=delay_s)
+    settings = Settings(task, ConstraintSet("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=delay_s)
     with Simulator(task, render=False) as world:
         for seed in range(3):
             watching = Scenes()

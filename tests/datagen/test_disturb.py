@@ -6,28 +6,27 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import Paths, Plan
+from rf_exp.datagen import EpisodeMaker, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.knocks import KNOCKED_M, Knocks
 from rf_exp.datagen.motion import disturb
-from rf_exp.datagen.planning import Settings
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.coordination import hesitates
-from rf_exp.robots.panda import limits_rad
-from rf_exp.sim.pool import simulator
-from rf_exp.tasks.base import REST_QPOS
-from rf_exp.types import ARM_JOINTS, Episode, Pictures, Row, Schedule, Segment, Subgoal, Trajectory
+from rf_exp.robots import limits_rad
+from rf_exp.sim import shared_simulator
+from rf_exp.tasks import REST_QPOS
+from rf_exp.types import ARM_JOINTS, ConstraintSet, Episode, Pictures, Schedule, Segment, Subgoal, Trajectory
 from tests.conftest import TASKS, read_task
 
 STRENGTH_RAD, DELAY_S = 0.05, 1.0
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
 def make(task_name: str, seed: int, strength_rad: float = STRENGTH_RAD):
     task = read_task(task_name)
     settings = Settings(task, FULL, ScriptedSpec(), disturbance_rad=strength_rad, delay_s=DELAY_S)
-    return EpisodeMaker(settings, simulator(task, Pictures(render=False)), ScriptedBrain()).make(seed)
+    return EpisodeMaker(settings, shared_simulator(task, Pictures(render=False)), ScriptedBrain()).make(seed)
 
 
 @pytest.fixture(scope="module", params=sorted(TASKS))
@@ -58,7 +57,7 @@ def test_the_plan_is_learned_and_something_else_was_done(episode: Episode) -> No
 
 def test_what_was_done_gives_the_episode_again(episode: Episode) -> None:
     """And what was intended, alone, does not: the difference matters."""
-    world = simulator(read_task(episode.task), Pictures(render=False))
+    world = shared_simulator(read_task(episode.task), Pictures(render=False))
     assert episode.executed is not None
     for commands, same in ((episode.executed, True), (episode.action, False)):
         scene, found = world.reset(episode.seed), []
@@ -158,7 +157,7 @@ def test_known_subgoals_keep_their_numbers() -> None:
 
 
 def test_only_what_nobody_handles_can_be_knocked() -> None:
-    world = simulator(read_task("stack_cube"), Pictures(render=False))
+    world = shared_simulator(read_task("stack_cube"), Pictures(render=False))
     start = world.reset(0)
     blue = next(name for name in start.poses)
     path = Trajectory(

@@ -7,20 +7,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec, from_json, to_json
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import CheckName
-from rf_exp.sim.simulator import Simulator
-from rf_exp.tasks import Judge
-from rf_exp.types import CONTROL_HZ, Row, Subgoal
+from rf_exp.sim import Simulator
+from rf_exp.tasks import SuccessEvaluator
+from rf_exp.types import CONTROL_HZ, ConstraintSet, Subgoal
 from tests.conftest import read_task
 
-FULL = Row("full")
-LOGICAL = Row("logical", spatial=False, temporal=False)
-SPATIAL = Row("logical_spatial", temporal=False)
-BLIND = Row("logical_temporal", spatial=False)
+FULL = ConstraintSet("full")
+LOGICAL = ConstraintSet("logical", spatial=False, temporal=False)
+SPATIAL = ConstraintSet("logical_spatial", temporal=False)
+BLIND = ConstraintSet("logical_temporal", spatial=False)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +43,7 @@ class Mistaken(ScriptedBrain):
         return changed if isinstance(changed, str) else to_json(changed)
 
 
-class Watcher(Nobody):
+class Watcher(NullObserver):
     def __init__(self):
         self.rejections, self.plans, self.begins, self.steps = [], [], [], 0
 
@@ -98,7 +97,7 @@ def test_the_expert_succeeds_within_the_joint_limits_and_its_actions_play_again(
         assert np.abs(episode.qpos[1:, :, :7] - commands[:-1]).max() < 0.12
 
         scene = world.reset(1)
-        judge = Judge(task, scene)
+        judge = SuccessEvaluator(task, scene)
         for qpos, action in zip(episode.qpos, episode.action, strict=True):
             np.testing.assert_array_equal(scene.qpos.astype(np.float32), qpos)
             scene = world.step(action.astype(float))
@@ -190,7 +189,7 @@ def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     with Simulator(heavy, render=False) as world:
         together, turns = (
             EpisodeMaker(Settings(heavy, row, ScriptedSpec()), world, ScriptedBrain()).make(seed)
-            for row in (FULL, Row("logical_spatial", temporal=False))
+            for row in (FULL, ConstraintSet("logical_spatial", temporal=False))
         )
     assert together.success
     assert not turns.success and "Agent" in turns.reason

@@ -11,9 +11,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from rf_exp.datagen.brain import ScriptedBrain
+from rf_exp.datagen.brain import Question, ScriptedBrain
 from rf_exp.datagen.brain.bodies import LARGEST_BODY
-from rf_exp.datagen.brain.protocol import Question
 from tests.conftest import read_task
 from tests.datagen.language_server import LanguageServer, Reply, completion
 from tests.scenes import start_scene

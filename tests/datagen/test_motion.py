@@ -7,20 +7,20 @@ import pytest
 
 from rf_exp.datagen.motion import Unreachable, plan_motion
 from rf_exp.datagen.motion.path import find_path
-from rf_exp.datagen.motion.primitives import GRIPPER_STEPS
+from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.robots import Panda, limits_rad
 from rf_exp.statements import Proposal
-from rf_exp.tasks.base import ASIDE_QPOS, REST_QPOS
+from rf_exp.tasks import REST_QPOS, RETRACTED_QPOS
 from rf_exp.transforms import planar
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, JointLimits, Row, Subgoal
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, ConstraintSet, JointLimits, Subgoal
 from tests.scenes import start_scene
 
 LIMITS = JointLimits()
 
 
 def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle_too=False):
-    blocked = Obstacles(task, scene, row or Row("full"), proposal).blocked(avoid_arms=avoid_arms)
+    blocked = Obstacles(task, scene, row or ConstraintSet("full"), proposal).blocked(avoid_arms=avoid_arms)
     return plan_motion(
         task,
         proposal,
@@ -60,7 +60,7 @@ def test_who_has_nothing_to_do_goes_out_of_the_way_first_unless_it_holds_somethi
         segments = trajectories[1].segments
         assert [(each.subgoal.verb, each.primitive) for each in segments] == [("aside", "move")] * length
         for segment in segments:
-            np.testing.assert_allclose(segment.qpos[-1], ASIDE_QPOS, atol=1e-9)
+            np.testing.assert_allclose(segment.qpos[-1], RETRACTED_QPOS, atol=1e-9)
     assert not plan(place_food, proposal, scene)[0][1].segments
 
 
@@ -149,7 +149,9 @@ def test_a_seeing_planner_does_not_go_through_an_arm_that_a_blind_one_does_not_s
     qpos[1, :7] = parked
     scene = replace(scene, qpos=qpos)
     grasp = Proposal((Subgoal(1, "grasp", "lid", "knob"),), ())
-    plan(place_food, grasp, scene, row=Row("logical", spatial=False, temporal=False), avoid_arms=True)
+    plan(
+        place_food, grasp, scene, row=ConstraintSet("logical", spatial=False, temporal=False), avoid_arms=True
+    )
     with pytest.raises(Unreachable, match="Agent_1 cannot grasp lid at knob"):
         plan(place_food, grasp, scene, avoid_arms=True)
 

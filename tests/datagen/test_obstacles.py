@@ -6,17 +6,17 @@ import numpy as np
 
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
-from rf_exp.geometry import VOXEL_M, Bodies, voxels
+from rf_exp.geometry import VOXEL_M, PlanningScene, voxels
 from rf_exp.perception import SEEN
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
-from rf_exp.tasks.base import REST_QPOS
+from rf_exp.tasks import REST_QPOS
 from rf_exp.transforms import transform
-from rf_exp.types import Row, Subgoal
+from rf_exp.types import ConstraintSet, Subgoal
 from tests.conftest import read_task
 from tests.scenes import start_scene
 
-FULL, LOGICAL = Row("full"), Row("logical", spatial=False, temporal=False)
+FULL, LOGICAL = ConstraintSet("full"), ConstraintSet("logical", spatial=False, temporal=False)
 REST = np.array(REST_QPOS)
 
 
@@ -59,7 +59,7 @@ def test_a_box_that_only_the_cameras_know_is_in_the_way():
 def test_what_a_subgoal_is_about_is_known_by_its_shape_and_not_by_its_voxels():
     task = read_task("pick_meat")
     scene = start_scene(task, 0)
-    steak = voxels(Bodies(task, scene).standing(["steak"]))
+    steak = voxels(PlanningScene(task, scene).standing(["steak"]))
     looked = replace(scene, seen=steak)
     arm = Panda(task.robots[0].world_from_base)
     grasp = scene.poses["steak"] @ task.asset("steak").points["center"].object_from_tcp

@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 
 from rf_exp.coordination import actions
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
 from rf_exp.datagen.motion import come_to_rest, let_off
-from rf_exp.datagen.planning import Settings
-from rf_exp.sim.simulator import Simulator
-from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, JointLimits, Row
+from rf_exp.sim import Simulator
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, ConstraintSet, JointLimits
 from tests.conftest import read_task
 
 LIMITS = JointLimits()
-BLINDEST = Row("logical", spatial=False, temporal=False)
-BLIND = Row("logical_temporal", spatial=False)
+BLINDEST = ConstraintSet("logical", spatial=False, temporal=False)
+BLIND = ConstraintSet("logical_temporal", spatial=False)
 FAST_RAD_S = 0.3  # of some joint, so that there is something to stop
 
 
-class Plans(Nobody):
+class Plans(NullObserver):
     def __init__(self):
         self.plans, self.rejections = [], []
 
@@ -65,7 +64,9 @@ def planned():
     """Commands (T, N, 8) of every plan of an episode in which several arms move at once."""
     task, seen = read_task("three_robots_stack_cube"), Plans()
     with Simulator(task, render=False) as world:
-        EpisodeMaker(Settings(task, Row("full"), ScriptedSpec()), world, ScriptedBrain(), seen).make(1)
+        EpisodeMaker(
+            Settings(task, ConstraintSet("full"), ScriptedSpec()), world, ScriptedBrain(), seen
+        ).make(1)
     starts = [np.stack([each.path()[0] for each in plan.trajectories]) for plan in seen.plans]
     return [
         np.concatenate([start[None], actions(plan.trajectories, plan.schedule)])
@@ -125,7 +126,7 @@ def told(episode):
 def test_a_repaired_episode_keeps_the_joint_limits(task):
     """A law: something seems lost in full motion; all stop, plan again from there, and succeed."""
     with Simulator(task, render=False) as world:
-        outcome, seen = made(task, Row("full"), 1, Blinking(world))
+        outcome, seen = made(task, ConstraintSet("full"), 1, Blinking(world))
     assert outcome.violations >= 1 and seen.rejections[0].cause == "grip"
     assert outcome.episode is not None, outcome.reason
     assert_within_limits(told(outcome.episode))

@@ -10,17 +10,15 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.constraints import PolicyMonitor
+from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.datagen.generate import make_episode
-from rf_exp.datagen.planning import Settings
 from rf_exp.envs import Observations, environment_id, parallel_env, register
 from rf_exp.envs.central import CentralEnv
 from rf_exp.envs.core import EpisodeCore
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.robots import limits_rad
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import CONFIGURED
-from rf_exp.types import Pictures, Row
+from rf_exp.tasks import CONFIGURED, Task
+from rf_exp.types import ConstraintSet, Pictures
 from tests.conftest import TASKS, experiment, read_task
 
 ROOT = Path(__file__).parents[2]
@@ -42,7 +40,9 @@ def test_the_tasks_are_those_of_the_command(name: str) -> None:
 
 @pytest.mark.slow
 def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Task) -> None:
-    episode = make_episode(Settings(task, Row("full"), ScriptedSpec()), Pictures(render=False), 3).episode
+    episode = make_episode(
+        Settings(task, ConstraintSet("full"), ScriptedSpec()), Pictures(render=False), 3
+    ).episode
     assert episode is not None
     env = CentralEnv(task)
     observed, info = env.reset(seed=3)

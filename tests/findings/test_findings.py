@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from rf_exp.artifacts.identity import plain, restored
+from rf_exp.artifacts import plain, restored
 from rf_exp.findings import Account, Cause, CheckName, Doing, Finding, Violation
 
 EVERYTHING = Violation(

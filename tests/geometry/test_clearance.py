@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.geometry import Bodies, Piece, Swept, closer_than, folded, nearest, overlap
+from rf_exp.geometry import Piece, PlanningScene, Swept, closer_than, folded, nearest, overlap
 from rf_exp.geometry.clearance import DOUBT, SLACK_M
-from rf_exp.robots.panda import self_pairs
+from rf_exp.robots import self_pairs
 from rf_exp.transforms import transform
 from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
 
@@ -42,13 +42,13 @@ def test_the_diagram_is_the_exact_test_of_every_cell(margin_m):
 
 def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
     rng = np.random.default_rng(4)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     keys = [random_qpos(rng, 5) for _ in range(2)]
     paths = [
         np.stack([np.interp(np.linspace(0, 4, 120), range(5), key[:, k]) for k in range(7)], axis=1)
         for key in keys
     ]
-    a, b = bodies.arm(1, paths[0]), bodies.arm(2, paths[1])
+    a, b = planning_scene.arm(1, paths[0]), planning_scene.arm(2, paths[1])
     diagram = closer_than(a, b, 0.01, between=False)
     cells = rng.integers(0, 120, (400, 2))
     edge = np.argwhere(diagram[1:, 1:] != diagram[:-1, 1:])[:60]  # where it is decided
@@ -60,10 +60,10 @@ def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
 def test_what_is_forbidden_between_positions_is_not_more_than_the_doubt():
     """Both sides of the limit, over every cell of smooth paths: what pieces have to spare."""
     rng = np.random.default_rng(11)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     sweep = np.linspace(0, 1, 40)[:, None]
     keys = random_qpos(rng, 2), random_qpos(rng, 2)
-    a, b = (bodies.arm(k + 1, key[0] + sweep * (key[1] - key[0])) for k, key in enumerate(keys))
+    a, b = (planning_scene.arm(k + 1, key[0] + sweep * (key[1] - key[0])) for k, key in enumerate(keys))
     margin_m = 0.01
     spare = np.full((40, 40), np.inf)
     request, result = coal.DistanceRequest(), coal.DistanceResult()
@@ -85,20 +85,23 @@ def test_what_is_forbidden_between_positions_is_not_more_than_the_doubt():
 def test_no_collision_is_missed_near_contact():
     """States close to first contact, on both sides of it, found by bisection."""
     rng = np.random.default_rng(5)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     met = 0
     while met < 60:
         here, there = random_qpos(rng, 2)
-        a = bodies.arm(1, here)
-        if brute(a, bodies.arm(2, there), 0, 0) >= 0 or brute(a, bodies.arm(2, REST), 0, 0) <= 0:
+        a = planning_scene.arm(1, here)
+        if (
+            brute(a, planning_scene.arm(2, there), 0, 0) >= 0
+            or brute(a, planning_scene.arm(2, REST), 0, 0) <= 0
+        ):
             continue
         low, high = 0.0, 1.0  # the way of agent 2 back to rest: overlap at low, clear at high
         for _ in range(14):
             middle = (low + high) / 2
-            hit = brute(a, bodies.arm(2, there + middle * (REST - there)), 0, 0) < 0
+            hit = brute(a, planning_scene.arm(2, there + middle * (REST - there)), 0, 0) < 0
             low, high = (middle, high) if hit else (low, middle)
         for fraction in (low, high):
-            b = bodies.arm(2, there + fraction * (REST - there))
+            b = planning_scene.arm(2, there + fraction * (REST - there))
             exact = brute(a, b, 0, 0)
             assert abs(exact) < 1e-3
             if exact < 0 or exact > 2 * SLACK_M:  # doubt counts as contact
@@ -116,7 +119,7 @@ def test_swapping_the_agents_transposes_the_diagram():
 def test_free_neighbours_prove_the_motion_between_them():
     """Half-way and quarter-way states between any two free neighbours keep clear of contact."""
     rng = np.random.default_rng(7)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     fine = 8
     keys = [random_qpos(rng, 4) for _ in range(2)]
     paths = [
@@ -124,8 +127,8 @@ def test_free_neighbours_prove_the_motion_between_them():
         for key in keys
     ]
     coarse = [path[::fine] for path in paths]
-    free = ~closer_than(bodies.arm(1, coarse[0]), bodies.arm(2, coarse[1]), 0.0)
-    hit = closer_than(bodies.arm(1, paths[0]), bodies.arm(2, paths[1]), 0.0, between=False)
+    free = ~closer_than(planning_scene.arm(1, coarse[0]), planning_scene.arm(2, coarse[1]), 0.0)
+    hit = closer_than(planning_scene.arm(1, paths[0]), planning_scene.arm(2, paths[1]), 0.0, between=False)
     assert hit.any() and free.any()
     rows, columns = np.nonzero(free[:-1, :-1] & free[1:, 1:])
     for step in range(fine + 1):
@@ -146,10 +149,10 @@ def test_nearest_is_the_least_over_cells_and_pieces():
 
 def test_overlap_answers_for_touching_bodies_only():
     rng = np.random.default_rng(9)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     outcomes = set()
     for _ in range(40):
-        a, b = bodies.arm(1, random_qpos(rng, 1)), bodies.arm(2, random_qpos(rng, 1))
+        a, b = planning_scene.arm(1, random_qpos(rng, 1)), planning_scene.arm(2, random_qpos(rng, 1))
         exact, found = brute(a, b, 0, 0), overlap(a, b)
         outcomes.add(found is None)
         assert (found is None) == (exact > 0)
@@ -171,8 +174,8 @@ def test_contact_begins_at_distance_zero():
 def test_false_alarms_of_the_planning_margin_are_rare():
     """The margin may refuse states that do not touch: at most 5 % of them."""
     rng = np.random.default_rng(10)
-    bodies = Bodies(TWO, scene_of(TWO))
-    a, b = bodies.arm(1, random_qpos(rng, 60)), bodies.arm(2, random_qpos(rng, 60))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
+    a, b = planning_scene.arm(1, random_qpos(rng, 60)), planning_scene.arm(2, random_qpos(rng, 60))
     alarm, touch = closer_than(a, b, 0.01, between=False), closer_than(a, b, 0.0, between=False)
     assert not (touch & ~alarm).any()
     assert (alarm & ~touch).sum() <= 0.05 * (~touch).sum()
@@ -180,7 +183,7 @@ def test_false_alarms_of_the_planning_margin_are_rare():
 
 def test_an_arm_that_folds_into_itself_is_found():
     folded_up = np.array([0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0])  # the hand inside the shoulder
-    body = Bodies(TWO, scene_of(TWO)).arm(1, np.stack([REST, folded_up]))
+    body = PlanningScene(TWO, scene_of(TWO)).arm(1, np.stack([REST, folded_up]))
     assert folded(body, self_pairs()).tolist() == [False, True]
 
 

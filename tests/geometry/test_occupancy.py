@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.geometry import VOXEL_M, Bodies, Piece, nearest, overlap
-from rf_exp.geometry.occupancy import beside, centres_m, fill, shared, voxels
+from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, beside, centres_m, nearest, overlap, shared, voxels
+from rf_exp.geometry.occupancy import fill
 from rf_exp.geometry.shapes import arm_pieces
 from rf_exp.perception.obstacles import boxes
 from rf_exp.transforms import apply
@@ -25,9 +25,9 @@ def inside(piece: Piece, count: int, rng: np.random.Generator):
 
 def test_every_point_of_every_link_lies_in_an_occupied_voxel():
     rng = np.random.default_rng(0)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     for qpos in random_qpos(rng, 6):
-        body = bodies.arm(1, qpos)
+        body = planning_scene.arm(1, qpos)
         occupied = {*map(tuple, voxels(body).tolist())}
         for piece, pose in zip(body.pieces, body.poses[0], strict=True):
             assert voxel_of(apply(pose, inside(piece, 800, rng))) <= occupied
@@ -35,7 +35,7 @@ def test_every_point_of_every_link_lies_in_an_occupied_voxel():
 
 def test_voxels_are_nearly_tight():
     """No occupied voxel is a whole voxel away from the arm, and few miss it."""
-    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(1), 1))
+    body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(1), 1))
     samples = np.concatenate(
         [
             apply(pose, inside(piece, 6000, np.random.default_rng(2)))
@@ -50,7 +50,7 @@ def test_voxels_are_nearly_tight():
 
 def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
     rng = np.random.default_rng(5)
-    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(rng, 1))
+    body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(rng, 1))
     coarse = {*map(tuple, voxels(body).tolist())}
     fine = voxels(body, voxel_m=VOXEL_M / 2)
     assert {*map(tuple, (fine // 2).tolist())} == coarse
@@ -62,10 +62,10 @@ def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
 
 def test_arms_that_touch_share_a_voxel_and_few_others_do():
     rng = np.random.default_rng(4)
-    bodies = Bodies(TWO, scene_of(TWO))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
     touched = alarms = clear = 0
     for _ in range(120):
-        a, b = bodies.arm(1, random_qpos(rng, 1)), bodies.arm(2, random_qpos(rng, 1))
+        a, b = planning_scene.arm(1, random_qpos(rng, 1)), planning_scene.arm(2, random_qpos(rng, 1))
         meets = len(shared(voxels(a), voxels(b))) > 0
         if overlap(a, b) is not None:
             touched += 1
@@ -96,7 +96,7 @@ def test_shared_voxels_are_sorted_and_may_be_none():
 
 @pytest.mark.parametrize("margin_m", [0.0, 0.03])
 def test_voxels_beside_a_body_are_those_within_a_margin_of_it(margin_m):
-    body = Bodies(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(6), 1))
+    body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(6), 1))
     middle = np.floor(body.centres[0].mean(axis=0) / VOXEL_M).astype(int)
     around = np.random.default_rng(7).integers(middle - 8, middle + 8, (600, 3))
     gaps = [nearest(body, boxes(cube[None])) for cube in around]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.geometry import Bodies, closer_than, lowest_m, nearest
-from rf_exp.tasks.base import FINGERS_OPEN_M
+from rf_exp.geometry import PlanningScene, closer_than, lowest_m, nearest
+from rf_exp.tasks import FINGERS_OPEN_M
 from rf_exp.transforms import transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal, Trajectory
 from tests.constraints.robots import REST, Hand, idle, motion, real, scene_of, team, walk
@@ -21,37 +21,37 @@ def lid_plan():
     scene = scene_of(FOOD)
     hand = Hand(FOOD, scene, 2).grasp("lid", "knob").lift(0.12)
     trajectories = (idle(1, scene.qpos[0, :7]), hand.trajectory)
-    return scene, trajectories, Bodies(FOOD, scene, trajectories)
+    return scene, trajectories, PlanningScene(FOOD, scene, trajectories)
 
 
 def test_an_object_stands_rides_and_is_left(lid_plan):
-    scene, trajectories, bodies = lid_plan
-    body = bodies.along(trajectories[1])
+    scene, trajectories, planning_scene = lid_plan
+    body = planning_scene.along(trajectories[1])
     lid = body.labels.index("lid")
     carry = trajectories[1].knots[-2]
     assert np.allclose(body.poses[: carry + 1, lid], scene.poses["lid"], atol=1e-3)
     assert body.poses[-1, lid, 2, 3] == pytest.approx(scene.poses["lid"][2, 3] + 0.12, abs=2e-3)
     assert (np.flatnonzero(body.carried["lid"]) == np.arange(carry, len(body))).all()
-    assert "lid" not in bodies.standing().labels
+    assert "lid" not in planning_scene.standing().labels
 
 
 def test_the_gripper_touches_only_what_its_segment_names(lid_plan):
-    scene, trajectories, bodies = lid_plan
-    body = bodies.along(trajectories[1])
-    assert not closer_than(body, bodies.standing(), 0.003).any()
+    scene, trajectories, planning_scene = lid_plan
+    body = planning_scene.along(trajectories[1])
+    assert not closer_than(body, planning_scene.standing(), 0.003).any()
     blind = replace(
         trajectories[1],
         segments=tuple(replace(s, touches=frozenset(), carries=None) for s in trajectories[1].segments),
     )
-    strict = Bodies(FOOD, scene, (trajectories[0], blind))
+    strict = PlanningScene(FOOD, scene, (trajectories[0], blind))
     found = nearest(strict.along(blind), strict.standing(["lid"]))
     assert found is not None and found.distance_m < 0.003
     assert "finger" in found.a and found.b == "lid"
 
 
 def test_a_lid_may_scrape_its_pot_only_where_it_is_lifted_off(lid_plan):
-    _, trajectories, bodies = lid_plan
-    body = bodies.along(trajectories[1])
+    _, trajectories, planning_scene = lid_plan
+    body = planning_scene.along(trajectories[1])
     assert body.rests["pot"][trajectories[1].knots[-2] :].all()
     assert not body.rests["pot"][: trajectories[1].knots[-2]].any()
     assert not body.rests["steak"].any()
@@ -62,7 +62,7 @@ def test_what_one_arm_carries_is_an_obstacle_for_another(lid_plan):
     over_pot = Hand(FOOD, scene, 1)
     above = transform((*scene.poses["pot"][:2, 3], 0.30)) @ np.diag([1.0, -1.0, -1.0, 1.0])
     other = over_pot.to(above, 20, Subgoal(1, "carry", "steak"), "move").trajectory
-    both = Bodies(FOOD, scene, (other, trajectories[1]))
+    both = PlanningScene(FOOD, scene, (other, trajectories[1]))
     diagram = closer_than(both.along(other), both.along(trajectories[1]), 0.01)
     assert not diagram[0].any()  # at rest, agent 1 is in nobody's way
     assert diagram[-1, -1]  # over the pot it meets the arm that lifts the lid
@@ -79,15 +79,15 @@ def test_a_held_object_may_be_touched_until_the_gripper_has_opened():
     opening = Segment(1, subgoal, "open", np.tile(grasped.qpos, (8, 1)), np.full(8, GRIPPER_OPEN))
     away = Segment(1, subgoal, "retreat", motion(grasped.qpos, REST, 20), np.full(20, GRIPPER_OPEN))
     trajectory = Trajectory(1, grasped.qpos, GRIPPER_CLOSED, (opening, away))
-    body = Bodies(task, held, (trajectory, idle(2))).along(trajectory)
+    body = PlanningScene(task, held, (trajectory, idle(2))).along(trajectory)
     assert body.touches["barrier"].tolist() == [True] * 9 + [False] * 20
 
 
 def test_fingers_are_as_wide_as_they_may_be():
     scene = scene_of(FOOD)
     hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
-    bodies = Bodies(FOOD, scene, (hand.trajectory, idle(2)))
-    body = bodies.along(hand.trajectory)
+    planning_scene = PlanningScene(FOOD, scene, (hand.trajectory, idle(2)))
+    body = planning_scene.along(hand.trajectory)
     left, right = (body.labels.index(f"panda_{side}finger") for side in ("left", "right"))
     width = np.linalg.norm(body.poses[:, left, :3, 3] - body.poses[:, right, :3, 3], axis=1)
     assert width[: hand.trajectory.knots[2] + 1] == pytest.approx(2 * FINGERS_OPEN_M)
@@ -104,22 +104,22 @@ def test_what_two_arms_hold_is_no_obstacle_between_them():
     held = replace(start, qpos=qpos, held=("barrier", "barrier"))
     for scene, blocked in ((held, False), (replace(held, held=("barrier", None)), True)):
         lift = Hand(task, scene, 1).hold("barrier").lift(0.17).trajectory
-        bodies = Bodies(task, scene, (lift, idle(2, qpos[1, :7])))
-        other = bodies.arm(2, scene.qpos[1])
-        assert closer_than(bodies.along(lift), other, 0.01).any() == blocked
+        planning_scene = PlanningScene(task, scene, (lift, idle(2, qpos[1, :7])))
+        other = planning_scene.arm(2, scene.qpos[1])
+        assert closer_than(planning_scene.along(lift), other, 0.01).any() == blocked
 
 
 def test_the_table_counts_all_but_the_bolted_base():
     task = team(1)
-    bodies = Bodies(task, scene_of(task))
+    planning_scene = PlanningScene(task, scene_of(task))
     low = REST.copy()
     low[1] = 1.6
-    assert bodies.below_table(bodies.arm(1, np.stack([REST, low]))).tolist() == [False, True]
-    assert lowest_m(bodies.arm(1, REST))[0] > 0.02
+    assert planning_scene.below_table(planning_scene.arm(1, np.stack([REST, low]))).tolist() == [False, True]
+    assert lowest_m(planning_scene.arm(1, REST))[0] > 0.02
 
 
 def test_the_distance_of_two_arms_names_their_links():
-    found = Bodies(FOOD, scene_of(FOOD)).between(1, 2)
+    found = PlanningScene(FOOD, scene_of(FOOD)).between(1, 2)
     assert 0.0 < found.distance_m < 1.0
     assert found.a.startswith("panda_") and found.b.startswith("panda_")
 
@@ -128,9 +128,9 @@ def test_an_object_that_does_not_exist_is_named_with_those_that_do():
     scene = scene_of(FOOD)
     stray = walk(1, [REST, REST + 0.1], carries="hat", tcp_from_object=np.eye(4))
     with pytest.raises(ArgumentError, match=r"unknown carried object 'hat'; available: lid, pot, steak"):
-        Bodies(FOOD, scene, (stray, idle(2)))
+        PlanningScene(FOOD, scene, (stray, idle(2)))
     with pytest.raises(ArgumentError, match=r"unknown object 'hat'; available: lid, pot, steak"):
-        Bodies(FOOD, scene).standing(["hat"])
+        PlanningScene(FOOD, scene).standing(["hat"])
 
 
 def test_carrying_without_a_grip_is_an_error_that_says_so():
@@ -139,6 +139,6 @@ def test_carrying_without_a_grip_is_an_error_that_says_so():
     with pytest.raises(
         ArgumentError, match=r"agent 1, segment 'move' carries 'steak', but tcp_from_object is missing"
     ):
-        Bodies(FOOD, scene, (loose, idle(2))).along(loose)
+        PlanningScene(FOOD, scene, (loose, idle(2))).along(loose)
     with pytest.raises(ArgumentError, match=r"agent 1 carries 'steak', but tcp_from_object is missing"):
-        Bodies(FOOD, scene).arm(1, REST, carries="steak")
+        PlanningScene(FOOD, scene).arm(1, REST, carries="steak")

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 from rf_exp.geometry import Piece
 from rf_exp.geometry.planning_scene import asset_pieces
 from rf_exp.geometry.shapes import CORE_SPHERES, COVER_SPHERES, arm_pieces, enclosing_sphere
-from rf_exp.robots.panda import LINKS
+from rf_exp.robots import LINKS
 from rf_exp.tasks import assets
 
 PIECES: list[tuple[str, Piece]] = [

@@ -5,14 +5,14 @@ import pytest
 import trimesh
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.geometry import VOXEL_M, Bodies, Piece, Swept, nearest, voxels
+from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, nearest, voxels
 from rf_exp.perception import SEEN, Seen, down_to_table, look
 from rf_exp.perception.depth import FEWEST, NOISE_M, points, within
 from rf_exp.perception.obstacles import boxes
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
 from rf_exp.transforms import apply, from_axes, inverse
-from rf_exp.types import CameraModel, Row, Schedule
+from rf_exp.types import CameraModel, ConstraintSet, Schedule
 from tests.constraints.robots import REACHING, REST, real, scene_of, team, walk
 
 FOOD = real("place_food")
@@ -69,12 +69,12 @@ def test_a_finer_picture_gives_points_at_the_same_places():
 @pytest.mark.parametrize("nothing", [0.0, np.inf, np.nan, 1.0, 1.5])
 def test_where_nothing_is_measured_nothing_is_seen(nothing):
     depth = np.full((48, 64), nothing, dtype=np.float32)
-    bodies = Bodies(FOOD, scene_of(FOOD))
-    assert look({"global": depth}, {"global": CAMERA}, bodies).shape == (0, 3)
+    planning_scene = PlanningScene(FOOD, scene_of(FOOD))
+    assert look({"global": depth}, {"global": CAMERA}, planning_scene).shape == (0, 3)
     depth[:10, :10] = 0.8
-    assert len(look({"global": depth}, {"global": CAMERA}, bodies)) > 3
+    assert len(look({"global": depth}, {"global": CAMERA}, planning_scene)) > 3
     depth[:10, :10] = [[0.8] * (FEWEST - 1) + [nothing] * (11 - FEWEST)] + [[nothing] * 10] * 9
-    assert len(look({"global": depth}, {"global": CAMERA}, bodies)) == 0
+    assert len(look({"global": depth}, {"global": CAMERA}, planning_scene)) == 0
 
 
 def test_points_on_an_arm_and_on_what_it_holds_are_theirs():
@@ -82,8 +82,8 @@ def test_points_on_an_arm_and_on_what_it_holds_are_theirs():
     scene = scene_of(FOOD)
     grip = Panda(FOOD.robots[0].world_from_base).tcp(scene.qpos[0])
     scene = scene_of(FOOD, held=("steak", None), poses={**scene.poses, "steak": grip})
-    bodies = Bodies(FOOD, scene)
-    for body in (bodies.arm(1, scene.qpos[0]), bodies.standing(["steak"])):
+    planning_scene = PlanningScene(FOOD, scene)
+    for body in (planning_scene.arm(1, scene.qpos[0]), planning_scene.standing(["steak"])):
         for column, piece in enumerate(body.pieces):
             weights = rng.dirichlet(np.ones(len(piece.vertices)) / 4, 40)
             inside = apply(body.poses[0, column], weights @ piece.vertices)
@@ -97,7 +97,7 @@ def test_points_on_an_arm_and_on_what_it_holds_are_theirs():
     eye = from_axes(grip[:3, 3] - [0.4, 0, 0], z=(1, 0, 0), y=(0, 0, -1))
     camera = CameraModel(8, 8, np.deg2rad(2), eye)
     depth = {"global": np.full((8, 8), 0.4, dtype=np.float32)}
-    assert len(look(depth, {"global": camera}, bodies)) == 0
+    assert len(look(depth, {"global": camera}, planning_scene)) == 0
 
 
 def test_voxels_become_boxes_of_the_same_volume_down_to_the_table():
@@ -121,15 +121,15 @@ def test_voxels_become_boxes_of_the_same_volume_down_to_the_table():
 
 def test_an_agent_minds_all_that_is_seen_but_what_it_is_about():
     aside = scene_of(FOOD).qpos + np.eye(9)[0] * 2.5  # turned away from all of it
-    bodies = Bodies(FOOD, scene_of(FOOD, qpos=aside))
-    steak, pot = voxels(bodies.standing(["steak"])), voxels(bodies.standing(["pot"]))
+    planning_scene = PlanningScene(FOOD, scene_of(FOOD, qpos=aside))
+    steak, pot = voxels(planning_scene.standing(["steak"])), voxels(planning_scene.standing(["pot"]))
     stranger = block((8, -9, 0), (10, -7, 3))
     around = block(steak.min(axis=0) - 1, steak.max(axis=0) + 2)
-    gaps = (nearest(as_links(bodies.standing(["steak"])), boxes(each[None])) for each in around)
+    gaps = (nearest(as_links(planning_scene.standing(["steak"])), boxes(each[None])) for each in around)
     close = around[[gap is not None and 0.02 < gap.distance_m < VOXEL_M for gap in gaps]]
     close = close[close[:, 2] == 0]
     everything = np.unique(np.concatenate([steak, pot, stranger, close]), axis=0)
-    seen = Seen(Bodies(FOOD, scene_of(FOOD, qpos=aside, seen=everything)))
+    seen = Seen(PlanningScene(FOOD, scene_of(FOOD, qpos=aside, seen=everything)))
 
     def occupied(body):
         return rows(everything[within(body, ((everything + 0.5) * VOXEL_M).astype(np.float32), 0.0)])
@@ -150,9 +150,11 @@ def test_an_agent_minds_all_that_is_seen_but_what_it_is_about():
 
 def test_an_arm_does_not_mind_the_voxels_it_stands_in():
     scene = scene_of(FOOD)
-    stood_in = voxels(Bodies(FOOD, scene).arm(1, scene.qpos[0]))
+    stood_in = voxels(PlanningScene(FOOD, scene).arm(1, scene.qpos[0]))
     stranger = block((8, -9, 0), (10, -7, 3))
-    seen = Seen(Bodies(FOOD, scene_of(FOOD, seen=np.unique(np.concatenate([stood_in, stranger]), axis=0))))
+    seen = Seen(
+        PlanningScene(FOOD, scene_of(FOOD, seen=np.unique(np.concatenate([stood_in, stranger]), axis=0)))
+    )
     middles = [((each + 0.5) * VOXEL_M).astype(np.float32) for each in (stood_in, stranger)]
     for agent in FOOD.agents:
         body, _ = seen.obstacles(agent, set())
@@ -168,7 +170,10 @@ def test_a_box_that_only_the_cameras_know_is_a_violation():
     trajectories = (walk(1, [REST, REACHING, REST], 20),)
 
     def violations(**changes):
-        scene, checker = scene_of(alone, **changes), RoboChecker(alone, Proposal((), ()), Row("full"))
+        scene, checker = (
+            scene_of(alone, **changes),
+            RoboChecker(alone, Proposal((), ()), ConstraintSet("full")),
+        )
         timed = checker.schedule(checker.paths(trajectories, scene))
         assert isinstance(timed, Schedule)
         return checker.check(checker.paths(trajectories, scene), timed).violations

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy import PolicyConfig, TrainConfig
 from rf_exp.store import Store
 from rf_exp.types import Arch, Episode
 

@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.rollout import Performer
-from rf_exp.policy.views import Stream, View
+from rf_exp.policy import PolicyRunner, Stream, View
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
 from tests.scenes import start_scene
@@ -17,7 +16,7 @@ FOLLOWS = 1 - np.exp(-0.5)  # part of the way to its command that an arm goes in
 Predict = Callable[[int, Scene], NDArray[np.float64]]  # number of the prediction, scene -> (T, 8) targets
 
 
-class Scripted(Performer):
+class Scripted(PolicyRunner):
     """One agent that predicts what a function says."""
 
     def __init__(self, agent: int, predict: Predict) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy import PolicyConfig, TrainConfig
 
 
 def test_defaults_are_the_papers() -> None:

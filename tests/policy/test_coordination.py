@@ -11,14 +11,20 @@ import torch
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import PolicyConfig, TrainConfig
+from rf_exp.policy import (
+    DiffusionPolicy,
+    DiffusionRunner,
+    PolicyConfig,
+    TrainConfig,
+    Windows,
+    load_runners,
+    rollout,
+    train,
+    views,
+)
 from rf_exp.policy.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, told
-from rf_exp.policy.dataset import Windows
-from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy.diffusion_runner import WAIT_STEPS
 from rf_exp.policy.observation import senses_of
-from rf_exp.policy.rollout import WAIT_STEPS, Actor, load_actors, rollout
-from rf_exp.policy.train import train
-from rf_exp.policy.views import views
 from rf_exp.store import Store
 from rf_exp.types import Arch, Scene
 from tests.policy.conftest import ARCHS, REST, STEPS
@@ -127,7 +133,7 @@ def test_a_rollout_tells_policies_what_the_coordinator_says(
 
     def acted() -> NDArray[np.float64]:
         world = Table(2)
-        rollout(world, judge, load_actors(tmp_path), 1, 8, coordinate=coordinate)
+        rollout(world, judge, load_runners(tmp_path), 1, 8, coordinate=coordinate)
         return np.stack(world.actions)
 
     number = 0
@@ -141,7 +147,7 @@ def test_a_rollout_tells_policies_what_the_coordinator_says(
     with pytest.raises(
         StageError, match="policy 'agent1' has learned with a coordinator; there is none here"
     ):
-        rollout(Table(2), judge, load_actors(tmp_path), 1, 8)
+        rollout(Table(2), judge, load_runners(tmp_path), 1, 8)
 
 
 def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
@@ -167,12 +173,12 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
             for column, agent in enumerate(stream.agents):
                 numbers = said[:, 3 * column : 3 * column + 2].argmax(dim=1).numpy()
                 assert np.array_equal(numbers, store.subgoal[:, agent - 1])
-    actors = load_actors(tmp_path)
+    runners = load_runners(tmp_path)
     looks: list[bool] = []
 
-    def stay(actor: Actor, context: torch.Tensor, numbers: torch.Tensor, free: torch.Tensor):
-        found = DiffusionPolicy.in_phase(actor._policy, context, numbers, free)
-        own = 3 * len(actor.view.streams[0].agents)
+    def stay(runner: DiffusionRunner, context: torch.Tensor, numbers: torch.Tensor, free: torch.Tensor):
+        found = DiffusionPolicy.in_phase(runner._policy, context, numbers, free)
+        own = 3 * len(runner.view.streams[0].agents)
         assert found.shape == context.shape and torch.equal(found[..., :-own], context[..., :-own])
         phase = found[..., -own:].unflatten(-1, (-1, 3))
         assert torch.equal(phase[:, 0, :, :2].argmax(dim=-1), numbers)
@@ -180,20 +186,20 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
         looks.append(True)
         return found
 
-    def nobody_goes(actor: Actor, *observed: torch.Tensor):
-        chances = DiffusionPolicy.chances(actor._policy, *observed)
+    def nobody_goes(runner: DiffusionRunner, *observed: torch.Tensor):
+        chances = DiffusionPolicy.chances(runner._policy, *observed)
         assert chances is not None and torch.allclose(chances[..., :-1].sum(dim=2), torch.ones(1))
         return torch.cat([chances[..., :-1], torch.zeros_like(chances[..., -1:])], dim=2)
 
-    for actor in actors:
-        monkeypatch.setattr(actor._policy, "in_phase", partial(stay, actor))
-        monkeypatch.setattr(actor._policy, "chances", partial(nobody_goes, actor))
+    for runner in runners:
+        monkeypatch.setattr(runner._policy, "in_phase", partial(stay, runner))
+        monkeypatch.setattr(runner._policy, "chances", partial(nobody_goes, runner))
     world = Table(2)
     start = world.reset(1).qpos[:, :7]
-    rollout(world, judge, actors, 1, 2 * WAIT_STEPS)
+    rollout(world, judge, runners, 1, 2 * WAIT_STEPS)
     assert np.array_equal(np.stack(world.actions)[..., :7], np.tile(start, (2 * WAIT_STEPS, 1, 1)))
     assert (np.stack(world.actions)[..., 7] == 1.0).all()
-    assert len(looks) == 2 * len(actors)
+    assert len(looks) == 2 * len(runners)
 
 
 def test_a_prediction_that_goes_nowhere_moves_nothing(
@@ -202,14 +208,14 @@ def test_a_prediction_that_goes_nowhere_moves_nothing(
     config = replace(policy_config, context=True, hold_rad=0.03)
     (view, *_) = views(ARCHS[0], 2)  # one policy for both
     train(make_store(2, 3), view, config, train_config, tmp_path / view.name)
-    (actor,) = load_actors(tmp_path)
+    (runner,) = load_runners(tmp_path)
     world = Table(2)
     start = world.reset(1)
     targets = np.tile(np.append(np.zeros(7), 1.0), (1, 8, 2))
     targets[..., :7] = start.qpos[0, :7] + 0.02  # agent 1 stays within the bound, agent 2 ends outside
     targets[..., 8:15] = start.qpos[1, :7] + np.linspace(0, 0.04, 8)[:, None]
-    monkeypatch.setattr(actor._policy, "act", lambda *_: torch.from_numpy(targets))
-    rollout(world, judge, [actor], 1, 3)
+    monkeypatch.setattr(runner._policy, "act", lambda *_: torch.from_numpy(targets))
+    rollout(world, judge, [runner], 1, 3)
     moved = np.abs(np.stack(world.actions)[..., :7] - start.qpos[:, :7]).max(axis=(0, 2))
     assert moved[0] == 0 and moved[1] > 0
 

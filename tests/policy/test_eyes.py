@@ -9,20 +9,27 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.config import PolicyConfig, TrainConfig
-from rf_exp.policy.dataset import Windows
+from rf_exp.policy import (
+    PolicyConfig,
+    Stream,
+    TrainConfig,
+    Training,
+    View,
+    Windows,
+    load_policy,
+    load_runners,
+    rollout,
+    train,
+    views,
+)
 from rf_exp.policy.eyes import CELL, Eyes
 from rf_exp.policy.hands import followed, with_hands
 from rf_exp.policy.keypoints import HAND, keypoints
 from rf_exp.policy.observation import Senses, senses_of, tcp_poses
-from rf_exp.policy.rollout import load_actors, rollout
-from rf_exp.policy.saved import load_policy
-from rf_exp.policy.train import Training, train
-from rf_exp.policy.views import Stream, View, views
 from rf_exp.robots import limits_rad, tcp_pose
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
-from rf_exp.tasks.base import CameraSpec
+from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import apply, inverse, planar
 from rf_exp.types import Arch, RolloutStep
 from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH
@@ -133,7 +140,7 @@ def test_who_looks_through_several_cameras_learns_and_acts(
             HEIGHT, WIDTH * len(view.streams[0].cameras)
         )
     told: list[RolloutStep] = []
-    rollout(Table(2), judge, load_actors(tmp_path), 1, 2, on_step=told.append)
+    rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
     cameras = {camera for view in views(both, 2) for camera in view.streams[0].cameras}
     assert {sight.camera for sight in told[0].seen} == (cameras if encoder == "heatmaps" else set())
 
@@ -313,7 +320,7 @@ def test_what_is_seen_is_told_with_the_step(
     for view in views(Arch("separate_local", False, False), 2):
         train(store, view, seeing, phases, tmp_path / view.name)
     told: list[RolloutStep] = []
-    rollout(Table(2), judge, load_actors(tmp_path), 1, 2, on_step=told.append)
+    rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
     for step in told:
         own = {"agent1": 1, "agent2": 2}
         assert {sight.camera for sight in step.seen} == {*own}

@@ -15,16 +15,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.ablation import EvaluationRow, read_rows
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.observations import Eyes, Observations
-from rf_exp.policy.foreign.factory import make_policy
-from rf_exp.policy.foreign.performer import Foreigner, foreigners
+from rf_exp.policy import Foreign, foreign_runners, make_policy, pack, rollout, unpack
 from rf_exp.policy.foreign.remote import Remote
-from rf_exp.policy.foreign.spec import Foreign
-from rf_exp.policy.foreign.wire import pack, unpack
-from rf_exp.policy.rollout import rollout
+from rf_exp.policy.foreign.runner import ForeignRunner
 from rf_exp.robots import limits_rad
 from rf_exp.tasks import Task
 from rf_exp.types import Scene, Verdict
@@ -54,10 +50,10 @@ class Arms(Puppets):
         self.task = task
 
 
-def performer(answer: Answer, task: Task = TWO, spec: Foreign = SPEC) -> tuple[Foreigner, Policy]:
+def make_runner(answer: Answer, task: Task = TWO, spec: Foreign = SPEC) -> tuple[ForeignRunner, Policy]:
     policy = Policy(answer)
     look = Eyes(spec.observations, Arms(task))  # pyright: ignore[reportArgumentType]
-    return Foreigner(spec, policy, look, len(task.agents), FASTEST_RAD), policy
+    return ForeignRunner(spec, policy, look, len(task.agents), FASTEST_RAD), policy
 
 
 def judge(scene: Scene) -> Verdict:
@@ -66,9 +62,9 @@ def judge(scene: Scene) -> Verdict:
 
 def commands(answer: Answer, steps: int = 6, **kind: Any) -> NDArray[np.float64]:
     """(T, N, 8) what the arms were told in a rollout."""
-    actor, _ = performer(answer, **kind)
+    runner, _ = make_runner(answer, **kind)
     world = Arms(kind.get("task", TWO))
-    rollout(world, judge, [actor], 7, steps)
+    rollout(world, judge, [runner], 7, steps)
     return np.stack(world.commands)
 
 
@@ -77,9 +73,9 @@ def commands(answer: Answer, steps: int = 6, **kind: Any) -> NDArray[np.float64]
 
 def test_a_policy_is_told_what_environments_show_and_when_an_episode_begins(task: Task) -> None:
     spec = replace(SPEC, observations=Observations(state="full", language=True))
-    actor, policy = performer(stay, task, spec)
+    runner, policy = make_runner(stay, task, spec)
     for seed in (3, 4):
-        rollout(Arms(task), judge, [actor], seed, 7)
+        rollout(Arms(task), judge, [runner], seed, 7)
     assert policy.seeds == [3, 4] and len(policy.told) == 4  # chunks of 5 for 7 steps
     agents, first = len(task.agents), policy.told[0]
     assert {key: value.shape for key, value in first.items() if key != "language"} == {
@@ -100,8 +96,8 @@ def test_chunks_of_both_shapes_are_the_same_commands(task: Task) -> None:
 
 
 def test_as_many_steps_of_a_chunk_are_executed_as_is_asked() -> None:
-    actor, policy = performer(stay, spec=replace(SPEC, action_steps=2))
-    rollout(Arms(TWO), judge, [actor], 0, 6)
+    runner, policy = make_runner(stay, spec=replace(SPEC, action_steps=2))
+    rollout(Arms(TWO), judge, [runner], 0, 6)
     assert len(policy.told) == 3
 
 
@@ -216,8 +212,8 @@ def example() -> Iterator[str]:
 def test_what_a_server_gives_is_what_the_policy_gives(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
     world, near = Arms(TWO), Arms(TWO)
     spec = replace(SPEC, factory=None, server=example)
-    rollout(world, judge, foreigners(spec, FASTEST_RAD, world), 7, 9)  # pyright: ignore[reportArgumentType]
-    local, _ = performer(lambda seen: stay(seen, 4))
+    rollout(world, judge, foreign_runners(spec, FASTEST_RAD, world), 7, 9)  # pyright: ignore[reportArgumentType]
+    local, _ = make_runner(lambda seen: stay(seen, 4))
     rollout(near, judge, [local], 7, 9)
     assert np.array_equal(world.commands, near.commands)
 
@@ -329,10 +325,10 @@ def test_a_policy_that_breaks_costs_no_row_and_the_command_goes_on(command: Any,
     assert broken.returncode == 1
     assert "policy 'brittle', scene 1000001, control step 0: it raised ZeroDivisionError" in broken.stderr
     path = tmp_path / "results/evaluate/pick_meat/foreign/full-brittle-0.jsonl"
-    assert [row.scene_seed for row in rows.read(path, EvaluationRow)] == [1000000]
+    assert [row.scene_seed for row in read_rows(path, EvaluationRow)] == [1000000]
     mended.touch()
     assert command(*arguments, "workers=2").returncode == 0
-    found = rows.read(path, EvaluationRow)
+    found = read_rows(path, EvaluationRow)
     assert [row.scene_seed for row in found] == [1000000, 1000001, 1000002]
     assert {(r.arch, r.recipe, r.demos, r.steps, r.success) for r in found} == {
         ("foreign", "brittle", 0, 4, False)

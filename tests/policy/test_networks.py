@@ -4,8 +4,7 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy import DiffusionPolicy, PolicyConfig
 from rf_exp.policy.encoder import SpatialSoftmax, encoder
 from rf_exp.policy.normaliser import LEAST_RANGE, Range, largest_change
 from rf_exp.policy.unet import ConditionalUNet1D

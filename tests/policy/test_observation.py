@@ -8,16 +8,20 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import Windows
-from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy import (
+    DiffusionPolicy,
+    DiffusionRunner,
+    PolicyConfig,
+    Stream,
+    View,
+    Windows,
+    load_policy,
+    train,
+    views,
+)
 from rf_exp.policy.grippers import Memory
 from rf_exp.policy.moments import moving
 from rf_exp.policy.observation import Senses, context, senses_of
-from rf_exp.policy.rollout import Actor
-from rf_exp.policy.saved import load_policy
-from rf_exp.policy.train import train
-from rf_exp.policy.views import Stream, View, views
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from rf_exp.types import Episode, Scene
@@ -104,16 +108,16 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     recipe = small_training(steps=60, draft_steps=500, batch_size=32, noise_draws=1, device="cpu")
     train(make_store(1, 40), LOCAL, config, recipe, tmp_path / "agent1")
     policy, view, senses = load_policy(tmp_path / "agent1", "cpu")
-    actor = Actor(policy, view, senses)
-    assert not actor.looks  # no picture is ever drawn for it
+    runner = DiffusionRunner(policy, view, senses)
+    assert not runner.looks  # no picture is ever drawn for it
     errors = []
     for seed in range(100, 110):  # never seen
         episode = make_episode(seed, 1)
         at = STEPS - 8  # it has arrived before the chunk ends
         scene = _scene(episode, at)
-        actor.reset(seed)
-        actor(scene, {})
-        chunk = actor.predicted[1]
+        runner.reset(seed)
+        runner(scene, {})
+        chunk = runner.predicted[1]
         assert set(np.unique(chunk[:, 7])) <= {-1.0, 1.0}
         errors.append(np.abs(chunk[-1, :7] - episode.action[at + len(chunk) - 1, 0, :7]).max())
     assert np.median(errors) < 0.05

@@ -11,12 +11,17 @@ from numpy.typing import NDArray
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account, Closest, Violation
-from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.diffusion import DiffusionPolicy
+from rf_exp.policy import (
+    Decision,
+    DiffusionPolicy,
+    DiffusionRunner,
+    PolicyConfig,
+    View,
+    load_runners,
+    rollout,
+    views,
+)
 from rf_exp.policy.observation import proprioception
-from rf_exp.policy.rollout import Actor, load_actors, rollout
-from rf_exp.policy.shield import Decision
-from rf_exp.policy.views import View, views
 from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import read_task
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture
@@ -63,24 +68,24 @@ def judge(scene: Scene) -> Verdict:
 
 
 @pytest.fixture
-def make_actor(policy_config: PolicyConfig):
-    """view -> an actor with random weights that demonstrations of FASTEST_RAD a step would give."""
+def make_runner(policy_config: PolicyConfig):
+    """view -> an runner with random weights that demonstrations of FASTEST_RAD a step would give."""
 
-    def make(view: View, seed: int = 0, **changes) -> Actor:
+    def make(view: View, seed: int = 0, **changes) -> DiffusionRunner:
         torch.manual_seed(seed)
         policy = DiffusionPolicy(replace(policy_config, **changes), view.proprio_size, view.action_size)
         policy.normaliser.fastest.fill_(FASTEST_RAD)
-        return Actor(policy, view)
+        return DiffusionRunner(policy, view)
 
     return make
 
 
 @pytest.mark.parametrize("agents", range(1, 5))
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
-def test_every_architecture_commands_every_agent(arch, agents: int, make_actor) -> None:
+def test_every_architecture_commands_every_agent(arch, agents: int, make_runner) -> None:
     world = Table(agents)
-    actors = [make_actor(view) for view in views(arch, agents)]
-    assert rollout(world, judge, actors, 3, 8) == Rollout(
+    runners = [make_runner(view) for view in views(arch, agents)]
+    assert rollout(world, judge, runners, 3, 8) == Rollout(
         3, False, False, 8, 0, 0, Account(closest=Closest(0, 0, 0.0, 8))
     )
     actions = np.stack(world.actions)  # (T, N, 8)
@@ -88,77 +93,77 @@ def test_every_architecture_commands_every_agent(arch, agents: int, make_actor) 
     assert (np.ptp(actions[..., :7], axis=0).max(axis=1) > 0).all()  # every arm moved
 
 
-def test_the_same_seed_gives_the_same_actions_whatever_ran_before(make_actor) -> None:
-    world, actors = Table(2), [make_actor(view) for view in views(ARCHS[3], 2)]
+def test_the_same_seed_gives_the_same_actions_whatever_ran_before(make_runner) -> None:
+    world, runners = Table(2), [make_runner(view) for view in views(ARCHS[3], 2)]
     runs = []
     for seed in (5, 6, 5):
-        rollout(world, judge, actors, seed, 7)
+        rollout(world, judge, runners, seed, 7)
         runs.append(np.stack(world.actions))
     assert np.array_equal(runs[0], runs[2])
     assert not np.array_equal(runs[0], runs[1])
 
 
-def test_an_agent_acts_the_same_in_a_batch_and_alone(make_actor) -> None:
+def test_an_agent_acts_the_same_in_a_batch_and_alone(make_runner) -> None:
     """Agents with shared weights are rows of one batch; a row must not depend on its neighbours."""
     world, (shared,) = Table(2), views(ARCHS[1], 2)
-    rollout(world, judge, [make_actor(shared)], 1, 7)
+    rollout(world, judge, [make_runner(shared)], 1, 7)
     batched = np.stack(world.actions)
-    rollout(world, judge, [make_actor(View("alone", (stream,))) for stream in shared.streams], 1, 7)
+    rollout(world, judge, [make_runner(View("alone", (stream,))) for stream in shared.streams], 1, 7)
     assert np.allclose(np.stack(world.actions), batched, atol=1e-5)
 
 
-def test_jumps_become_motions_at_the_speed_of_the_demonstrations(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
-    rollout(world, judge, actors, 0, 20)
+def test_jumps_become_motions_at_the_speed_of_the_demonstrations(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
+    rollout(world, judge, runners, 0, 20)
     path = np.stack([REST, *(action[0, :7] for action in world.actions)])
     assert np.abs(np.diff(path, axis=0)).max() == pytest.approx(FASTEST_RAD, abs=1e-6)
 
 
-def test_targets_within_reach_are_commanded_exactly(make_actor) -> None:
-    actor = make_actor(views(ARCHS[3], 1)[0])
+def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
+    runner = make_runner(views(ARCHS[3], 1)[0])
     world = Table(1)
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
-    actor._targets.put(target[None, None])
-    actor._features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
-    actor._config = replace(actor._config, observation_steps=1)
-    assert np.allclose(actor(scene, {})[0], target)
+    runner._targets.put(target[None, None])
+    runner._features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
+    runner._config = replace(runner._config, observation_steps=1)
+    assert np.allclose(runner(scene, {})[0], target)
 
 
-def test_in_an_ensemble_earlier_predictions_count(make_actor) -> None:
+def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
     """Older ones more, as in ACT; and one alone is what it is without an ensemble."""
     decay, world = 0.5, Table(2)
     view = views(ARCHS[0], 2)[0]
-    alone, actor = (
-        make_actor(view, observation_steps=1, action_steps=3, **how) for how in ({}, {"ensemble": decay})
+    alone, runner = (
+        make_runner(view, observation_steps=1, action_steps=3, **how) for how in ({}, {"ensemble": decay})
     )
     first = alone(world.reset(0), world.pictures())
-    np.testing.assert_allclose(actor(world.reset(0), world.pictures()), first)
+    np.testing.assert_allclose(runner(world.reset(0), world.pictures()), first)
     chunks: list[NDArray[np.float64]] = []
-    whole = actor._commands
-    actor._commands = lambda actions: chunks.append(whole(actions)) or chunks[-1]
-    actor.reset(0)
+    whole = runner._commands
+    runner._commands = lambda actions: chunks.append(whole(actions)) or chunks[-1]
+    runner.reset(0)
     scene, expected = world.reset(0), []
     for step in range(9):
-        actor.think(scene, world.pictures())
+        runner.think(scene, world.pictures())
         if step % 3 == 0:
             same = [chunk[step - 3 * k :][:3] for k, chunk in enumerate(chunks) if step - 3 * k < len(chunk)]
             weights = np.exp(-decay * np.arange(len(same)))
             lengths = min(map(len, same))
             expected = np.average([each[:lengths] for each in same], axis=0, weights=weights)
             np.testing.assert_allclose(
-                np.stack([actor.predicted[agent] for agent in view.agents], axis=1)[:lengths], expected
+                np.stack([runner.predicted[agent] for agent in view.agents], axis=1)[:lengths], expected
             )
-        actor.act()
+        runner.act()
         scene = replace(scene, step=step + 1)
     assert len(chunks) == 3 and len(chunks[0]) > 6
 
 
-def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_actor) -> None:
+def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_runner) -> None:
     """The mean of predictions that do not agree is neither."""
     view, world = views(ARCHS[0], 2)[0], Table(2)
     config = {"observation_steps": 1, "action_steps": 1, "ensemble": 0.5, "binary_grippers": True}
-    actor = make_actor(view, **config)
+    runner = make_runner(view, **config)
     says = iter([1.0, -1.0, -1.0, -1.0])
 
     def chunk(actions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -166,45 +171,45 @@ def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_actor) -> None:
         targets[..., 7] = next(says)
         return targets
 
-    actor._commands = chunk
+    runner._commands = chunk
     scene = world.reset(0)
-    told = [actor(replace(scene, step=step), world.pictures())[:, 7].tolist() for step in range(4)]
+    told = [runner(replace(scene, step=step), world.pictures())[:, 7].tolist() for step in range(4)]
     # The weights are 1, 0.61, 0.37, 0.22, oldest first: only three that say "close" outweigh the first.
     assert told == [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]
 
 
-def test_pictures_are_taken_only_for_observations(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
-    rollout(world, judge, actors, 0, 14)
+def test_pictures_are_taken_only_for_observations(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
+    rollout(world, judge, runners, 0, 14)
     assert world.pictures_taken == [0, 4, 5, 6, 10, 11, 12]  # three before each prediction at 0, 6, 12
 
 
-def test_the_history_is_that_of_training(make_actor) -> None:
+def test_the_history_is_that_of_training(make_runner) -> None:
     """At step 6 the policy is given the frames of steps 4, 5 and 6, at step 0 three times the first."""
-    world, actor = Table(1), make_actor(views(ARCHS[3], 1)[0])
+    world, runner = Table(1), make_runner(views(ARCHS[3], 1)[0])
     given, positions = [], []
-    act = actor._policy.act
+    act = runner._policy.act
 
     def spy(features, proprio, told, generators):
         given.append(proprio.clone())
         return act(features, proprio, told, generators)
 
-    actor._policy.act = spy
-    rollout(world, judge, [actor], 0, 8, on_step=lambda step: positions.append(step.scene.qpos))
+    runner._policy.act = spy
+    rollout(world, judge, [runner], 0, 8, on_step=lambda step: positions.append(step.scene.qpos))
     first = np.append(REST, [0.04, 0.04])[None]
     assert np.allclose(given[0][0], np.repeat(proprioception(first[None]), 3, axis=0))
     assert np.allclose(given[1][0], proprioception(np.stack(positions[3:6])))
 
 
-def test_success_is_looked_at_after_every_step(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+def test_success_is_looked_at_after_every_step(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     seen: list[int] = []
 
     def at_eleven(scene: Scene) -> Verdict:
         seen.append(scene.step)
         return Verdict(scene.step == 11, scene.step == 4, {})
 
-    assert rollout(world, at_eleven, actors, 0, 40) == Rollout(0, True, True, 11, 0, 0)
+    assert rollout(world, at_eleven, runners, 0, 40) == Rollout(0, True, True, 11, 0, 0)
     assert seen == list(range(1, 12))
 
 
@@ -216,32 +221,32 @@ def touching(scene: Scene) -> Violation:
     return found
 
 
-def test_violations_are_counted_in_steps(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+def test_violations_are_counted_in_steps(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
 
     def monitor(scene: Scene) -> Violation | None:
         return touching(scene) if scene.step in (2, 3, 7) else None
 
-    result = rollout(world, judge, actors, 0, 9, monitor)
+    result = rollout(world, judge, runners, 0, 9, monitor)
     assert result.violations == 3 and [each.time_s for each in result.account.violations] == [0.1]
 
 
-def test_a_failure_has_its_reason_and_a_success_has_none(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+def test_a_failure_has_its_reason_and_a_success_has_none(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
 
     def never(scene: Scene) -> Verdict:
         return Verdict(False, False, {"held": scene.step < 4, "lifted": False})
 
     reason = "failed: held (since 0.20 s), lifted (never); at best 1 of 2 (0.05 s)"
-    assert rollout(world, never, actors, 0, 9).reason == reason
-    assert rollout(world, lambda scene: Verdict(True, True, {"held": True}), actors, 0, 9).reason == ""
+    assert rollout(world, never, runners, 0, 9).reason == reason
+    assert rollout(world, lambda scene: Verdict(True, True, {"held": True}), runners, 0, 9).reason == ""
 
 
-def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_actor) -> None:
-    world, actors = Table(2), [make_actor(view) for view in views(ARCHS[3], 2)]
+def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_runner) -> None:
+    world, runners = Table(2), [make_runner(view) for view in views(ARCHS[3], 2)]
     told: list[RolloutStep] = []
     rollout(
-        world, judge, actors, 3, 8, lambda scene: touching(scene) if scene.step == 2 else None, told.append
+        world, judge, runners, 3, 8, lambda scene: touching(scene) if scene.step == 2 else None, told.append
     )
     assert [step.scene.step for step in told] == list(range(1, 9))
     assert np.array_equal(np.stack([step.action for step in told]), np.stack(world.actions))
@@ -271,26 +276,26 @@ def holding(agent: int, steps: range, anew: bool = False):
     return shield
 
 
-def test_a_shield_that_lets_all_go_on_changes_no_bit(make_actor) -> None:
+def test_a_shield_that_lets_all_go_on_changes_no_bit(make_runner) -> None:
     for arch in ARCHS:
-        world, actors = Table(2), [make_actor(view) for view in views(arch, 2)]
+        world, runners = Table(2), [make_runner(view) for view in views(arch, 2)]
         runs = []
         for shield in (None, holding(1, range(0))):
-            result = rollout(world, judge, actors, 3, 20, shield=shield)
+            result = rollout(world, judge, runners, 3, 20, shield=shield)
             runs.append((np.stack(world.actions), world.pictures_taken, result))
         assert np.array_equal(runs[0][0], runs[1][0])
         assert runs[0][1:] == runs[1][1:]
 
 
-def test_an_agent_that_is_kept_back_does_the_rest_later(make_actor) -> None:
+def test_an_agent_that_is_kept_back_does_the_rest_later(make_runner) -> None:
     """Separate policies have clocks of their own; agents of one policy get their next chunks together."""
     told: list[RolloutStep] = []
     for arch, together in ((ARCHS[3], False), (ARCHS[1], True), (ARCHS[0], True)):
-        world, actors = Table(2), [make_actor(view) for view in views(arch, 2)]
-        rollout(world, judge, actors, 3, 14)
+        world, runners = Table(2), [make_runner(view) for view in views(arch, 2)]
+        rollout(world, judge, runners, 3, 14)
         plain = np.stack(world.actions)
         told.clear()
-        result = rollout(world, judge, actors, 3, 14, None, told.append, shield=holding(1, range(3, 6)))
+        result = rollout(world, judge, runners, 3, 14, None, told.append, shield=holding(1, range(3, 6)))
         actions = np.stack(world.actions)
         assert result.interventions == 3
         assert np.array_equal(actions[:6, 1], plain[:6, 1])  # the other one goes on: six steps a chunk
@@ -300,53 +305,53 @@ def test_an_agent_that_is_kept_back_does_the_rest_later(make_actor) -> None:
         assert second == ([[1, 2], [1, 2]] if together else [[2], [1], [2]])
 
 
-def test_who_is_told_to_predicts_anew_from_what_it_sees_then(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+def test_who_is_told_to_predicts_anew_from_what_it_sees_then(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     told: list[RolloutStep] = []
-    rollout(world, judge, actors, 0, 9, None, told.append, shield=holding(1, range(2, 6), anew=True))
+    rollout(world, judge, runners, 0, 9, None, told.append, shield=holding(1, range(2, 6), anew=True))
     assert [step.scene.step for step in told if step.predicted] == [1, 6]
     assert world.pictures_taken == [0, 2, 3, 4, 5]  # since its first step of waiting
     assert [step.withheld for step in told[:3]] == [{}, {1: "waits"}, {1: "waits"}]
 
 
-def test_a_start_the_caller_made_is_not_made_again(make_actor) -> None:
-    world, actors = Table(1), [make_actor(view) for view in views(ARCHS[3], 1)]
+def test_a_start_the_caller_made_is_not_made_again(make_runner) -> None:
+    world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     start = world.reset(4)
-    rollout(world, judge, actors, 4, 3)
+    rollout(world, judge, runners, 4, 3)
     expected = np.stack(world.actions)
     start = world.reset(4)
     world.reset = lambda seed: pytest.fail("reset again")
-    rollout(world, judge, actors, 4, 3, start=start)
+    rollout(world, judge, runners, 4, 3, start=start)
     assert np.array_equal(np.stack(world.actions), expected)
 
 
-def test_agents_without_a_policy(make_actor) -> None:
+def test_agents_without_a_policy(make_runner) -> None:
     with pytest.raises(ArgumentError, match=r"policies command agents \[2\]; expected each of \[1, 2\] once"):
-        rollout(Table(2), judge, [make_actor(views(ARCHS[3], 2)[1])], 0, 3)
+        rollout(Table(2), judge, [make_runner(views(ARCHS[3], 2)[1])], 0, 3)
 
 
-def test_a_step_limit_of_zero(make_actor) -> None:
+def test_a_step_limit_of_zero(make_runner) -> None:
     with pytest.raises(ArgumentError, match="step_limit is 0; expected at least 1"):
         rollout(Table(1), judge, [], 0, 0)
 
 
-def test_a_camera_the_world_lacks(make_actor) -> None:
+def test_a_camera_the_world_lacks(make_runner) -> None:
     world = Table(2)
     world.cameras = ("global", "left", "agent2")
     with pytest.raises(
         StageError, match="policy 'agent1' needs camera 'agent1'; the world has agent2, global, left"
     ):
-        rollout(world, judge, [make_actor(view) for view in views(ARCHS[3], 2)], 0, 3)
+        rollout(world, judge, [make_runner(view) for view in views(ARCHS[3], 2)], 0, 3)
 
 
-def test_pictures_of_another_size(make_actor) -> None:
+def test_pictures_of_another_size(make_runner) -> None:
     world = Table(1, size=(HEIGHT, 40))
     with pytest.raises(
         StageError, match=r"gives pictures \(32, 40, 3\); policy 'agent1' was trained on \(32, 48, 3\)"
     ):
-        rollout(world, judge, [make_actor(view) for view in views(ARCHS[3], 1)], 0, 3)
+        rollout(world, judge, [make_runner(view) for view in views(ARCHS[3], 1)], 0, 3)
 
 
 def test_a_folder_without_policies(tmp_path) -> None:
     with pytest.raises(StageError, match=r"no trained policies in .*; train them first"):
-        load_actors(tmp_path)
+        load_runners(tmp_path)

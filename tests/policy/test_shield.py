@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import PolicyMonitor
-from rf_exp.geometry import AGENT_MARGIN_M, Bodies, nearest
-from rf_exp.policy.rollout import rollout
-from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2, Decision, Shield
-from rf_exp.tasks import Judge, Task
+from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
+from rf_exp.policy import Decision, Shield, rollout
+from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
+from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import Pictures, Rollout, RolloutStep, Row, Scene, Verdict
+from rf_exp.types import ConstraintSet, Pictures, Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import TASKS, read_task
 from tests.constraints.robots import REACHING, REST, scene_of
 from tests.policy.scripted import FASTEST_RAD, Predict, Puppets, Scripted
@@ -46,16 +46,18 @@ def run(
 ) -> tuple[Puppets, list[RolloutStep], Rollout]:
     """Scripted policies in a world of arms alone."""
     world, told = Puppets(task, **changes), []
-    actors = [Scripted(agent, predict) for agent, predict in zip(task.agents, predictions, strict=True)]
+    runners = [Scripted(agent, predict) for agent, predict in zip(task.agents, predictions, strict=True)]
     shield = Shield(task) if shielded else None
-    return world, told, rollout(world, never, actors, 0, steps, None, told.append, shield=shield)
+    return world, told, rollout(world, never, runners, 0, steps, None, told.append, shield=shield)
 
 
 def apart_m(task: Task, path: NDArray[np.float64], scene: Scene | None = None) -> float:
     """The least distance of any two arms along commands (T, N, 8), and half-way between two of them."""
     finer = np.stack([path[:-1], (path[:-1] + path[1:]) / 2], axis=1).reshape(-1, *path.shape[1:])
-    bodies = Bodies(task, scene or scene_of(task))
-    swept = [bodies.arm(agent, finer[:, agent - 1, :7], touches=task.objects) for agent in task.agents]
+    planning_scene = PlanningScene(task, scene or scene_of(task))
+    swept = [
+        planning_scene.arm(agent, finer[:, agent - 1, :7], touches=task.objects) for agent in task.agents
+    ]
     at = np.arange(len(finer))[:, None].repeat(2, axis=1)
     found = [nearest(a, b, at) for a, b in combinations(swept, 2)]
     return min(each.distance_m for each in found if each is not None)
@@ -168,9 +170,9 @@ def test_nobody_waits_for_ever() -> None:
 
 
 def test_who_has_waited_predicts_anew() -> None:
-    actors = [Scripted(1, to(REACHING)), Scripted(2, to(REST, REACHING))]
+    runners = [Scripted(1, to(REACHING)), Scripted(2, to(REST, REACHING))]
     told: list[RolloutStep] = []
-    rollout(Puppets(PAIR), never, actors, 0, 70, None, told.append, shield=Shield(PAIR))
+    rollout(Puppets(PAIR), never, runners, 0, 70, None, told.append, shield=Shield(PAIR))
     first = withheld(told, 2)[0]
     anew = [step.scene.step for step in told if 2 in step.predicted and step.scene.step > first]
     assert anew[0] == first + PATIENCE_STEPS
@@ -201,7 +203,7 @@ def test_what_a_hand_holds_is_part_of_its_arm() -> None:
     scene.qpos[0, 0] += 1.0
     way = here[0] - np.arange(1.0, 21.0)[:, None] * np.append(0.05, np.zeros(7))
     ahead = {1: way, 2: np.tile(here[1], (20, 1))}
-    hand = Bodies(PAIR, scene).arms[0].tcp(scene.qpos[0])[:3, 3]
+    hand = PlanningScene(PAIR, scene).arms[0].tcp(scene.qpos[0])[:3, 3]
     outwards = hand - PAIR.robots[0].world_from_base[:3, 3]
     outwards[2] = 0.0
     turned = Rotation.from_euler("z", float(np.arctan2(outwards[1], outwards[0])))
@@ -219,7 +221,7 @@ def play(shield: Shield, scene: Scene, ahead, steps: int = 20) -> list[Decision]
 
     What was held in the scene stays in the hand.
     """
-    found, arms = [], Bodies(PAIR, scene).arms
+    found, arms = [], PlanningScene(PAIR, scene).arms
     for step in range(steps):
         qpos, poses = scene.qpos.copy(), dict(scene.poses)
         if step:
@@ -254,7 +256,7 @@ def close_scene() -> tuple[Scene, NDArray[np.float64]]:
     scene = scene_of(PAIR)
     scene.qpos[:, :7] = REST, REACHING
     change = (REACHING - REST) / 200
-    while Bodies(PAIR, scene).between(1, 2).distance_m > 0.5 * AGENT_MARGIN_M:
+    while PlanningScene(PAIR, scene).between(1, 2).distance_m > 0.5 * AGENT_MARGIN_M:
         scene.qpos[0, :7] += change
     return scene, 2 * change
 
@@ -275,8 +277,8 @@ def test_arms_that_are_too_close_already_may_only_go_apart(closer: bool) -> None
 def wild(task: Task, agent: int) -> Predict:
     """Now here, now there, wherever the hand of another arm is likely to be."""
     scene = scene_of(task)
-    hands = [arm.tcp(q) for arm, q in zip(Bodies(task, scene).arms, scene.qpos, strict=True)]
-    arm, rest = Bodies(task, scene).arms[agent - 1], scene.qpos[agent - 1, :7]
+    hands = [arm.tcp(q) for arm, q in zip(PlanningScene(task, scene).arms, scene.qpos, strict=True)]
+    arm, rest = PlanningScene(task, scene).arms[agent - 1], scene.qpos[agent - 1, :7]
     others = [hand[:3, 3] for other, hand in enumerate(hands, 1) if other != agent]
     rng = np.random.default_rng([agent, 5])
 
@@ -296,19 +298,27 @@ def wild(task: Task, agent: int) -> Predict:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", TOGETHER)
 def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> None:
-    from rf_exp.sim.pool import simulator
+    from rf_exp.sim import shared_simulator
 
     task = read_task(name)
     found: dict[bool, Rollout] = {}
     travelled: dict[bool, NDArray[np.float64]] = {}
     for shielded in (False, True):
-        world = simulator(task, Pictures(render=False))
+        world = shared_simulator(task, Pictures(render=False))
         start = world.reset(3)
-        actors = [Scripted(agent, wild(task, agent)) for agent in task.agents]
+        runners = [Scripted(agent, wild(task, agent)) for agent in task.agents]
         told: list[RolloutStep] = []
         shield: Callable | None = Shield(task) if shielded else None
         found[shielded] = rollout(
-            world, Judge(task, start), actors, 3, 150, PolicyMonitor(task), told.append, start, shield
+            world,
+            SuccessEvaluator(task, start),
+            runners,
+            3,
+            150,
+            PolicyMonitor(task),
+            told.append,
+            start,
+            shield,
         )
         path = np.stack([step.action[:, :7] for step in told])
         travelled[shielded] = np.abs(np.diff(path, axis=0)).max(axis=2).sum(axis=0)
@@ -322,13 +332,12 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
 @pytest.mark.parametrize("name", ["pass_shoe", "three_robots_stack_cube", "take_photo"])
 def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
     """Demonstrations, cut into chunks, succeed as before, delayed by a few control steps at most."""
+    from rf_exp.datagen import Settings, make_episode
     from rf_exp.datagen.brain import read_brain
-    from rf_exp.datagen.generate import make_episode
-    from rf_exp.datagen.planning import Settings
-    from rf_exp.sim.pool import simulator
+    from rf_exp.sim import shared_simulator
 
     task = read_task(name)
-    settings = Settings(task, Row("full"), read_brain({"name": "scripted"}))
+    settings = Settings(task, ConstraintSet("full"), read_brain({"name": "scripted"}))
     episode = make_episode(settings, Pictures(render=False), 0).episode
     assert episode is not None
 
@@ -336,11 +345,11 @@ def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
         commands = episode.action[:, agent - 1].astype(float)
         return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
 
-    world = simulator(task, Pictures(render=False))
+    world = shared_simulator(task, Pictures(render=False))
     start = world.reset(0)
-    actors = [Scripted(agent, shown(agent)) for agent in task.agents]
+    runners = [Scripted(agent, shown(agent)) for agent in task.agents]
     result = rollout(
-        world, Judge(task, start), actors, 0, len(episode.action) + 20, PolicyMonitor(task),
+        world, SuccessEvaluator(task, start), runners, 0, len(episode.action) + 20, PolicyMonitor(task),
         start=start, shield=Shield(task),
     )  # fmt: skip
     assert result.success and (result.violations, result.contacts) == (0, 0)

@@ -20,12 +20,24 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
-from rf_exp.policy.curves import Curve
-from rf_exp.policy.dataset import Windows
-from rf_exp.policy.saved import CONFIG, CURVES, MODEL, STATE, device_of, load_policy
-from rf_exp.policy.train import Training, learning_rate, train
-from rf_exp.policy.views import Stream, View, views
+from rf_exp.policy import (
+    CURVES,
+    LEARNER,
+    MODEL,
+    Curve,
+    PolicyConfig,
+    Stream,
+    TrainConfig,
+    Training,
+    View,
+    Windows,
+    device_of,
+    load_policy,
+    train,
+    views,
+)
+from rf_exp.policy.saved import CONFIG, STATE
+from rf_exp.policy.training import learning_rate
 from rf_exp.store import Store
 from tests.policy.conftest import ARCHS, STEPS, STILL, small_training
 

@@ -9,7 +9,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.views import Stream, View, views
+from rf_exp.policy import Stream, View, views
 from rf_exp.types import Arch
 from tests.policy.conftest import ARCHS
 

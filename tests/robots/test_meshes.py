@@ -11,8 +11,8 @@ import pytest
 import trimesh
 
 from rf_exp.errors import StageError
-from rf_exp.robots import meshes
-from rf_exp.robots.panda import LINKS, description_folder
+from rf_exp.robots import LINKS, meshes
+from rf_exp.robots.panda import description_folder
 
 
 @pytest.fixture

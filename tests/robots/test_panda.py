@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rf_exp.robots import LINKS, Panda, hulls, limits_rad, link_poses, tcp_pose
-from rf_exp.robots.panda import TCP, description_folder, self_pairs
-from rf_exp.tasks.base import REST_QPOS
+from rf_exp.robots import LINKS, Panda, hulls, limits_rad, link_poses, self_pairs, tcp_pose
+from rf_exp.robots.panda import TCP, description_folder
+from rf_exp.tasks import REST_QPOS
 from rf_exp.transforms import planar, rotation_angle_rad
 
 

@@ -9,9 +9,8 @@ import pytest
 import sapien
 from sapien import physx
 
-from rf_exp.geometry import Bodies
-from rf_exp.robots import LINKS
-from rf_exp.robots.panda import hulls
+from rf_exp.geometry import PlanningScene
+from rf_exp.robots import LINKS, hulls
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from tests.conftest import TASKS, read_task
@@ -96,6 +95,6 @@ def test_two_hands_driven_together_stop_at_each_other(lift_barrier: Task) -> Non
             command[:, 3] += 0.01  # rad: the elbows stretch
             scene = simulator.step(command)
             hardest_n = max([hardest_n, *(force for _, _, force in scene.arm_contacts)])
-            deepest_m = min(deepest_m, Bodies(task, scene).between(1, 2).distance_m)
+            deepest_m = min(deepest_m, PlanningScene(task, scene).between(1, 2).distance_m)
     assert hardest_n > 20.0
     assert deepest_m > -0.002

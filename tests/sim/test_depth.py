@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rf_exp.datagen import EpisodeMaker, NullObserver, Outcome, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody, Outcome
-from rf_exp.datagen.planning import Settings
 from rf_exp.errors import ArgumentError
-from rf_exp.geometry import Bodies, beside, shared, voxels
+from rf_exp.geometry import PlanningScene, beside, shared, voxels
 from rf_exp.perception import look
 from rf_exp.sim import Limited, Simulator
-from rf_exp.tasks import Task
-from rf_exp.tasks.base import ObjectSpec
-from rf_exp.types import Occupancy, Row, Scene
+from rf_exp.tasks import ObjectSpec, Task
+from rf_exp.types import ConstraintSet, Occupancy, Scene
 from tests.conftest import read_task
 
 EVERY_STEPS = 15  # of an episode are looked at
@@ -24,7 +22,7 @@ SURFACE_M = 0.005  # between what is drawn and the shape that checks know
 VISIBLE_PX = 200  # an object of which a camera sees so much must be found
 
 
-class Looking(Nobody):
+class Looking(NullObserver):
     """Compares at many moments of an episode what the cameras see with the measured state."""
 
     def __init__(self, world: Simulator) -> None:
@@ -35,11 +33,11 @@ class Looking(Nobody):
     ) -> None:
         if scene.step % EVERY_STEPS:
             return
-        world, bodies = self.world, Bodies(self.world.task, scene)
+        world, planning_scene = self.world, PlanningScene(self.world.task, scene)
         free = [name for name in world.task.objects if name not in scene.held]
-        filled = {name: voxels(bodies.standing([name])) for name in free}
-        seen = look(world.depth(), world.camera_models(), bodies)
-        stray = seen[~beside(seen, bodies.standing(free), SURFACE_M)]
+        filled = {name: voxels(planning_scene.standing([name])) for name in free}
+        seen = look(world.depth(), world.camera_models(), planning_scene)
+        stray = seen[~beside(seen, planning_scene.standing(free), SURFACE_M)]
         assert len(stray) == 0, (scene.step, stray)
         numbers, images = world.bodies(), world.segmentation()
         for name in free:
@@ -50,8 +48,10 @@ class Looking(Nobody):
         self.with_load += any(scene.held)
 
 
-def make(task: Task, world: Simulator, occupancy: Occupancy, observer: Nobody, seed: int = 0) -> Outcome:
-    settings = Settings(task, Row("full"), ScriptedSpec(), occupancy=occupancy)
+def make(
+    task: Task, world: Simulator, occupancy: Occupancy, observer: NullObserver, seed: int = 0
+) -> Outcome:
+    settings = Settings(task, ConstraintSet("full"), ScriptedSpec(), occupancy=occupancy)
     return EpisodeMaker(settings, Limited(world), ScriptedBrain(), observer).make(seed)
 
 
@@ -71,15 +71,15 @@ def test_a_box_that_no_task_knows_is_avoided_by_what_the_cameras_see() -> None:
     task = read_task("pass_shoe")
     box = ObjectSpec("plinth", x_m=(-0.2, -0.2), y_m=(-0.22, -0.22), options={"half_m": 0.1})
     with Simulator(replace(task, objects={**task.objects, "box": box})) as world:
-        blind = make(task, world, "state", Nobody())
+        blind = make(task, world, "state", NullObserver())
         assert not blind.success and "arms stop at 20 N" in blind.reason
-        outcome = make(task, world, "depth", Nobody())
+        outcome = make(task, world, "depth", NullObserver())
         assert outcome.success and outcome.attempts == 1, outcome.reason
-        again = make(task, world, "depth", Nobody())
+        again = make(task, world, "depth", NullObserver())
     assert outcome.episode is not None and again.episode is not None
     np.testing.assert_array_equal(outcome.episode.action, again.episode.action)
 
 
 def test_a_simulator_without_cameras_says_so(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as world, pytest.raises(ArgumentError, match="render=True"):
-        make(lift_barrier, world, "depth", Nobody())
+        make(lift_barrier, world, "depth", NullObserver())

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from sapien import physx
 
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Bodies, Swept, nearest
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, nearest
 from rf_exp.robots import Panda
 from rf_exp.sim import Simulator
-from rf_exp.tasks import Judge, Task
+from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
 from rf_exp.types import ARM_JOINTS, Scene
 from tests.conftest import TASKS, read_task
@@ -67,23 +67,23 @@ def test_things_weigh_what_they_should(task: Task) -> None:
 def test_nothing_stands_in_anything_else(task: Task) -> None:
     for seed in range(50):
         scene = start_scene(task, seed)
-        bodies = Bodies(task, scene)
-        things = {name: solid(bodies, name) for name in task.objects if task.asset(name).hulls}
+        planning_scene = PlanningScene(task, scene)
+        things = {name: solid(planning_scene, name) for name in task.objects if task.asset(name).hulls}
         for (one, a), (other, b) in combinations(things.items(), 2):
             assert distance_m(a, b) > -RESTING_M, (seed, one, other)
         for name in things:
             assert task.asset(name).vertices(scene.poses[name])[:, 2].min() > -RESTING_M, (seed, name)
         for agent in task.agents:
-            arm = bodies.arm(agent, scene.qpos[agent - 1])
+            arm = planning_scene.arm(agent, scene.qpos[agent - 1])
             for name, thing in things.items():
                 assert distance_m(arm, thing) > OBJECT_MARGIN_M, (seed, agent, name)
         for a, b in combinations(task.agents, 2):
-            assert bodies.between(a, b).distance_m > AGENT_MARGIN_M, (seed, a, b)
+            assert planning_scene.between(a, b).distance_m > AGENT_MARGIN_M, (seed, a, b)
 
 
-def solid(bodies: Bodies, name: str) -> Swept:
+def solid(planning_scene: PlanningScene, name: str) -> Swept:
     """An object that may touch nothing, unlike one that lies on another."""
-    return replace(bodies.standing([name]), objects=frozenset())
+    return replace(planning_scene.standing([name]), objects=frozenset())
 
 
 def distance_m(a: Swept, b: Swept) -> float:
@@ -98,7 +98,7 @@ def distance_m(a: Swept, b: Swept) -> float:
 def test_nothing_has_succeeded_at_reset(simulator: Simulator) -> None:
     for seed in range(20):
         scene = simulator.reset(seed)
-        verdict = Judge(simulator.task, scene)(scene)
+        verdict = SuccessEvaluator(simulator.task, scene)(scene)
         assert not verdict.success and not verdict.success_paper and not all(verdict.evidence.values()), seed
 
 
@@ -108,7 +108,7 @@ def test_random_actions_never_succeed(simulator: Simulator) -> None:
     for seed in range(RANDOM_EPISODES):
         rng = np.random.default_rng(seed)
         start = scene = simulator.reset(seed)
-        judge, action = Judge(simulator.task, start), simulator.command
+        judge, action = SuccessEvaluator(simulator.task, start), simulator.command
         reach = towards_things(simulator.task, start, rng) / RANDOM_STEPS
         for step in range(RANDOM_STEPS):
             action[:, :ARM_JOINTS] += reach + rng.normal(0.0, 0.015, reach.shape)
@@ -140,7 +140,7 @@ def test_flung_things_never_succeed(simulator: Simulator, throw_m_s: tuple[float
     thrown = loose(simulator.task)
     for names in [[name] for name in thrown] + [thrown]:
         start = scene = simulator.reset(0)
-        judge, hold = Judge(simulator.task, start), simulator.command
+        judge, hold = SuccessEvaluator(simulator.task, start), simulator.command
         for name in names:
             fling(simulator, name, throw_m_s)
         highest_m = 0.0

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 from mani_skill.agents.robots.panda import Panda as StockPanda
 
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Settings
 from rf_exp.gallery.performance import play
 from rf_exp.geometry.planning_scene import GRIPPER
-from rf_exp.robots.panda import Panda
-from rf_exp.sim import Limited, Simulator, agent
-from rf_exp.sim.environment import hand_from_camera
+from rf_exp.robots import Panda
+from rf_exp.sim import Limited, Simulator, agent, hand_from_camera
 from rf_exp.sim.room import TABLE_CENTRE_M
 from rf_exp.tasks import CameraSpec, Task
 from rf_exp.transforms import apply, inverse
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 from tests.conftest import TASKS, read_task
 from tests.sim.test_simulator import digest, digest_elsewhere, random_walk
 
@@ -81,7 +79,7 @@ def test_objects_and_arms_are_seen_at_the_start(simulator: Simulator) -> None:
         assert all(seen["table"] > 10_000 for seen in pixels.values())
 
 
-class Moments(Nobody):
+class Moments(NullObserver):
     """Notes when each agent has just closed its fingers, presses, strikes, or is about to let go."""
 
     def __init__(self) -> None:
@@ -107,7 +105,7 @@ class Moments(Nobody):
 def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator: Simulator) -> None:
     for seed in range(5):
         moments = Moments()
-        settings = Settings(simulator.task, Row("full"), ScriptedSpec())
+        settings = Settings(simulator.task, ConstraintSet("full"), ScriptedSpec())
         if EpisodeMaker(settings, Limited(simulator), ScriptedBrain(), moments).make(seed).success:
             break
     else:

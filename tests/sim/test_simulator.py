@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.robots.panda import Panda
+from rf_exp.robots import Panda
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
 from rf_exp.transforms import transform

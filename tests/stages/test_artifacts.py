@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.stages.artifacts import owned
+from rf_exp.stages import owned
 from rf_exp.store import Store
 from rf_exp.types import Pictures
 

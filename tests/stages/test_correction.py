@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow
+from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.store import Store
 
@@ -33,7 +32,7 @@ def test_the_expert_goes_on_where_policies_fail(command, corrected: Path) -> Non
     assert result.returncode == 0, result.stderr
     queries = 0
     for rounds in (1, 2):
-        made = rows.read(corrected / ROWS.format(rounds), GenerationRow)
+        made = read_rows(corrected / ROWS.format(rounds), GenerationRow)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
         assert [row.seed for row in made] == [first]  # hardly trained, they lose it
         assert all(row.success and row.attempts for row in made)
@@ -43,7 +42,7 @@ def test_the_expert_goes_on_where_policies_fail(command, corrected: Path) -> Non
         for subgoal in store.by_episode(store.subgoal)[2:]:
             own = subgoal[:, 0] >= 0
             assert own[-1] and (np.diff(own.astype(int)) >= 0).all()
-    (row,) = rows.read(
+    (row,) = read_rows(
         corrected / "results/evaluate/pick_meat/separate_local/full-fast+dagger2-2.jsonl", EvaluationRow
     )
     assert (row.recipe, row.queries, row.demos) == ("fast+dagger2", queries, 2)

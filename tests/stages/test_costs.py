@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import rows
+from rf_exp.ablation import append_row
 from rf_exp.experiment import Experiment
 from rf_exp.stages.artifacts import evaluation_path
 from rf_exp.stages.costs import foretold
@@ -33,10 +33,10 @@ def test_the_published_table_is_foretold(tmp_path: Path) -> None:
 def test_what_is_there_is_not_foretold(tmp_path: Path) -> None:
     asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1"
     whole = fast(tmp_path, *asked)
-    path = evaluation_path(whole, whole.tasks[0], whole.rows[0], whole.archs[0])
+    path = evaluation_path(whole, whole.tasks[0], whole.constraint_sets[0], whole.archs[0])
     before = minutes(foretold(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
     for row in evaluation("two_robots_stack_cube", "separate_local", 150, 100, 0, recipe="fast"):
-        rows.append(path, row)
+        append_row(path, row)
     after = minutes(foretold(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
     assert after == pytest.approx(0.9 * before, abs=1.1)
 

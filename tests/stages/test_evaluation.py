@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import EvaluationRow
-from rf_exp.artifacts.provenance import commit
-from rf_exp.policy.saved import CONFIG, MODEL, read_tensors, write_tensors
+from rf_exp.ablation import EvaluationRow, GenerationRow, append_row, read_rows
+from rf_exp.artifacts import commit
+from rf_exp.policy import MODEL
+from rf_exp.policy.saved import CONFIG, read_tensors, write_tensors
 
 pytestmark = [pytest.mark.render, pytest.mark.slow]
 
@@ -59,7 +59,7 @@ def evaluate(command, out: Path):
 def test_the_same_is_reused_and_says_how_it_went(evaluate, out: Path) -> None:
     result = evaluate("task.pick_meat.description=Something", "training.device=cpu")
     assert result.returncode == 0 and "nothing to do" in result.stdout
-    (row,) = rows.read(out / ROWS, EvaluationRow)
+    (row,) = read_rows(out / ROWS, EvaluationRow)
     assert (row.success, row.reason != "", row.commit) == (False, True, commit())
 
 
@@ -76,7 +76,7 @@ def test_another_scene_is_refused(evaluate, out: Path, override: str, key: str) 
     result = evaluate(override)
     assert result.returncode == 1
     assert f"{key}: found" in result.stderr and f"delete {out / ROWS}, " in result.stderr
-    assert len(rows.read(out / ROWS, EvaluationRow)) == 1
+    assert len(read_rows(out / ROWS, EvaluationRow)) == 1
 
 
 @pytest.mark.parametrize(
@@ -122,10 +122,10 @@ def test_other_data_is_refused(evaluate, out: Path) -> None:
 def test_another_step_limit_is_refused(evaluate, out: Path) -> None:
     """It comes from the rows of generation."""
     path = out / "results/generate/pick_meat/full-disturbed.jsonl"
-    made = rows.read(path, rows.GenerationRow)
+    made = read_rows(path, GenerationRow)
     path.unlink()
     for row in made:
-        rows.append(path, replace(row, steps=row.steps + 10))
+        append_row(path, replace(row, steps=row.steps + 10))
     result = evaluate()
     assert result.returncode == 1 and "step_limit: found" in result.stderr
 
@@ -134,6 +134,6 @@ def test_training_seeds_share_a_file_and_each_is_checked(command, out: Path) -> 
     arguments = (*ARGUMENTS, "stages=[train,evaluate]", f"out={out}")
     for _ in range(2):
         assert command(*arguments, "train_seed=1").returncode == 0
-    assert [row.train_seed for row in rows.read(out / ROWS, EvaluationRow)] == [0, 1]
+    assert [row.train_seed for row in read_rows(out / ROWS, EvaluationRow)] == [0, 1]
     shutil.rmtree(out / POLICY)
     assert command(*arguments, "training.learning_rate=2e-3").returncode == 1

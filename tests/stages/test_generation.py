@@ -9,21 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import GenerationRow
+from rf_exp.ablation import GenerationRow, read_rows
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, generator_version
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode import EpisodeMaker, Nobody
-from rf_exp.datagen.planning import Settings
-from rf_exp.datagen.version import generator_version
 from rf_exp.findings import Violation
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from rf_exp.stages.generation import generation_row
 from rf_exp.store import Store
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 from tests.conftest import read_task
 
-FULL = Row("full")
+FULL = ConstraintSet("full")
 
 
 class Answers(ScriptedBrain):
@@ -36,7 +33,7 @@ class Answers(ScriptedBrain):
         return self.first.pop(0) if self.first else super().answer(question)
 
 
-class Rejections(Nobody):
+class Rejections(NullObserver):
     """Counts violations where they happen."""
 
     count = 0
@@ -102,7 +99,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def told(out: Path) -> list[GenerationRow]:
-    return [replace(row, wall_s=0.0) for row in rows.read(out / ROWS, GenerationRow)]
+    return [replace(row, wall_s=0.0) for row in read_rows(out / ROWS, GenerationRow)]
 
 
 @pytest.mark.slow
@@ -110,7 +107,7 @@ def told(out: Path) -> list[GenerationRow]:
 def test_a_kill_between_episode_and_row_loses_no_row(command, tmp_path, whole, goal) -> None:
     """The last seed is stored when its row is not yet there; going on must find nothing but that to do."""
     arguments = (*ARGUMENTS, "recordings=0", goal, f"out={tmp_path}")
-    run_and_kill("generation.rows.append", *arguments)
+    run_and_kill("generation.append_row", *arguments)
     assert Store.open(tmp_path / DATA).seeds.tolist() == [0, 1]
     assert [row.seed for row in told(tmp_path)] == [0]
     for _ in range(2):

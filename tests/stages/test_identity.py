@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import trimesh
 
-from rf_exp.artifacts.identity import differing
+from rf_exp.artifacts import differing
 from rf_exp.experiment import Experiment
 from rf_exp.stages.identity import evaluation_identity, generation_identity
 from rf_exp.tasks import assets, pick_meat
@@ -25,7 +25,7 @@ def steak(*overrides: str) -> Experiment:
 def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Of generation and of evaluation."""
     made = steak(*overrides)
-    (task,), (row,) = made.tasks, made.rows
+    (task,), (row,) = made.tasks, made.constraint_sets
     return generation_identity(made, task, row), evaluation_identity(made, task, row, made.archs[0], 100)
 
 
@@ -58,7 +58,7 @@ def test_what_decides_evaluation_alone() -> None:
         assert old == new
         assert any(line.startswith(f"{key}: found") for line in differing(before, after)), key
     made = steak()
-    what = made, made.tasks[0], made.rows[0], made.archs[0]
+    what = made, made.tasks[0], made.constraint_sets[0], made.archs[0]
     assert evaluation_identity(*what, 100) != evaluation_identity(*what, 101)
 
 

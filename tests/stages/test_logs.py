@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 from wandb.proto import wandb_internal_pb2
 
-from rf_exp.ablation.rows import GenerationRow
-from rf_exp.ablation.rows import read as read_rows
+from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.stages.logs import Rates
 from tests.ablation.conftest import generation as rows_of
 

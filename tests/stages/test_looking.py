@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rf_exp.ablation import rows
-from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.ablation import EvaluationRow, append_row, read_rows
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
-from rf_exp.policy.train import train
-from rf_exp.policy.views import views
+from rf_exp.policy import train, views
 from rf_exp.recording.film import HEIGHT_PX
 from rf_exp.stages import evaluate_policies, generate_data
 from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path
 from rf_exp.store import Store
-from rf_exp.tasks import Judge
+from rf_exp.tasks import SuccessEvaluator
 from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.ablation.conftest import generation
 from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
@@ -40,13 +38,13 @@ RRD, MP4, PNG = ".rrd", ".mp4", ".png"
 def trained(tmp_path_factory) -> Experiment:
     """A policy that has seen one episode of another world, and three scenes it failed in."""
     small = replace(experiment(*SMALL, "recordings=0", "films=0"), out=tmp_path_factory.mktemp("out"))
-    (task,), (row,), (arch,) = small.tasks, small.rows, small.archs
+    (task,), (row,), (arch,) = small.tasks, small.constraint_sets, small.archs
     data = data_path(small, task, row)
     cameras, objects = ("global", "agent1", "agent2"), tuple(block_poses(0, 2))
     with Store.create(data, {"task": "reach"}, 2, cameras, HEIGHT, WIDTH, objects) as store:
         store.append(make_episode(0, 2))
     for made in generation(task.name, row.name, 1, 0, steps=STEPS // 2, version=task.version):
-        rows.append(generation_path(small, task, row), made)
+        append_row(generation_path(small, task, row), made)
     for view in views(arch, len(task.agents)):
         folder = policy_path(small, task, row, arch) / view.name
         train(Store.open(data), view, small.policy, replace(small.training, seed=0), folder)
@@ -56,7 +54,7 @@ def trained(tmp_path_factory) -> Experiment:
 
 def evaluate(given: Experiment, **changed) -> set[str]:
     """Runs the stage with other settings; the names of all files to look at that are there then."""
-    (task,), (row,), (arch,) = given.tasks, given.rows, given.archs
+    (task,), (row,), (arch,) = given.tasks, given.constraint_sets, given.archs
     evaluate_policies(replace(given, **changed), task, row, arch)
     folder = given.out / "recordings" / task.name / row.name
     return {path.name for path in folder.iterdir()} if folder.exists() else set()
@@ -69,7 +67,7 @@ def name(seed: int, suffix: str) -> str:
 @pytest.mark.render
 @pytest.mark.slow
 def test_recordings_of_a_finished_evaluation_are_made_and_kept(trained: Experiment) -> None:
-    path = evaluation_path(trained, trained.tasks[0], trained.rows[0], trained.archs[0])
+    path = evaluation_path(trained, trained.tasks[0], trained.constraint_sets[0], trained.archs[0])
     before = path.read_bytes()
     assert evaluate(trained) == set()
     assert evaluate(trained, recordings=2) == {name(0, RRD), name(1, RRD)}
@@ -104,8 +102,8 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
     """And ends as its row says."""
     evaluate(trained, recordings=(1_000_000,))
     content = Content(trained.out / "recordings/lift_barrier/full" / name(0, RRD))
-    path = evaluation_path(trained, trained.tasks[0], trained.rows[0], trained.archs[0])
-    row = rows.read(path, EvaluationRow)[0]
+    path = evaluation_path(trained, trained.tasks[0], trained.constraint_sets[0], trained.archs[0])
+    row = read_rows(path, EvaluationRow)[0]
     steps = list(range(1, STEPS + 1))
     for agent in (1, 2):
         measured = content.steps(f"/joints/agent{agent}/measured", "Scalars:scalars")
@@ -130,9 +128,9 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
 def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment, tmp_path, capsys) -> None:
     other = replace(trained, out=tmp_path / "out")
     shutil.copytree(trained.out, other.out, ignore=shutil.ignore_patterns("recordings"))
-    path = evaluation_path(other, other.tasks[0], other.rows[0], other.archs[0])
-    row = rows.read(path, EvaluationRow)[-1]
-    rows.append(path, replace(row, steps=STEPS - 1))
+    path = evaluation_path(other, other.tasks[0], other.constraint_sets[0], other.archs[0])
+    row = read_rows(path, EvaluationRow)[-1]
+    append_row(path, replace(row, steps=STEPS - 1))
     evaluate(other, recordings=(row.scene_seed,))
     said = " ".join(capsys.readouterr().out.split())
     assert f"warning: scene {row.scene_seed} ended otherwise than in its row: success False after 6" in said
@@ -144,18 +142,18 @@ def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> 
     """With rows, recordings and films of its own, which tell of the shield."""
     shielded = replace(trained, shield=True, out=tmp_path / "out")
     shutil.copytree(trained.out, shielded.out, ignore=shutil.ignore_patterns("recordings"))
-    (task,), (row,), (arch,) = shielded.tasks, shielded.rows, shielded.archs
+    (task,), (row,), (arch,) = shielded.tasks, shielded.constraint_sets, shielded.archs
     plain = evaluation_path(replace(shielded, shield=False), task, row, arch)
     before = plain.read_bytes()
     shown = "evaluate-shared_local-test-1-shield-1000000"
     assert evaluate(shielded, recordings=1, films=1) == {f"{shown}{suffix}" for suffix in (RRD, MP4, PNG)}
     path = evaluation_path(shielded, task, row, arch)
     assert path.name == "full-test-1-shield.jsonl" and plain.read_bytes() == before
-    assert [(each.shield, each.steps) for each in rows.read(path, EvaluationRow)] == [(True, STEPS)] * 3
+    assert [(each.shield, each.steps) for each in read_rows(path, EvaluationRow)] == [(True, STEPS)] * 3
     folder = shielded.out / "recordings" / task.name / row.name
     assert Content(folder / f"{shown}{RRD}").column("/conditions/shield", "StateChange:state")[0] == ["holds"]
     with Image.open(folder / f"{shown}{PNG}") as picture:
-        lines = len(Judge(task, start_scene(task, 0))(start_scene(task, 0)).evidence) + 1
+        lines = len(SuccessEvaluator(task, start_scene(task, 0))(start_scene(task, 0)).evidence) + 1
         assert 0 <= picture.height - (HEIGHT_PX + LINE_PX * lines + 3 * GAP_PX) <= 1  # a line more
 
 
@@ -165,7 +163,7 @@ def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
     small = replace(
         experiment("stages=[generate]", "render=false", "demos=1", "workers=1", "recordings=0"), out=tmp_path
     )
-    (task,), (row,) = small.tasks, small.rows
+    (task,), (row,) = small.tasks, small.constraint_sets
     folder = tmp_path / "recordings" / task.name / row.name
     generate_data(small, task, row)
     assert not list(folder.glob("*.rrd"))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from rf_exp.constraints.compile import compiled
+from rf_exp.constraints import compiled
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import (
     MAX_LENGTH,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rf_exp.tasks.account import Ledger
+from rf_exp.tasks import Ledger
 from rf_exp.types import Measured, Scene, Verdict
 
 

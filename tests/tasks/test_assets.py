@@ -12,11 +12,10 @@ from rf_exp.errors import ArgumentError
 from rf_exp.geometry import Piece
 from rf_exp.geometry.planning_scene import asset_pieces
 from rf_exp.robots import panda
-from rf_exp.sim.simulator import Simulator
-from rf_exp.tasks import assets
+from rf_exp.sim import Simulator
+from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task, assets
 from rf_exp.tasks.assets import Asset, InteractionPoint, camera, lid, pot, steak
-from rf_exp.tasks.base import CameraSpec, ObjectSpec, RobotSpec, Task
-from rf_exp.tasks.measure import tilt_deg
+from rf_exp.tasks.predicates import tilt_deg
 from rf_exp.transforms import Matrix, apply, inverse, transform
 from tests.conftest import read_task
 

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from omegaconf import OmegaConf
 
-from rf_exp.artifacts.identity import plain
+from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.store import Store
-from rf_exp.tasks.configuration import load_task, read_task, stored_task
+from rf_exp.tasks import load_task, read_task, stored_task
 from tests.conftest import CONF
 
 

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import interp1d
 
+from rf_exp.datagen.motion import ways as motion
 from rf_exp.robots import Panda
-from rf_exp.sim.simulator import Simulator
-from rf_exp.tasks import assets
-from rf_exp.tasks.base import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task
-from rf_exp.tasks.measure import tilt_deg
-from rf_exp.transforms import Matrix, interpolate, inverse, transform
+from rf_exp.sim import Simulator
+from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets
+from rf_exp.tasks.predicates import tilt_deg
+from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN
 from tests.tasks.test_assets import about
 
@@ -32,26 +33,22 @@ class Arms:
 
     def go(self, goals: list[Matrix], gripper: float, *, straight: bool = True, steps: int = 30) -> None:
         command = self.simulator.command
-        starts = command[:, :7].copy()
-        tcps = [arm.tcp(q) for arm, q in zip(self.arms, starts, strict=True)]
-        ends = None if straight else [self._solve(k, goal, starts[k]) for k, goal in enumerate(goals)]
+        ways = []
+        for arm, joints, goal in zip(self.arms, command[:, :7], goals, strict=True):
+            way = motion.straight(arm, joints, goal) if straight else np.stack([joints, _facing(arm, goal)])
+            assert way is not None, f"no way to {goal[:3, 3]}"
+            ways.append(interp1d(np.linspace(0, 1, len(way)), way, axis=0))
         for share in [*np.linspace(0, 1, steps)[1:], *[1.0] * 10]:
-            for k, goal in enumerate(goals):
-                if ends is None:
-                    command[k, :7] = self._solve(k, interpolate(tcps[k], goal, share), command[k, :7])
-                else:
-                    command[k, :7] = starts[k] + share * (ends[k] - starts[k])
+            command[:, :7] = [way(share) for way in ways]
             command[:, 7] = gripper
             self.scene = self.simulator.step(command)
 
-    def _solve(self, k: int, goal: Matrix, seed: np.ndarray) -> np.ndarray:
-        at = (inverse(self.arms[k].world_from_base) @ goal)[:2, 3]
-        rng = np.random.default_rng(0)
-        facing = np.array([np.arctan2(at[1], at[0]), *REST_RAD[1:]])
-        for guess in (seed, facing, *(facing + rng.normal(0, 0.6, (20, 7)))):
-            if (joints := self.arms[k].solve(goal, guess)) is not None:
-                return joints
-        raise AssertionError(f"arm {k + 1} does not reach {goal[:3, 3]}")
+
+def _facing(arm: Panda, goal: Matrix) -> np.ndarray:
+    at = (inverse(arm.world_from_base) @ goal)[:2, 3]
+    joints = arm.solve(goal, np.array([np.arctan2(at[1], at[0]), *REST_RAD[1:-1], arm.facing(goal)]))
+    assert joints is not None, f"{goal[:3, 3]} is out of reach"
+    return joints
 
 
 @pytest.mark.parametrize(("name", "tip_deg"), CASES)

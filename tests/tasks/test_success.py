@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.tasks import Judge
+from rf_exp.tasks import SuccessEvaluator
 from rf_exp.transforms import planar
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 from tests.scenes import start_scene
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_nothing_has_succeeded_at_the_start(task, seed):
     scene = start_scene(task, seed)
-    verdict = Judge(task, scene)(scene)
+    verdict = SuccessEvaluator(task, scene)(scene)
     assert not verdict.success and not verdict.success_paper
     assert not all(verdict.evidence.values())
 
@@ -29,13 +29,13 @@ def test_the_plan_names_only_what_exists_and_every_constraint_is_understood(task
         assert subgoal.object in task.objects
         assert subgoal.point is None or subgoal.point in task.asset(subgoal.object).points
         assert subgoal.target is None or subgoal.target in {*task.objects, *places}
-    code = RoboChecker(task, proposal, Row("full")).code
+    code = RoboChecker(task, proposal, ConstraintSet("full")).code
     assert len(code.checks) == len(proposal.constraints)
 
 
 def judged(task, start, scene, steps):
     """The last of `steps` verdicts on a scene that stays as it is."""
-    judge = Judge(task, start)
+    judge = SuccessEvaluator(task, start)
     return [judge(replace(scene, step=step)) for step in range(steps)][-1]
 
 
@@ -88,7 +88,7 @@ def drop(height_m):
 
 def test_an_interrupted_hold_begins_anew(lift_barrier, lifted):
     start, scene = lifted
-    judge, hold = Judge(lift_barrier, start), int(lift_barrier.success["hold_steps"])
+    judge, hold = SuccessEvaluator(lift_barrier, start), int(lift_barrier.success["hold_steps"])
     for _ in range(hold - 1):
         assert not judge(scene).success
     judge(replace(scene, held=("barrier", None)))
@@ -158,7 +158,7 @@ def test_nothing_is_left_to_do_after_success(lift_barrier, lifted, place_food, c
 )
 def test_a_thing_that_falls_is_lost(lift_barrier, steps, lost):
     start = start_scene(lift_barrier, 0)
-    judge, verdict = Judge(lift_barrier, start), None
+    judge, verdict = SuccessEvaluator(lift_barrier, start), None
     for holder, height_m in steps:
         pose = start.poses["barrier"].copy()
         pose[2, 3] = height_m
@@ -170,7 +170,7 @@ def test_what_no_arm_reaches_any_more_is_lost(lift_barrier):
     start = start_scene(lift_barrier, 0)
     for x_m, lost in ((0.3, {}), (0.9, {"barrier": "out of reach"})):
         moved = replace(start, poses={"barrier": planar(x_m, 0.0, 0.0)})
-        assert Judge(lift_barrier, start)(moved).lost == lost
+        assert SuccessEvaluator(lift_barrier, start)(moved).lost == lost
 
 
 def test_conditions_with_a_number_say_by_how_much(place_food, cooked):

@@ -58,7 +58,7 @@ class NearOwnBase:
     def _nearer_m(self, plan: Plan, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
         """(P,) of the tool centre point at joints (P, 7 or more)."""
         bases_m = np.array([(robot.x_m, robot.y_m) for robot in plan.task.robots])
-        tcp_m = plan.bodies.arms[self.agent - 1].tcp(qpos)[:, :2, 3]
+        tcp_m = plan.planning_scene.arms[self.agent - 1].tcp(qpos)[:, :2, 3]
         away_m = np.linalg.norm(tcp_m[:, None] - bases_m, axis=2)
         return np.delete(away_m, self.agent - 1, axis=1).min(axis=1) - away_m[:, self.agent - 1]
 

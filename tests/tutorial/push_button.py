@@ -3,8 +3,8 @@
 import numpy as np
 
 from rf_exp.statements import AvoidObjects, ContactAt, Direction, Proposal
-from rf_exp.tasks.base import Task
-from rf_exp.tasks.measure import pushed_n
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import pushed_n
 from rf_exp.types import Scene, Subgoal
 
 VERSION = "1"

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation.published import paper
 from rf_exp.ablation.rows import EvaluationRow, Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation.published import paper
 from rf_exp.ablation.rows import GenerationRow, Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes

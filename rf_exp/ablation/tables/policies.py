@@ -2,7 +2,7 @@
 
 from itertools import chain
 
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation.published import paper
 from rf_exp.ablation.rows import EvaluationRow, Results, newest
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes

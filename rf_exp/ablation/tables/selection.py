@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from statistics import fmean
 
-from rf_exp.ablation.paper import paper
+from rf_exp.ablation.published import paper
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.types import FOREIGN

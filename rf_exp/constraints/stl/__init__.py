@@ -1,6 +1,6 @@
 """Signal temporal logic: every check as formulas, and what rtamt says of an execution. Start at `form`."""
 
-from rf_exp.constraints.stl import kinds as kinds
+from rf_exp.constraints.stl import limits, logical, spatial, temporal  # noqa: F401 - their forms
 from rf_exp.constraints.stl.execution import Execution, Signal
 from rf_exp.constraints.stl.form import (
     VOID,

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.evidence import Check
 from rf_exp.constraints.stl.execution import Execution, Signal
+from rf_exp.statements import Step
 from rf_exp.tasks import Task
 
 VOID = 1e9  # in any unit: no margin is as large
@@ -104,3 +105,13 @@ def named(*parts: object) -> str:
 
 def _all(parts: Sequence[str]) -> str:
     return " and ".join(f"({part})" for part in parts) if len(parts) > 1 else parts[0]
+
+
+def of_schedule(formulas: tuple[Formula, ...], *signals: Signal) -> Specification:
+    """What is judged by the commands given, not on the measured state."""
+    return Specification(formulas, signals, measured=False)
+
+
+def step_parts(step: Step) -> tuple[object, ...]:
+    """A part of a plan, for the name of a signal."""
+    return step.agent, *(part for part in (step.verb, step.object) if part)

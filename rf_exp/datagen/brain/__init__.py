@@ -3,6 +3,7 @@
 from rf_exp.datagen.brain.faults import FAULTS
 from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies
 from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
+from rf_exp.datagen.brain.probing import probe
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.brain.spec import BrainSpec, read_brain
@@ -22,6 +23,7 @@ __all__ = [
     "ScriptedSpec",
     "applies",
     "from_json",
+    "probe",
     "read_brain",
     "to_json",
 ]

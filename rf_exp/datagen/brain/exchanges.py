@@ -15,7 +15,7 @@ import dacite
 
 from rf_exp.errors import StageError
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ def without_pictures(message: Message) -> dict[str, object]:
     return {"role": message.role, "text": message.text, "pictures_sha256": hashes}
 
 
-def exchanges_path(folder: Path, task: Task, row: Row, seed: int) -> Path:
-    return folder / task.name / row.name / f"{seed}.jsonl"
+def exchanges_path(folder: Path, task: Task, constraint_set: ConstraintSet, seed: int) -> Path:
+    return folder / task.name / constraint_set.name / f"{seed}.jsonl"
 
 
 def append(path: Path, exchange: Exchange) -> None:

@@ -14,7 +14,7 @@ from rf_exp.datagen.brain.faults import fault_named
 from rf_exp.datagen.brain.protocol import Question, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain
 from rf_exp.tasks import Task
-from rf_exp.types import Row, Scene
+from rf_exp.types import ConstraintSet, Scene
 
 
 def applies(fault: str, task: Task, scene: Scene) -> bool:
@@ -63,7 +63,7 @@ class FaultySpec:
     def identity(self) -> dict[str, object]:
         return {"name": self.name, "fault": self.fault}
 
-    def make(self, task: Task, row: Row, seed: int) -> FaultyBrain:
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> FaultyBrain:
         return FaultyBrain(self.fault, seed)
 
     def again(self) -> "FaultySpec":

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from rf_exp.artifacts.identity import without
+from rf_exp.artifacts import without
 from rf_exp.datagen.brain.chat import OpenAIChat
 from rf_exp.datagen.brain.connection import Connection
 from rf_exp.datagen.brain.exchanges import Chat, exchanges_path
@@ -13,7 +13,7 @@ from rf_exp.datagen.brain.replay import ReplayChat
 from rf_exp.datagen.brain.sight import Sight
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 
 
 class LanguageBrain:
@@ -69,8 +69,8 @@ class OpenAISpec(Connection):
         said = {key: getattr(self, key) for key in (*keys, "extra_body", "cameras", "picture_px")}
         return {"name": self.name, **without(said, extra_body=None, cameras="all", picture_px=None)}
 
-    def make(self, task: Task, row: Row, seed: int) -> LanguageBrain:
-        path = exchanges_path(self.exchanges, task, row, seed) if self.exchanges else None
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> LanguageBrain:
+        path = exchanges_path(self.exchanges, task, constraint_set, seed) if self.exchanges else None
         chat = OpenAIChat(self, path)
         return LanguageBrain(self.name, chat, sight=self.sight, restates=self.restate)
 
@@ -93,9 +93,9 @@ class ReplaySpec:
     def identity(self) -> dict[str, object]:
         return {"name": self.name, "exchanges": str(self.exchanges), "restate": self.restate}
 
-    def make(self, task: Task, row: Row, seed: int) -> LanguageBrain:
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> LanguageBrain:
         """Raises ArgumentError when nothing was recorded for the task under these constraints."""
-        path = exchanges_path(self.exchanges, task, row, seed)
+        path = exchanges_path(self.exchanges, task, constraint_set, seed)
         if not path.parent.is_dir():
             raise ArgumentError(
                 f"brain.exchanges: there is no folder {path.parent}; a run with brain=openai makes it"

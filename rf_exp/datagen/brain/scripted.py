@@ -10,10 +10,9 @@ import numpy as np
 from rf_exp.datagen.brain.protocol import Question, to_json
 from rf_exp.findings import Cause, CheckName, Violation
 from rf_exp.statements import Before, Proposal, Step, keep_clear
-from rf_exp.tasks import Task
-from rf_exp.tasks.base import ASIDE_QPOS
-from rf_exp.tasks.measure import holders
-from rf_exp.types import ARM_JOINTS, Row, Scene, Subgoal
+from rf_exp.tasks import RETRACTED_QPOS, Task
+from rf_exp.tasks.predicates import holders
+from rf_exp.types import ARM_JOINTS, ConstraintSet, Scene, Subgoal
 
 _NEAR_RAD = 0.1  # from where an arm would go: it is there already
 
@@ -55,7 +54,7 @@ def _shares(agent: int, scene: Scene) -> bool:
 
 
 def _is_aside(agent: int, scene: Scene) -> bool:
-    return bool(np.abs(scene.qpos[agent - 1, :ARM_JOINTS] - ASIDE_QPOS).max() < _NEAR_RAD)
+    return bool(np.abs(scene.qpos[agent - 1, :ARM_JOINTS] - RETRACTED_QPOS).max() < _NEAR_RAD)
 
 
 def _aside(agents: Sequence[int], task: Task) -> Proposal:
@@ -75,7 +74,7 @@ class ScriptedSpec:
     def identity(self) -> dict[str, object]:
         return {"name": self.name}
 
-    def make(self, task: Task, row: Row, seed: int) -> ScriptedBrain:
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> ScriptedBrain:
         return ScriptedBrain()
 
     def again(self) -> "ScriptedSpec":

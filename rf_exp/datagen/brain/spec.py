@@ -16,7 +16,7 @@ from rf_exp.datagen.brain.scripted import ScriptedSpec
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.secrets import no_key_here
 from rf_exp.tasks import Task
-from rf_exp.types import Row
+from rf_exp.types import ConstraintSet
 
 
 @runtime_checkable
@@ -31,7 +31,7 @@ class BrainSpec(Protocol):
         """What decides the answers, as JSON values: runs that differ here must not be mixed."""
         ...
 
-    def make(self, task: Task, row: Row, seed: int) -> Brain:
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Brain:
         """The brain for one episode. Raises ArgumentError for what this machine lacks."""
         ...
 

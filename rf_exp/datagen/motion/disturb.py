@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.robots.panda import limits_rad
+from rf_exp.robots import limits_rad
 from rf_exp.types import ARM_JOINTS, Segment, Trajectory
 
 BUMP_STEPS = (10, 25)  # how long a bump lasts, shortest and longest

@@ -30,7 +30,7 @@ def find_path(
 ) -> NDArray[np.float64] | None:
     """Waypoints (K, 7) rad from start to goal, or None where none was found.
 
-    RRT-Connect (Kuffner and LaValle 2000), then random shortcuts. Deterministic for a given `rng`.
+    RRT-Connect (Kuffner and LaValle 2000), then shortcuts. Deterministic for a given `rng`.
     """
     if edge_free(start, goal, free):
         return np.stack([start, goal])
@@ -47,7 +47,7 @@ def find_path(
             forward = _trace(a, len(a[0]) - 1)[::-1]
             backward = _trace(b, meeting)
             path = np.array(forward + backward)
-            return _shortcut(path if iteration % 2 == 0 else path[::-1], free, rng)
+            return _shortcut(path if iteration % 2 == 0 else path[::-1], free)
     return None
 
 
@@ -87,13 +87,13 @@ def _trace(tree: tuple[list[NDArray[np.float64]], list[int]], index: int) -> lis
     return path
 
 
-def _shortcut(
-    path: NDArray[np.float64], free: Free, rng: np.random.Generator, tries: int = 60
-) -> NDArray[np.float64]:
-    for _ in range(tries):
-        if len(path) < 3:
-            break
-        i, j = np.sort(rng.choice(len(path), 2, replace=False))
-        if j - i > 1 and edge_free(path[i], path[j], free):
-            path = np.concatenate([path[: i + 1], path[j:]])
+def _shortcut(path: NDArray[np.float64], free: Free) -> NDArray[np.float64]:
+    """The path without the waypoints that a free straight line makes needless, the longest lines first."""
+    for span in range(len(path) - 1, 1, -1):
+        for first in range(len(path) - span):
+            if edge_free(path[first], path[first + span], free):
+                ends = path[: first + 1], path[first + span :]
+                return np.concatenate(
+                    [_shortcut(ends[0], free)[:-1], path[[first]], _shortcut(ends[1], free)]
+                )
     return path

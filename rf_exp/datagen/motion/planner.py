@@ -1,14 +1,15 @@
 """From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation)."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
-from rf_exp.datagen.motion.primitives import Primitives
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
+from rf_exp.datagen.motion.verbs import Motion, Request, leave, lift_line, plan
 from rf_exp.findings import Cause, Finding, agent_name
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
@@ -68,30 +69,38 @@ def plan_motion(
     nothing to do at all and hold nothing go aside first. Raises Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
-    state = present_state(task, scene, arms)
-    start = {agent: (state.qpos[agent].copy(), state.gripper[agent]) for agent in task.agents}
-    primitives = Primitives(task, Reach(arms, limits, blocked, rng))
+    state = begin = present_state(task, scene, arms)
+    ask = partial(Request, task, Reach(arms, limits, blocked, rng))
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
+    add = partial(_add, segments)
+
     for agent in task.agents if idle_too else ():
         if not proposal.of(agent) and agent not in state.held:
-            segments[agent] += _out_of_the_way(Subgoal(agent, "aside"), primitives, state)
+            state = add(_out_of_the_way(ask(Subgoal(agent, "aside")), state))
     waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
     while any(waiting.values()):
         ready = [queue for queue in waiting.values() if queue and not _waits(queue[0], waiting, order)]
         alone = next((queue for queue in ready if _group(queue[0], lockstep) is None), None)
-        if alone is not None:
-            subgoal = alone.pop(0)
-            segments[subgoal.agent] += primitives.plan(subgoal, state, alone)
-            done = segments[subgoal.agent]
-            if not alone and subgoal.agent in make_room and done and done[-1].primitive == "retreat":
-                done += _out_of_the_way(Subgoal(subgoal.agent, back), primitives, state)
+        if alone is None:
+            together = _next_group(ready, lockstep, waiting)
+            state = add(_joint_lift([ask(subgoal) for subgoal in together], state))
             continue
-        for segment in _joint_lift(_next_group(ready, lockstep, waiting), primitives, state):
-            segments[segment.agent].append(segment)
-    trajectories = tuple(
-        Trajectory(agent, *start[agent], tuple(s for s in segments[agent] if len(s))) for agent in task.agents
-    )
-    return trajectories, state
+        subgoal = alone.pop(0)
+        state = add(plan(ask(subgoal, alone), state))
+        last = segments[subgoal.agent][-1:]
+        if not alone and subgoal.agent in make_room and last and last[0].primitive == "retreat":
+            state = add(_out_of_the_way(ask(Subgoal(subgoal.agent, back)), state))
+    return tuple(
+        Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(filter(len, segments[agent])))
+        for agent in task.agents
+    ), state
+
+
+def _add(segments: dict[int, list[Segment]], motion: Motion) -> State:
+    """The state after a motion, whose segments are added to those of their agents."""
+    for each in motion[0]:
+        segments[each.agent].append(each)
+    return motion[1]
 
 
 def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
@@ -102,12 +111,12 @@ def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
     return None
 
 
-def _out_of_the_way(subgoal: Subgoal, primitives: Primitives, state: State) -> list[Segment]:
+def _out_of_the_way(request: Request, state: State) -> Motion:
     """Home or aside where a way is free; otherwise nowhere."""
     try:
-        return primitives.leave(subgoal, state)
+        return leave(request, state)
     except Unreachable:
-        return []
+        return (), state
 
 
 def _waits(subgoal: Subgoal, waiting: dict[int, list[Subgoal]], order: Order) -> bool:
@@ -141,15 +150,16 @@ def _next_group(
     raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(stuck), subgoals=tuple(stuck.values()))
 
 
-def _joint_lift(subgoals: list[Subgoal], primitives: Primitives, state: State) -> list[Segment]:
+def _joint_lift(requests: Sequence[Request], state: State) -> Motion:
     """Lifts one object with several arms: the lines share one time scale, so the object stays level."""
-    lines = [primitives.lift_line(subgoal, state) for subgoal in subgoals]
+    lines = [lift_line(request, state) for request in requests]
+    first = requests[0]
     if len({len(line) for line in lines}) > 1:
-        agents = tuple(subgoal.agent for subgoal in subgoals)
-        raise Unreachable(Cause.INTERACTION, Finding.UNEVEN_LIFT, agents, object=subgoals[0].object)
-    timed = parameterise(np.hstack(lines), primitives.reach.limits)  # (T, 7 * agents)
-    label = f"{subgoals[0].verb} {subgoals[0].object}"
-    return [
-        primitives.commit(subgoal, subgoal.verb, timed[:, 7 * k : 7 * k + 7], state, label)
-        for k, subgoal in enumerate(subgoals)
-    ]
+        agents = tuple(request.agent for request in requests)
+        raise Unreachable(Cause.INTERACTION, Finding.UNEVEN_LIFT, agents, object=first.subgoal.object)
+    timed = parameterise(np.hstack(lines), first.reach.limits)  # (T, 7 * agents)
+    verb, lifted = first.subgoal.verb, []
+    for request, points in zip(requests, np.split(timed, len(requests), axis=1), strict=True):
+        each, state = request.segment(verb, points, state, joined=f"{verb} {first.subgoal.object}")
+        lifted.append(each)
+    return tuple(lifted), state

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,27 +10,21 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.state import Blocked, Obstacle, State, Unreachable, name_of
-from rf_exp.datagen.motion.timing import blend, densify, parameterise
+from rf_exp.datagen.motion.timing import blend, densify, estimated_s, parameterise
+from rf_exp.datagen.motion.ways import Points, approaches, arrival, straight
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Panda
-from rf_exp.tasks.base import REST_QPOS
-from rf_exp.transforms import Matrix, interpolate, inverse, transform
+from rf_exp.transforms import Matrix, transform
 from rf_exp.types import JointLimits
 
-LINE_STEP_M = 0.01  # between inverse kinematics solutions on a straight line
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
 CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
-_RANDOM_SEEDS, _SPREAD_RAD = 12, 0.6  # inverse kinematics restarts when the natural ones fail
-_SWIVELS = np.array([[turn, 0, -turn, 0, 0, 0, 0] for turn in (-0.7, 0.7)])  # rad, the elbow to a side
-_SAME_RAD = 0.05  # solutions nearer than this are one
-_MAX_JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
 
-Points = NDArray[np.float64]  # (K, 7) rad
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
 Onward = Callable[
     [int, Points, Matrix], float | None
-]  # (agent, joints (7,), TCP pose) -> cost in rad or None
+]  # (agent, joints (7,), TCP pose) -> s it takes, or None
 
 
 @dataclass(frozen=True)
@@ -62,11 +57,11 @@ class Reach:
         obstacles: dict[Obstacle, None] = {}  # what was in the way, in the order in which it was found
         no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
-        for pre, line in self._ways(agent, up[-1], tiers, standoff_m, down, onward):
+        for line in self._ways(agent, up[-1], tiers, standoff_m, down, onward):
             if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
                 obstacles[obstacle] = None
                 continue
-            path = self._path(agent, up[-1], pre, state)
+            path = self._path(agent, up[-1], line[0], state)
             if path is None:
                 no_path = True
                 continue
@@ -86,73 +81,32 @@ class Reach:
 
     def _ways(
         self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward | None
-    ) -> Iterator[tuple[Points, Points]]:
-        """(joints before the approach, joint points of the approach), tier by tier the shortest first.
+    ) -> Iterator[Points]:
+        """Joint points of approaches, tier by tier the shortest first.
 
         Those from which what comes next cannot be reached come last of all.
         """
         last = []
         for tier in tiers:
-            found = []
-            for goal in tier:
-                pre = above(goal, standoff_m) if down else goal @ transform((0.0, 0.0, -standoff_m))
-                for joints, line in self._lines(agent, pre, goal, start, bool(found)):
-                    cost = np.abs(joints - start).max() + length_rad(line)
-                    more = onward(agent, line[-1], goal) if onward else 0.0
-                    way = (round(float(cost + (more or 0.0)), 6), len(found), joints, line)
-                    (last if more is None else found).append(way)
-            for _, _, joints, line in sorted(found, key=lambda way: way[:2]):
-                yield joints, line
-        for _, _, joints, line in last:
-            yield joints, line
-
-    def _lines(
-        self, agent: int, pre: Matrix, goal: Matrix, current: Points, found: bool
-    ) -> Iterator[tuple[Points, Points]]:
-        """Distinct (joints at `pre`, joint points from there to `goal`) of one goal.
-
-        The arm has a joint to spare, so one pose has many postures; some lead through stretched arms,
-        where a short line takes long.
-        """
-        known: list[Points] = []
-        facing = self._facing(agent, goal)
-
-        def guesses() -> Iterator[Points]:
-            yield from (current, facing, *(facing + swivel for swivel in _SWIVELS))
-            for _ in range(_RANDOM_SEEDS):
-                if known or found:
-                    break
-                yield facing + self.rng.normal(0.0, _SPREAD_RAD, 7)
-
-        for seed in guesses():
-            joints = self.arms[agent].solve(pre, seed)
-            if joints is None or any(np.abs(joints - other).max() < _SAME_RAD for other in known):
-                continue
-            line = self.line(agent, joints, pre, goal)
-            if line is not None:
-                known.append(joints)
-                yield joints, line
-
-    def _facing(self, agent: int, goal: Matrix) -> Points:
-        """Joints (7,) of an arm at rest, turned towards a TCP pose: a good first guess."""
-        in_base = inverse(self.arms[agent].world_from_base) @ goal
-        return np.array([np.arctan2(in_base[1, 3], in_base[0, 3]), *REST_QPOS[1:]])
-
-    def line(self, agent: int, joints: Points, start: Matrix, goal: Matrix) -> Points | None:
-        """Joint points (K, 7) of the straight TCP line from `start` (where `joints` is) to `goal`."""
-        count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
-        points = [joints]
-        for fraction in np.arange(1, count + 1) / count:
-            solution = self.arms[agent].solve(interpolate(start, goal, fraction), points[-1])
-            if solution is None or np.abs(solution - points[-1]).max() > _MAX_JUMP_RAD:
-                return None
-            points.append(solution)
-        return np.array(points)
+            goals = np.stack(tier)
+            before = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
+            open_: list[tuple[float, int, Points]] = []  # s it takes, what comes next included
+            for number, way in enumerate(approaches(self.arms[agent], before, goals, start)):
+                takes_s = estimated_s(way.effort_rad, self.limits)
+                while open_ and open_[0][0] <= takes_s:
+                    yield heappop(open_)[2]
+                more = onward(agent, way.points[-1], goals[way.goal]) if onward else 0.0
+                if more is None:
+                    last.append(way.points)
+                else:
+                    heappush(open_, (round(takes_s + more, 6), number, way.points))
+            while open_:
+                yield heappop(open_)[2]
+        yield from last
 
     def _rise(self, agent: int, joints: Points) -> Points:
         """Joint points (K, 7) straight up from where the arm is; only that where it cannot rise."""
-        tcp = self.arms[agent].tcp(joints)
-        line = self.line(agent, joints, tcp, above(tcp, RISE_M))
+        line = self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
         return joints[None] if line is None else line
 
     def _path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
@@ -170,26 +124,25 @@ class Reach:
             raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
         return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
 
-    def arrive(self, agent: int, goal: Matrix, joints: Points) -> Points | None:
-        """Joints (3, 7) now, well above a TCP pose, and there; None where inverse kinematics fails."""
-        arm, raised = self.arms[agent], above(goal, CLEARANCE_M)
-        for seed in (joints, self._facing(agent, goal)):
-            high = arm.solve(raised, seed)
-            low = None if high is None else arm.solve(goal, high)
-            if high is not None and low is not None:
-                return np.stack([joints, high, low])
+    def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
+        """Joint points (K, 7) of the straight TCP line from joints (7,) to a pose."""
+        return straight(self.arms[agent], joints, goal)
+
+    def arrive(self, agent: int, tiers: Tiers, joints: Points) -> Points | None:
+        """Joints (3, 7) now, well above a TCP pose of the first tier that can be reached, and there."""
+        for tier in tiers:
+            goals = np.stack(tier)
+            points = arrival(self.arms[agent], above(goals, CLEARANCE_M), goals, joints)
+            if points is not None:
+                return points
         return None
 
 
-def above(pose: Matrix, height_m: float) -> Matrix:
-    raised = pose.copy()
-    raised[2, 3] += height_m
+def above(poses: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+    """Poses (..., 4, 4), so much higher."""
+    raised = poses.copy()
+    raised[..., 2, 3] += height_m
     return raised
-
-
-def length_rad(points: Points) -> float:
-    """Length of a joint path (K, 7): what it costs in time, but for starting and stopping."""
-    return float(np.abs(np.diff(points, axis=0)).max(axis=1).sum())
 
 
 def turned(goal: Matrix, turns: int) -> list[Matrix]:

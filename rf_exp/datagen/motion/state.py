@@ -1,7 +1,7 @@
 """What planning believes while it looks ahead, and how it asks about obstacles."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -33,16 +33,34 @@ def name_of(obstacle: Obstacle) -> str:
     return agent_name(obstacle) if isinstance(obstacle, int) else obstacle
 
 
-@dataclass
+@dataclass(frozen=True)
 class State:
-    """What planning believes so far: joints, grippers, what is held, where things are."""
+    """What planning believes at one moment: joints, grippers, what is held, where things are."""
 
-    qpos: dict[int, NDArray[np.float64]]  # agent -> (7,) rad
-    gripper: dict[int, float]
-    held: dict[int, tuple[str, Matrix]]  # agent -> object, tcp_from_object
-    poses: dict[str, Matrix]  # object -> world_from_object
+    qpos: Mapping[int, NDArray[np.float64]]  # agent -> (7,) rad
+    gripper: Mapping[int, float]
+    held: Mapping[int, tuple[str, Matrix]]  # agent -> object, tcp_from_object
+    poses: Mapping[str, Matrix]  # object -> world_from_object
     places: Mapping[str, Matrix] = field(default_factory=dict)
     targets: frozenset[str] = frozenset()  # objects that the present subgoal is about
+
+    def moved(self, agent: int, joints: NDArray[np.float64], world_from_tcp: Matrix) -> "State":
+        """An agent is at joints (7,), and what it holds with it."""
+        poses = dict(self.poses)
+        if agent in self.held:
+            name, tcp_from_object = self.held[agent]
+            poses[name] = world_from_tcp @ tcp_from_object
+        return replace(self, qpos={**self.qpos, agent: joints}, poses=poses)
+
+    def commanded(self, agent: int, gripper: float) -> "State":
+        return replace(self, gripper={**self.gripper, agent: gripper})
+
+    def holding(self, agent: int, name: str, tcp_from_object: Matrix) -> "State":
+        return replace(self, held={**self.held, agent: (name, tcp_from_object)})
+
+    def without(self, agent: int) -> "State":
+        """An agent has let go of what it held."""
+        return replace(self, held={each: what for each, what in self.held.items() if each != agent})
 
 
 class Blocked(Protocol):

@@ -50,6 +50,14 @@ def blend(points: NDArray[np.float64], radius_rad: float) -> NDArray[np.float64]
     return smooth
 
 
+def estimated_s(length_rad: float, limits: JointLimits) -> float:
+    """How long a rest-to-rest motion takes whose joint that moves most goes so far."""
+    speed, acceleration = limits.velocity_rad_s, limits.acceleration_rad_s2
+    if length_rad < speed**2 / acceleration:  # it never gets to full speed
+        return 2 * float(np.sqrt(length_rad / acceleration))
+    return length_rad / speed + speed / acceleration
+
+
 def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np.float64]:
     """Fastest rest-to-rest motion along points (M, D) rad, sampled at the control rate: (T, D).
 

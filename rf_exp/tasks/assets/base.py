@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.artifacts.identity import digest
+from rf_exp.artifacts import digest
 from rf_exp.transforms import Matrix, apply
 
 if TYPE_CHECKING:

@@ -79,7 +79,7 @@ def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
         # Corners that a file keeps apart for its shading are one corner of the body.
         body = trimesh.Trimesh(geometry.vertices, geometry.faces, process=True)
         body.apply_scale(said.scale).apply_transform(said.frame.asset_from_mesh)
-        solids = [piece for shell in _shells(body, path) for piece in _convex(shell)]
+        solids = [piece for shell in _shells(body, path) for piece in convex_pieces(shell)]
         parts += [Part(piece, GREY, seen=False) for piece in solids]
         parts += _surface(body, colours if said.colour is None else np.tile(said.colour, (len(colours), 1)))
     lowest_m = min(part.mesh.bounds[0, 2] for part in parts if part.seen)
@@ -121,7 +121,7 @@ def _shells(body: trimesh.Trimesh, path: Path) -> list[trimesh.Trimesh]:
     return shells
 
 
-def _convex(shell: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+def convex_pieces(shell: trimesh.Trimesh) -> list[trimesh.Trimesh]:
     """Convex pieces that together fill a closed shell; the same on every call."""
     hull = shell.convex_hull
     if hull.volume <= CONVEX * shell.volume and len(hull.vertices) <= CORNERS:

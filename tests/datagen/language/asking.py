@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import yaml
 
-from rf_exp.datagen.brain import Question, read_brain, to_json
-from rf_exp.datagen.brain.language import OpenAISpec
-from rf_exp.datagen.episode import EpisodeMaker
-from rf_exp.datagen.planning import Settings
+from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen.brain import OpenAISpec, Question, read_brain, to_json
 from rf_exp.statements import Proposal
 from tests.conftest import CONF
 from tests.datagen.guard import FULL

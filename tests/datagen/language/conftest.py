@@ -2,7 +2,7 @@
 
 import pytest
 
-from rf_exp.sim.simulator import Simulator
+from rf_exp.sim import Simulator
 from tests.conftest import read_task
 from tests.datagen.language.asking import KEY
 from tests.datagen.language_server import LanguageServer

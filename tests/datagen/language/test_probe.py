@@ -6,8 +6,7 @@ import socket
 import pytest
 
 from rf_exp import doctor
-from rf_exp.datagen.brain import from_json
-from rf_exp.datagen.brain.probe import probe
+from rf_exp.datagen.brain import from_json, probe
 from tests.datagen.language.asking import KEY, openai_spec
 from tests.datagen.language_server import Reply, completion, failure
 

@@ -1,0 +1,66 @@
+"""What a plan costs: processor time and length of the first plan of every task, without simulation.
+
+    python benchmarks/planning.py [--tasks place_food,pass_shoe] [--seeds 20]
+
+From proposal to checked plan: motion, schedule, checks. One line a task: mean processor time of a plan, its
+mean length in control steps until the last arm is home, and how many seeds had none. The last line is JSON.
+Two versions are compared by running both, one after the other, each in its own checkout.
+"""
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+from rf_exp.datagen.brain import Question, ScriptedSpec
+from rf_exp.datagen.planning import Planned, Planner, Settings
+from rf_exp.errors import choices
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Task
+from rf_exp.tasks.configuration import CONFIGURED, read_task
+from rf_exp.types import ConstraintSet
+
+
+def measured(task: Task, seeds: int) -> dict[str, float]:
+    settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
+    took_s, steps = [], []
+    with Simulator(task, render=False) as simulator:
+        for seed in range(-1, seeds):  # the first of all fills caches
+            scene = simulator.reset(max(seed, 0))
+            planner, question = (
+                Planner(settings, settings.make_brain(max(seed, 0))),
+                Question(task, scene, {}, (), ()),
+            )
+            began = time.process_time()
+            plan = planner.plan(question, scene, np.random.default_rng([max(seed, 0), 1]))
+            if seed >= 0:
+                took_s.append(time.process_time() - began)
+                steps += [len(plan.schedule.positions)] if isinstance(plan, Planned) else []
+    return {
+        "plan_s": round(float(np.mean(took_s)), 3),
+        "steps": round(float(np.mean(steps)), 1),
+        "without": seeds - len(steps),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    paths = {path.stem: path for path in sorted(CONFIGURED.glob("*.yaml")) if path.stem != "all"}
+    parser.add_argument("--tasks", default=",".join(paths), help="comma-separated names; default: all")
+    parser.add_argument("--seeds", type=int, default=20)
+    given = parser.parse_args()
+    for name in (names := given.tasks.split(",")):
+        if name not in paths:
+            parser.error(str(choices("task", name, paths)))
+    found = {}
+    for name in names:
+        found[name] = measured(read_task(paths[name]), given.seeds)
+        print(f"{name:26s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()), flush=True)
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

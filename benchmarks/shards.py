@@ -1,0 +1,349 @@
+"""Whether shards come to what one process makes, on every engine, whatever is killed meanwhile.
+
+    python benchmarks/shards.py [--engines dask,ray] [--kills 20] [--seed 0] [--folder DIR]
+
+Engines have two nodes, of one core each, on this machine: Dask a scheduler and two workers, Ray a head and a
+worker, with a token. First every engine makes the same demonstrations, without pictures, in seeds of which
+some fail: of all seeds, and until enough have succeeded. Then a node of Dask and of Ray is killed with all
+its processes while it is at work. Then workers, the processes of seeds, and commands are killed at random
+moments, and a command that has ended is given again. All kills are SIGKILL. What is there in the end is
+compared: SHA-256 over the files of the store, and over the rows but for their times. Results are kept in
+DIR/log.jsonl, where the same command goes on. The last line is JSON.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MADE = (
+    "stages=[generate]",
+    "task=lift_barrier",
+    "constraints=logical",
+    "randomisation.heavy=1",
+    "attempts=1",
+)
+MADE = (*MADE, "render=false", "recordings=0", "wandb=disabled", "launch.shard_seeds=2")
+GOALS = ("episodes=8", "demos=5")  # the seeds 3 and 4 fail
+ENGINES = ("loky", "dask", "ray", "submitit")
+TARGETS = ("worker", "driver")
+TIMES = ("wall_s", "commit", "crc32")  # of a row; its checksum is also of its time
+BIN = Path(sys.executable).parent
+MARK = "RF_EXP_BENCHMARK"  # of the environment: of which part a process is, whoever its parent has become
+GONE_S, HANG_S = 5.0, 1800.0
+
+
+def processes(part: str = "") -> dict[int, int]:
+    """Living processes of a part, or of all, and their parents."""
+    mark, found = f"\0{MARK}={os.getpid()}/{part}".encode(), {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            state, parent = (path / "stat").read_text().rpartition(")")[2].split()[:2]
+            if state != "Z" and mark in b"\0" + (path / "environ").read_bytes():
+                found[int(path.name)] = int(parent)
+    return found
+
+
+def start(
+    part: str, command: list[str], said: Path, environment: Mapping[str, str]
+) -> subprocess.Popen[bytes]:
+    marked = {**os.environ, **environment, MARK: f"{os.getpid()}/{part}"}
+    marked["SPT_NOENV"] = "1"  # or what Ray calls its processes takes the place of the mark
+    with said.open("ab") as file:
+        return subprocess.Popen(command, env=marked, stdout=file, stderr=file, start_new_session=True)
+
+
+def kill(part: str) -> None:
+    """Every process of a part, as if its machine had gone."""
+    while found := processes(part):
+        for pid in found:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.05)
+
+
+class Cluster:
+    """An engine on two nodes of this machine."""
+
+    def __init__(self, engine: str, folder: Path) -> None:
+        self.engine, self.folder = engine, folder
+        self.environment: dict[str, str] = {}
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self._port = free.getsockname()[1]
+        if engine == "ray":
+            (token := folder / "ray_token").write_text(secrets.token_hex(32))
+            self.environment = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token)}
+
+    @property
+    def arguments(self) -> list[str]:
+        """Of the command that uses it."""
+        here = f"127.0.0.1:{self._port}"
+        address = {"dask": f"tcp://{here}", "ray": here, "submitit": "local"}.get(self.engine, "null")
+        return [f"launch.engine={self.engine}", f"launch.address={address}"]
+
+    def start(self, name: str) -> None:
+        """Its head, or another node."""
+        here, port = "127.0.0.1", str(self._port)
+        if self.engine == "dask":
+            command = ["dask", "scheduler", "--host", here, "--port", port, "--no-dashboard"]
+            if name != "head":
+                command = ["dask", "worker", f"tcp://{here}:{port}", "--nthreads", "1", "--no-dashboard"]
+                command += ["--memory-limit", "0", "--local-directory", str(self.folder)]
+        else:
+            where = ["--address", f"{here}:{port}"]
+            if name == "head":
+                where = ["--head", "--port", port, "--include-dashboard=false", "--disable-usage-stats"]
+            command = ["ray", "start", *where, "--node-ip-address", here, "--num-cpus", "1", "--block"]
+            command += ["--object-store-memory", "100000000"]
+        command[0] = str(BIN / command[0])
+        start(name, command, self.folder / f"{self.engine}-{name}.txt", self.environment)
+
+    def answers(self) -> None:
+        """Waits until its head does."""
+        end = time.monotonic() + HANG_S
+        while time.monotonic() < end:
+            with suppress(OSError), socket.create_connection(("127.0.0.1", self._port), timeout=1.0):
+                return
+            time.sleep(0.2)
+
+
+@contextmanager
+def cluster(engine: str, folder: Path) -> Iterator[Cluster]:
+    """An engine that is up, and is gone afterwards."""
+    made = Cluster(engine, folder)
+    nodes = {"dask": ("head", "node1", "node2"), "ray": ("head", "node2")}.get(engine, ())
+    with ExitStack() as stack:
+        for name in nodes:
+            stack.callback(kill, name)
+            made.start(name)
+            made.answers()
+        yield made
+
+
+def command(made: Cluster, out: Path, goal: str, workers: int = 2) -> subprocess.Popen[bytes]:
+    arguments = [*MADE, *made.arguments, goal, f"workers={workers}", f"out={out}"]
+    said = made.folder / f"{made.engine}-said.txt"
+    return start("driver", [sys.executable, "-m", "rf_exp.run", *arguments], said, made.environment)
+
+
+def content(out: Path) -> str:
+    """SHA-256 over the names and bytes of the store's files and over the rows but for their times."""
+    sha = hashlib.sha256()
+    for path in sorted(path for path in out.glob("data/**/*.zarr/**/*") if path.is_file()):
+        sha.update(str(path.relative_to(out)).encode() + path.read_bytes())
+    for row in map(json.loads, lines(out)):
+        sha.update(json.dumps({key: value for key, value in row.items() if key not in TIMES}).encode())
+    return sha.hexdigest()
+
+
+def lines(out: Path) -> list[str]:
+    """The rows as they stand there."""
+    return [line for path in sorted(out.glob("results/**/*.jsonl")) for line in path.read_text().splitlines()]
+
+
+def finished(out: Path) -> list[str]:
+    """The rows of shards that are finished."""
+    found = [lines(shard) for shard in out.glob("shards/*/*-*")]
+    return [line for rows in found if len(rows) == 2 for line in rows]
+
+
+def cpu_s() -> dict[int, float]:
+    """CPU seconds of every living process of ours."""
+    found = {}
+    for pid in processes():
+        with suppress(OSError):
+            ticks = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+            found[pid] = sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    return found
+
+
+def cost(made: Cluster, out: Path, goal: str, workers: int) -> dict[str, Any]:
+    """One run that nobody disturbs: what it makes, and what it costs, nodes included."""
+    shutil.rmtree(out, ignore_errors=True)
+    began, before = time.monotonic(), cpu_s()
+    spent, run = dict(before), command(made, out, goal, workers)
+    while run.poll() is None:
+        spent |= cpu_s()  # what a process does in its last moment is missing
+        time.sleep(0.25)
+    spent_s = sum(spent.values()) - sum(before.values())
+    found = {"code": run.returncode, "sha": content(out), "shards_left": len([*out.glob("shards/*/*-*")])}
+    return {**found, "wall_s": round(time.monotonic() - began, 1), "cpu_s": round(spent_s, 1)}
+
+
+def seeds_at_work(part: str = "") -> dict[int, int]:
+    """The processes in which seeds are tried, and the engine's process that is the parent of each."""
+    found = processes(part).items()
+    return {
+        pid: parent for pid, parent in found if "spawn_main" in said(pid) and "bin/dask" not in said(parent)
+    }
+
+
+def said(pid: int) -> str:
+    with suppress(OSError):
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    return ""
+
+
+def orphans() -> list[int]:
+    """Processes of ours whose parent is neither of ours nor this one."""
+    found = processes()
+    return [pid for pid, parent in found.items() if parent not in found and parent != os.getpid()]
+
+
+def until(holds: Callable[[], object], seconds: float = HANG_S) -> bool:
+    end = time.monotonic() + seconds
+    while not (answer := holds()) and time.monotonic() < end:
+        time.sleep(0.1)
+    return bool(answer)
+
+
+def kill_node(made: Cluster, out: Path, sha: str) -> dict[str, Any]:
+    """A node that goes while it is at work, when a shard is finished; the command is left alone."""
+    shutil.rmtree(out, ignore_errors=True)
+    run = command(made, out, GOALS[0])
+    hit = until(lambda: run.poll() is not None or (finished(out) and seeds_at_work("node2")))
+    kept, hit = finished(out), hit and run.poll() is None
+    kill("node2")
+    return {"hit": hit, "code": run.wait(HANG_S), **judged(out, sha, kept)}
+
+
+def kill_one(
+    made: Cluster, who: str, work_s: float, rng: np.random.Generator, out: Path, sha: str
+) -> dict[str, Any]:
+    """A worker, a seed's process or the command at a random moment; where it ends, the same command again."""
+    shutil.rmtree(out, ignore_errors=True)
+    run, after_s = command(made, out, GOALS[0]), rng.uniform(0.0, work_s)
+    until(lambda: run.poll() is not None or seeds_at_work())
+    with suppress(subprocess.TimeoutExpired):
+        run.wait(after_s)
+    kept, victims = finished(out), [run.pid]
+    if who == "worker":
+        victims = sorted({pid for pair in seeds_at_work().items() for pid in pair})
+    hit = run.poll() is None and bool(victims)
+    if hit:
+        os.kill(int(rng.choice(victims)), signal.SIGKILL)
+    gone = None
+    if who == "driver" and made.engine != "submitit":  # batch jobs are meant to outlive it
+        gone = until(lambda: not processes("driver"), GONE_S)
+    code = again = run.wait(HANG_S)
+    if code:
+        again = command(made, out, GOALS[0]).wait(HANG_S)
+    gone_in_the_end = until(lambda: not processes("driver") and not orphans() and not seeds_at_work(), GONE_S)
+    result = {"who": who, "after_s": round(after_s, 2), "hit": hit, "code": code, "gone_in_5_s": gone}
+    return {**result, "code_again": again, "left": not gone_in_the_end, **judged(out, sha, kept)}
+
+
+def judged(out: Path, sha: str, kept: list[str]) -> dict[str, Any]:
+    """`kept` are the rows of the shards that were finished when somebody was killed."""
+    seeds = [json.loads(line)["seed"] for line in lines(out)]
+    return {
+        "equal": content(out) == sha,
+        "one_row_a_seed": seeds == sorted({*seeds}),
+        "finished_before": len(kept),
+        "made_again": len({*kept} - {*lines(out)}),
+    }
+
+
+class Log:
+    """What was measured, in a file: the same command goes on from there."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.found = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+    def of(self, **key: Any) -> list[dict[str, Any]]:
+        return [each for each in self.found if key.items() <= each.items()]
+
+    def add(self, **found: Any) -> None:
+        self.found.append(found)
+        with self._path.open("a") as file:
+            file.write(json.dumps(found) + "\n")
+        print(json.dumps(found), flush=True)
+
+
+def measure_costs(log: Log, engines: list[str], folder: Path) -> None:
+    for engine, workers in (("processes", 1), ("processes", 2), *((engine, 2) for engine in engines)):
+        missing = [
+            goal for goal in GOALS if not log.of(part="equal", engine=engine, workers=workers, goal=goal)
+        ]
+        if missing:
+            with cluster(engine, folder) as made:
+                for goal in missing:
+                    key = {"part": "equal", "engine": engine, "workers": workers, "goal": goal}
+                    log.add(**key, **cost(made, folder / "out", goal, workers))
+
+
+def measure_kills(log: Log, engines: list[str], kills: int, seed: int, folder: Path) -> None:
+    whole = {each["engine"]: each for each in log.of(part="equal", goal=GOALS[0])}
+    sha = whole["processes"]["sha"]
+    for engine in engines:
+        if engine in ("dask", "ray") and not log.of(part="node", engine=engine, hit=True):
+            with cluster(engine, folder) as made:
+                log.add(part="node", engine=engine, **kill_node(made, folder / "out", sha))
+    for turn, engine in enumerate(engines):
+        share = len(range(turn, kills, len(engines)))
+        with cluster(engine, folder) as made:
+            while len(log.of(part="kill", engine=engine, hit=True)) < share:
+                number = len(log.of(part="kill", engine=engine))
+                rng = np.random.default_rng([seed, ENGINES.index(engine), number])
+                who, work_s = TARGETS[number % 2], 0.7 * whole[engine]["wall_s"]
+                found = kill_one(made, who, work_s, rng, folder / "out", sha)
+                log.add(part="kill", engine=engine, number=number, **found)
+
+
+def summary(log: Log) -> dict[str, Any]:
+    equal, kills = log.of(part="equal"), log.of(part="kill", hit=True)
+    return {
+        "benchmark": "shards",
+        "ways": len({(each["engine"], each["workers"]) for each in equal}),
+        "sha256": {goal: sorted({each["sha"] for each in equal if each["goal"] == goal}) for goal in GOALS},
+        "nodes": {
+            each["engine"]: each["code"] == 0 and each["equal"] and not each["made_again"]
+            for each in log.of(part="node", hit=True)
+        },
+        "kills": len(kills),
+        "went_on_alone": sum(each["code"] == 0 for each in kills if each["who"] == "worker"),
+        **{
+            name: sum(each[name] for each in kills)
+            for name in ("equal", "one_row_a_seed", "made_again", "left")
+        },
+        "not_gone_in_5_s": sum(each["gone_in_5_s"] is False for each in kills),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--engines", default=",".join(ENGINES), help="with commas between")
+    parser.add_argument("--kills", type=int, default=20, help="that hit, of all engines together")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path, default=Path("outputs/shards"))
+    given = parser.parse_args()
+    folder, engines = given.folder.resolve(), given.engines.split(",")
+    folder.mkdir(parents=True, exist_ok=True)
+    log = Log(folder / "log.jsonl")
+    try:
+        measure_costs(log, engines, folder)
+        measure_kills(log, engines, given.kills, given.seed, folder)
+    finally:
+        kill("")
+    print(json.dumps(summary(log)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,29 @@
+"""Comments behind fields, which hold their shapes, units and frames, as their text on the site.
+
+An extension of griffe, which reads the sources for mkdocs (mkdocs.yml).
+"""
+
+import re
+from typing import Any
+
+from griffe import Attribute, Docstring, Extension
+
+COMMENT = re.compile(r"#\s*(?!pyright|noqa|fmt|type:)(.+?)\s*$")
+
+
+class Fields(Extension):
+    """A field without a docstring says what the comment behind it says, and the lines of comment below it."""
+
+    def on_attribute_instance(self, *, attr: Attribute, **_: Any) -> None:
+        if attr.docstring is not None or attr.endlineno is None or attr.parent is None:
+            return
+        lines = attr.lines_collection[attr.filepath]  # pyright: ignore[reportArgumentType]
+        code, _, _ = lines[attr.endlineno - 1].partition("  # ")
+        behind = COMMENT.search(lines[attr.endlineno - 1][len(code) :])
+        found = [behind[1]] if behind else []
+        for line in lines[attr.endlineno :]:
+            if not (below := COMMENT.fullmatch(line.strip())) or not attr.parent.is_class:
+                break
+            found.append(below[1])
+        if found:
+            attr.docstring = Docstring(" ".join(found), parent=attr)

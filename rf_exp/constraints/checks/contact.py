@@ -1,0 +1,89 @@
+"""Where a plan makes an arm meet an object, and what that is compared with."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.plan import Plan
+from rf_exp.findings import Finding
+from rf_exp.tasks.assets import InteractionPoint
+from rf_exp.transforms import Matrix
+from rf_exp.types import Scene, Segment
+
+CONTACT = ("approach", "press")  # primitives that end in contact
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Where a trajectory meets an object."""
+
+    segment: Segment
+    end: int  # path position at contact
+    settled: int  # path position at which the fingers have closed
+
+    def tcp(self, plan: Plan) -> Matrix:
+        """world_from_tcp as planned."""
+        return plan.planning_scene.arms[self.segment.agent - 1].tcp(self.segment.qpos[-1])
+
+    def object_pose(self, plan: Plan, name: str) -> Matrix:
+        """world_from_object: where it stands, or where another agent leaves it, whichever is met."""
+        poses = [plan.scene.poses[name]]
+        for trajectory in plan.trajectories:
+            arm = plan.planning_scene.arms[trajectory.agent - 1]
+            carrying = [segment for segment in trajectory.segments if segment.carries == name]
+            if trajectory.agent != self.segment.agent and carrying:
+                assert (
+                    carrying[-1].tcp_from_object is not None
+                )  # PlanningScene.along has refused it otherwise
+                poses.append(arm.tcp(carrying[-1].qpos[-1]) @ carrying[-1].tcp_from_object)
+        tcp = self.tcp(plan)
+        point = plan.task.asset(name).points.get(self.segment.subgoal.point or "")
+        at = np.eye(4) if point is None else point.object_from_tcp
+        return min(poses, key=lambda pose: offset_m(tcp, pose @ at))
+
+
+def last_contact(plan: Plan, agent: int, name: str) -> Contact | None:
+    """The last contact that the plan of an agent makes with an object."""
+    trajectory = plan.trajectory(agent)
+    found: Contact | None = None
+    ends = trajectory.knots[1:]
+    for index, (segment, end) in enumerate(zip(trajectory.segments, ends, strict=True)):
+        if segment.primitive in CONTACT and segment.subgoal.object == name:
+            following = trajectory.segments[index + 1 : index + 2]
+            closes = bool(following) and following[0].primitive == "close"
+            found = Contact(segment, end, ends[index + 1] if closes else end)
+    return found
+
+
+def offset_m(a: Matrix, b: Matrix) -> float:
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+
+
+def no_contact(
+    plan: Plan, agent: int, name: str, found: Finding, aspect: str, value: float, bound: float
+) -> Evidence:
+    """What it means that an agent makes no contact: it holds the object already, or misses the demand."""
+    holds = plan.scene.held[agent - 1] == name
+    moving = dict.fromkeys(each.subgoal.text for each in plan.trajectory(agent).segments)
+    return Evidence(
+        ok=holds,
+        finding=Finding.HOLDS_IT if holds else found,
+        value=0.0 if holds else value,
+        bound=bound,
+        time_s=plan.begins_s,
+        agents=(agent,),
+        object=name,
+        aspect=aspect,
+        subgoals=tuple(moving),
+    )
+
+
+def nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
+    points = [point for point in plan.task.asset(name).points.values() if point.kind in ("grasp", "press")]
+    return min(points, key=lambda point: offset_m(tcp, pose @ point.object_from_tcp), default=None)
+
+
+def settles_now(plan: Plan, agent: int, scene: Scene, position: int) -> bool:
+    """Whether this is the control step at which the agent arrives at a path position."""
+    return scene.step - plan.scene.step == int(np.searchsorted(plan.positions(agent), position))

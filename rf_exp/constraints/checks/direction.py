@@ -1,0 +1,148 @@
+"""Interaction direction (paper, section 3.2): how the gripper is turned when it meets an object.
+
+TCP frame: z points out of the hand, y along the fingers.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rf_exp.constraints.checks.contact import Contact, last_contact, nearest_point, no_contact, settles_now
+from rf_exp.constraints.checks.temporal import span
+from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.plan import Plan
+from rf_exp.findings import CheckName, Finding, agent_name
+from rf_exp.statements import Step
+from rf_exp.tasks.assets import InteractionPoint
+from rf_exp.transforms import Matrix, angle_between_rad
+from rf_exp.types import CONTROL_DT_S, Kind, Scene
+
+ANGLE_DEG = 10.0
+ANGLE_MEASURED_DEG = 20.0
+OPPOSITE_DEG = 180.0  # the value of a direction that is never taken up
+UP = (0.0, 0.0, 1.0)
+# word -> what has to be in line
+ORIENTATIONS = {
+    "perpendicular": "the annotated direction",
+    "vertical": "the vertical, pointing down",
+    "horizontal": "the horizontal",
+    "level": "level fingers",
+}
+
+
+@dataclass(frozen=True)
+class ValidateDirection:
+    """The gripper has the required orientation at contact. Value and bound in degrees.
+
+    `perpendicular` asks for the annotated direction of the interaction point: both the approach
+    and the axis along which the fingers close, within the turns and the tip that the point allows.
+    """
+
+    kind: ClassVar[Kind] = "logical"
+    name: ClassVar[CheckName] = CheckName.DIRECTION
+    unit: ClassVar[str] = "deg"
+
+    agent: int
+    object: str
+    orientation: str  # one of ORIENTATIONS
+    text: str = ""
+    phase: Step | None = None  # in which it has to hold; at contact unless given
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.agent,)
+
+    def __repr__(self) -> str:
+        when = f", {self.phase.verb}" if self.phase else ""
+        return f"VD({agent_name(self.agent)}, {self.object}, {self.orientation}{when})"
+
+    def planned(self, plan: Plan) -> Evidence:
+        if self.phase is not None:
+            return self._throughout(plan, self.phase)
+        contact = last_contact(plan, self.agent, self.object)
+        if contact is None and self._is_target(plan):
+            return idle(plan, self.agents, bound=ANGLE_DEG)
+        if contact is None:
+            missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
+            return no_contact(plan, self.agent, self.object, *missed)
+        point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
+        time_s = plan.time_s(self.agent, contact.end)
+        return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s, False)
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        tcp = plan.planning_scene.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
+        pose, now_s = scene.poses[self.object], scene.step * CONTROL_DT_S
+        if self.phase is not None:
+            part = span(self.phase, plan.trajectory(self.agent))
+            if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
+                return None
+            return self._evidence(tcp, pose, None, ANGLE_MEASURED_DEG, now_s, True)
+        contact = last_contact(plan, self.agent, self.object)
+        if contact is None or not settles_now(plan, self.agent, scene, contact.settled):
+            return None
+        return self._evidence(tcp, pose, self._point(plan, contact), ANGLE_MEASURED_DEG, now_s, True)
+
+    def _throughout(self, plan: Plan, phase: Step) -> Evidence:
+        """The worst moment of a phase."""
+        trajectory = plan.trajectory(self.agent)
+        part = span(phase, trajectory)
+        if part is None:
+            return idle(plan, self.agents, bound=ANGLE_DEG)
+        tcp = plan.planning_scene.arms[self.agent - 1].tcp(trajectory.path()[part[0] : part[1] + 1])
+        pose = plan.scene.poses[self.object]
+        found = [
+            self._evidence(each, pose, None, ANGLE_DEG, plan.time_s(self.agent, part[0] + row), False)
+            for row, each in enumerate(tcp)
+        ]
+        return max(found, key=lambda evidence: evidence.value)
+
+    def _is_target(self, plan: Plan) -> bool:
+        """Whether the agent goes to the object with something in its hand."""
+        return any(each.subgoal.target == self.object for each in plan.trajectory(self.agent).segments)
+
+    def _point(self, plan: Plan, contact: Contact) -> InteractionPoint | None:
+        points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
+        if named is not None and named in points:
+            return points[named]
+        return nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
+
+    def _evidence(
+        self,
+        tcp: Matrix,
+        pose: Matrix,
+        point: InteractionPoint | None,
+        bound_deg: float,
+        time_s: float,
+        measured: bool,
+    ) -> Evidence:
+        value = float(np.degrees(self._error_rad(tcp, pose, point)))
+        return Evidence(
+            ok=value <= bound_deg,
+            finding=Finding.OFF_DIRECTION,
+            value=value,
+            bound=bound_deg,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            object=self.object,
+            aspect=ORIENTATIONS[self.orientation],
+        )
+
+    def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
+        approach, fingers = tcp[:3, 2], tcp[:3, 1]
+        if self.orientation == "vertical":
+            return np.pi - angle_between_rad(approach, UP)
+        if self.orientation == "horizontal":
+            return abs(np.pi / 2 - angle_between_rad(approach, UP))
+        if self.orientation == "level":
+            return abs(np.pi / 2 - angle_between_rad(fingers, UP))
+        if point is None:  # nothing annotated: down onto its top
+            return np.pi - angle_between_rad(approach, pose[:3, 2])
+        annotated = pose @ point.object_from_tcp
+        across = min(
+            angle_between_rad(fingers, annotated[:3, :2] @ (-np.sin(turn), np.cos(turn)))
+            for turn in np.linspace(0.0, 2 * np.pi, point.turns, endpoint=False)
+        )
+        tilt = angle_between_rad(approach, annotated[:3, 2])
+        return max(tilt - np.deg2rad(point.tip_deg), across, 0.0)

@@ -1,0 +1,100 @@
+"""Two grippers, or two arms, keep a distance."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from rf_exp.constraints.checks.keep_out import Closing
+from rf_exp.constraints.checks.limits import MEASURED_M, grippers_m
+from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.findings import CheckName, Doing, Finding, names
+from rf_exp.geometry import Mask, PlanningScene, Swept, closer_than, nearest
+from rf_exp.robots import LINKS
+from rf_exp.timeline import doing
+from rf_exp.types import CONTROL_DT_S, Kind, Scene
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Two grippers, or two arms, keep a distance. Value and bound in metres."""
+
+    kind: ClassVar[Kind] = "spatial"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
+    unit: ClassVar[str] = "m"
+
+    agents: tuple[int, int]
+    at_least_m: float
+    parts: str  # grippers | arms
+    text: str = ""
+
+    def __repr__(self) -> str:
+        return f"VSO({names(self.agents)}, {self.parts} {self.at_least_m:g} m apart)"
+
+    def closing(self, paths: Paths) -> Closing:
+        """What timing has to do about it."""
+        return Closing(self.agents, self._close(paths))
+
+    def _close(self, paths: Paths) -> Mask:
+        """(P_i, P_j) the pairs of path positions at which they are too close."""
+        if self.parts == "arms":
+            a, b = (_links(paths.swept[agent - 1]) for agent in self.agents)
+            return closer_than(a, b, self.at_least_m)
+        a_m, b_m = (grippers_m(paths, agent) for agent in self.agents)
+        return np.linalg.norm(a_m[:, None] - b_m[None], axis=-1) < self.at_least_m
+
+    def planned(self, plan: Plan) -> Evidence:
+        at = np.stack([plan.positions(agent) for agent in self.agents], axis=1)
+        if self.parts == "arms":
+            a, b = (_links(plan.paths.swept[agent - 1]) for agent in self.agents)
+            gap = nearest(a, b, at)
+            assert gap is not None  # links must always keep apart
+            value, step = gap.distance_m, int(np.flatnonzero((at == gap.at).all(axis=1))[0])
+        else:
+            a_m, b_m = (grippers_m(plan.paths, agent)[at[:, row]] for row, agent in enumerate(self.agents))
+            apart_m = np.linalg.norm(a_m - b_m, axis=1)
+            step = int(apart_m.argmin())
+            value = float(apart_m[step])
+        time_s = plan.begins_s + step * CONTROL_DT_S
+        does = tuple(
+            doing(plan.segment_at(agent, int(position)))
+            for agent, position in zip(self.agents, at[step], strict=True)
+        )
+        return self._evidence(value, self.at_least_m, time_s, does)
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence:
+        planning_scene = PlanningScene(plan.task, scene)
+        if self.parts == "arms":
+            value = planning_scene.between(*self.agents).distance_m
+        else:
+            a, b = (planning_scene.arms[agent - 1].tcp(scene.qpos[agent - 1])[:3, 3] for agent in self.agents)
+            value = float(np.linalg.norm(a - b))
+        bound_m = max(0.0, self.at_least_m - MEASURED_M)
+        return self._evidence(value, bound_m, scene.step * CONTROL_DT_S, None)
+
+    def _evidence(
+        self, value: float, bound_m: float, time_s: float, does: tuple[Doing | None, ...] | None
+    ) -> Evidence:
+        """`does`: what each agent is about, as planned; None as measured."""
+        return Evidence(
+            ok=value >= bound_m,
+            finding=Finding.TOO_NEAR,
+            value=value,
+            bound=bound_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=does is None,
+            aspect=self.parts,
+            doing=does or (),
+        )
+
+
+def _links(body: Swept) -> Swept:
+    """An arm without what it carries, at its path positions; nothing of it may touch anything."""
+    columns = [column for column, label in enumerate(body.labels) if label in LINKS]
+    return Swept(
+        tuple(body.pieces[column] for column in columns),
+        tuple(body.labels[column] for column in columns),
+        body.poses[:, columns],
+    )

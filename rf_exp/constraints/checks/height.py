@@ -1,0 +1,121 @@
+"""The direction check of agents that carry one thing (paper, section 3.2): they keep it level."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.checks.temporal import span
+from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.plan import Plan
+from rf_exp.findings import CheckName, Finding, names
+from rf_exp.statements import Step
+from rf_exp.types import CONTROL_DT_S, Kind, Scene
+
+HEIGHT_M = 0.02
+HEIGHT_MEASURED_M = 0.03
+
+
+@dataclass(frozen=True)
+class ConsistentHeight:
+    """Agents that carry one thing together raise it by the same height. Value and bound in metres.
+
+    With a model of time at every control step of the schedule, otherwise at the end of the plan. With a
+    `phase` (of each agent) only there.
+    """
+
+    kind: ClassVar[Kind] = "logical"
+    name: ClassVar[CheckName] = CheckName.DIRECTION
+    unit: ClassVar[str] = "m"
+
+    agents: tuple[int, ...]
+    text: str = ""
+    phase: tuple[Step, ...] = ()
+
+    def __repr__(self) -> str:
+        when = f", {self.phase[0].verb}" if self.phase else ""
+        return f"VD({names(self.agents)}, consistent height{when})"
+
+    def planned(self, plan: Plan) -> Evidence:
+        worst = idle(plan, self.agents, bound=HEIGHT_M)
+        for name in self._together(plan):
+            rises = np.stack([self._rise_m(plan, agent, name) for agent in self.agents])  # (agents, T + 1)
+            spread = np.ptp(rises, axis=0)
+            at = int(np.argmax(spread))
+            if spread[at] >= worst.value:
+                time_s = plan.begins_s + (at * CONTROL_DT_S if plan.constraint_set.temporal else 0.0)
+                worst = self._evidence(name, float(spread[at]), HEIGHT_M, time_s, False)
+        return worst
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        held = {scene.held[agent - 1] for agent in self.agents}
+        name = next(iter(held))
+        if (
+            not plan.constraint_set.temporal
+            or len(held) != 1
+            or name is None
+            or name not in self._together(plan)
+        ):
+            return None
+        rises = []
+        for agent in self.agents:
+            begin, end = self._span(plan, agent, name)
+            now = plan.position_now(agent, scene)
+            if now <= begin or (self.phase and now > end):
+                return None
+            arm = plan.planning_scene.arms[agent - 1]
+            rises.append(
+                arm.tcp(scene.qpos[agent - 1])[2, 3] - arm.tcp(plan.trajectory(agent).path()[begin])[2, 3]
+            )
+        return self._evidence(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S, True)
+
+    def _together(self, plan: Plan) -> list[str]:
+        """The things that all of them carry in this plan."""
+        carried = [
+            {segment.carries for segment in plan.trajectory(agent).segments} - {None} for agent in self.agents
+        ]
+        return sorted(name for name in set.intersection(*carried) if name)
+
+    def _span(self, plan: Plan, agent: int, name: str) -> tuple[int, int]:
+        """Path positions between which an agent carries a thing and has to keep level with the others."""
+        begin, end = _carried(plan, agent, name)
+        for step in self.phase:
+            if step.agent == agent and (part := span(step, plan.trajectory(agent))) is not None:
+                return max(begin, part[0]), max(begin, min(end, part[1]))
+        return begin, end
+
+    def _rise_m(self, plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
+        """How far an agent has raised a thing: (T + 1,), or (1,) at the end without a model of time."""
+        trajectory = plan.trajectory(agent)
+        height = plan.planning_scene.arms[agent - 1].tcp(trajectory.path())[:, 2, 3]
+        positions = plan.positions(agent) if plan.constraint_set.temporal else np.array([len(trajectory)])
+        begin, end = self._span(plan, agent, name)
+        return height[np.clip(positions, begin, end)] - height[begin]
+
+    def _evidence(self, name: str, value: float, bound_m: float, time_s: float, measured: bool) -> Evidence:
+        return Evidence(
+            ok=value <= bound_m,
+            finding=Finding.UNEVEN,
+            value=value,
+            bound=bound_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            object=name,
+        )
+
+
+def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
+    """Path positions between which an agent carries a thing, for the first time."""
+    trajectory = plan.trajectory(agent)
+    begin = end = None
+    for segment, start, stop in zip(
+        trajectory.segments, trajectory.knots[:-1], trajectory.knots[1:], strict=True
+    ):
+        if segment.carries == name:
+            begin, end = start if begin is None else begin, stop
+        elif begin is not None:
+            break
+    assert begin is not None and end is not None  # asked of what is carried only
+    return begin, end

@@ -1,0 +1,170 @@
+"""Keep-out zones: an agent stays out of a box, always or while something closes it."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+import trimesh
+
+from rf_exp.constraints.checks.temporal import span
+from rf_exp.constraints.checks.touching import with_load
+from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.coordination import Demands
+from rf_exp.findings import CheckName, Doing, Finding, agent_name
+from rf_exp.geometry import Mask, Nearest, Piece, PlanningScene, Swept, closer_than, nearest, overlap
+from rf_exp.statements import Step
+from rf_exp.timeline import doing
+from rf_exp.transforms import transform
+from rf_exp.types import CONTROL_DT_S, Kind, Scene
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
+
+    pair: tuple[int, int]  # (i, j), i < j
+    cells: Mask  # (P_i, P_j) path positions that may not be at the same time
+
+    def demand(self, demands: Demands) -> None:
+        demands.apart(*self.pair, self.cells)
+
+
+@dataclass(frozen=True)
+class StayOut:
+    """An agent, with what it carries, stays out of a box. Value and bound in metres.
+
+    Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
+    can keep the agent out (`closing`).
+    """
+
+    kind: ClassVar[Kind] = "spatial"
+    name: ClassVar[CheckName] = CheckName.OCCUPANCY
+    unit: ClassVar[str] = "m"
+
+    agent: int
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+    text: str = ""
+    occupied_by: int | str | None = None
+    until: Step | None = None
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.agent,)
+
+    def __repr__(self) -> str:
+        when = "" if self.occupied_by is None else f", while {self._occupant}"
+        when += f", until {self.until.text}" if self.until else ""
+        return f"VSO({agent_name(self.agent)}, zone {self.low_m} to {self.high_m}{when})"
+
+    @property
+    def _occupant(self) -> str:
+        return agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else str(self.occupied_by)
+
+    def _zone(self) -> Swept:
+        return _box(self.low_m, self.high_m)
+
+    def _inside(self, paths: Paths, agent: int) -> Mask:
+        """(P,) the path positions at which an agent, with what it carries, is in the zone."""
+        return closer_than(paths.swept[agent - 1], self._zone(), 0.0)[:, 0]
+
+    def _closed(self, paths: Paths) -> tuple[int, Mask]:
+        """Whose path decides when the zone is closed, and at which of its positions (P,)."""
+        if self.until is not None:
+            other = self.until.agent
+            part = span(self.until, paths.trajectory(other))
+            ends = 0 if part is None else part[1]
+            return other, np.arange(len(paths.trajectory(other)) + 1) < ends
+        if isinstance(self.occupied_by, int):
+            return self.occupied_by, self._inside(paths, self.occupied_by)
+        if self.occupied_by is not None:
+            return self._with_thing(paths, self.occupied_by)
+        return self.agent, np.ones(len(paths.trajectory(self.agent)) + 1, dtype=bool)
+
+    def _with_thing(self, paths: Paths, name: str) -> tuple[int, Mask]:
+        """As `_closed`, by an object: who moves it decides, or nobody."""
+        for agent, body in zip(paths.task.agents, paths.swept, strict=True):
+            if name in body.objects:
+                columns = [column for column, label in enumerate(body.labels) if label == name]
+                thing = Swept(
+                    tuple(body.pieces[column] for column in columns), (name,) * len(columns),
+                    body.poses[:, columns],
+                )  # fmt: skip
+                return agent, closer_than(thing, self._zone(), 0.0)[:, 0]
+        standing = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
+        return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, standing)
+
+    def closing(self, paths: Paths) -> "Closing | None":
+        """What timing has to do about it; None where it can do nothing."""
+        other, closed = self._closed(paths)
+        if other == self.agent:
+            return None
+        mask = self._inside(paths, self.agent)[:, None] & closed[None, :]
+        i, j = sorted((self.agent, other))
+        return Closing((i, j), mask if i == self.agent else mask.T)
+
+    def planned(self, plan: Plan) -> Evidence:
+        body, other = plan.paths.swept[self.agent - 1], self._closed(plan.paths)
+        own = plan.positions(self.agent)
+        steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
+        if not len(steps):
+            return idle(plan, self.agents, 0.0, np.inf)
+        hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
+        at = np.unique(own[hits[:1]] if len(hits) else own[steps])
+        gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
+        assert gap is not None  # a zone must always be kept out of
+        step = hits[0] if len(hits) else steps[own[steps] == gap.at[0]][0]
+        time_s = plan.begins_s + float(step) * CONTROL_DT_S
+        does = doing(plan.segment_at(self.agent, gap.at[0]))
+        return self._evidence(gap, not len(hits), time_s, False, does)
+
+    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
+        if not self._closed_now(scene, plan):
+            return None
+        gap = self._gap(scene, plan, self.agent)
+        return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, True)
+
+    def _closed_now(self, scene: Scene, plan: Plan) -> bool:
+        if self.until is not None:
+            other, closed = self._closed(plan.paths)
+            return bool(closed[plan.position_now(other, scene)])
+        if isinstance(self.occupied_by, int):
+            return self._gap(scene, plan, self.occupied_by).distance_m <= 0
+        if self.occupied_by is not None:
+            return (
+                overlap(PlanningScene(plan.task, scene).standing([self.occupied_by]), self._zone())
+                is not None
+            )
+        return True
+
+    def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
+        """From a measured arm, with what it holds, to the zone."""
+        held = scene.held[agent - 1]
+        gap = nearest(with_load(PlanningScene(plan.task, scene), agent, held, frozenset()), self._zone())
+        assert gap is not None
+        return gap
+
+    def _evidence(
+        self, gap: Nearest, ok: bool, time_s: float, measured: bool, does: Doing | None = None
+    ) -> Evidence:
+        return Evidence(
+            ok=ok,
+            finding=Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE,
+            value=gap.distance_m,
+            time_s=time_s,
+            agents=self.agents,
+            measured=measured,
+            obstacles=(f"zone {self.low_m} to {self.high_m}",),
+            doing=() if measured else (does,),
+            parts=(gap.a,),
+        )
+
+
+@lru_cache(maxsize=64)  # asked for at every control step
+def _box(low_m: tuple[float, float, float], high_m: tuple[float, float, float]) -> Swept:
+    """A zone between two corners, as a body that stands (P = 1)."""
+    low, high = np.array(low_m), np.array(high_m)
+    box = trimesh.creation.box(high - low, transform((low + high) / 2))
+    return Swept((Piece.of(box),), ("zone",), np.eye(4).reshape(1, 1, 4, 4))

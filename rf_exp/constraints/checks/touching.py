@@ -1,0 +1,96 @@
+"""Which measured arms touch: contact forces, and volumes that overlap."""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+
+from rf_exp.constraints.evidence import Evidence
+from rf_exp.findings import Finding
+from rf_exp.geometry import PlanningScene, Swept, overlap
+from rf_exp.tasks import Task
+from rf_exp.transforms import inverse
+from rf_exp.types import CONTROL_DT_S, Scene
+
+CONTACT_N = 1.0  # force between two arms that counts as contact
+
+
+def touching(
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]] | None = None,
+) -> Evidence | None:
+    """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
+    return pressing(scene, pairs) or overlapping(task, scene, pairs, may_touch)
+
+
+def pressing(scene: Scene, pairs: tuple[tuple[int, int], ...]) -> Evidence | None:
+    """The first pair of arms that the simulator sees press on one another."""
+    for a, b, force_n in scene.arm_contacts:
+        if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
+            return Evidence(
+                ok=False,
+                finding=Finding.TOUCHING,
+                value=force_n,
+                bound=CONTACT_N,
+                unit="N",
+                time_s=scene.step * CONTROL_DT_S,
+                agents=(a, b),
+                measured=True,
+            )
+    return None
+
+
+def overlapping(
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]] | None = None,
+) -> Evidence | None:
+    """The first pair of arms whose exact volumes overlap, whatever the simulator says.
+
+    What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
+    gripper of an agent, and what it holds, may touch in the hands of another one.
+    """
+    for (a, b), bodies in zip(pairs, measured_arms(task, scene, pairs, may_touch or {}), strict=True):
+        gap = overlap(*bodies)
+        if gap is not None:
+            return Evidence(
+                ok=False,
+                finding=Finding.OVERLAPPING,
+                value=gap.distance_m,
+                time_s=scene.step * CONTROL_DT_S,
+                agents=(a, b),
+                measured=True,
+                parts=(gap.a, gap.b),
+            )
+    return None
+
+
+def measured_arms(
+    task: Task,
+    scene: Scene,
+    pairs: tuple[tuple[int, int], ...],
+    may_touch: Mapping[int, frozenset[str]],
+) -> Iterator[tuple[Swept, Swept]]:
+    """Pairs of measured arms, each with what it holds."""
+    planning_scene = PlanningScene(task, scene)
+
+    @cache
+    def body(agent: int, load: str | None) -> Swept:
+        return with_load(planning_scene, agent, load, may_touch.get(agent, frozenset()))
+
+    for a, b in pairs:
+        loads = scene.held[a - 1], scene.held[b - 1]
+        if loads[0] == loads[1]:  # what two hold together is no obstacle between them
+            loads = None, None
+        yield body(a, loads[0]), body(b, loads[1])
+
+
+def with_load(
+    planning_scene: PlanningScene, agent: int, load: str | None, may_touch: frozenset[str]
+) -> Swept:
+    """A measured arm with something where it was measured."""
+    scene, arm = planning_scene.scene, planning_scene.arms[agent - 1]
+    qpos = scene.qpos[agent - 1]
+    grip = None if load is None else inverse(arm.tcp(qpos)) @ scene.poses[load]
+    return planning_scene.arm(agent, qpos, carries=load, tcp_from_object=grip, touches=may_touch)

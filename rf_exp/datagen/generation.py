@@ -1,0 +1,64 @@
+"""Many episodes: consecutive seeds spread over processes, results in the order of the seeds."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.datagen.episode import EpisodeMaker
+from rf_exp.datagen.outcome import Outcome
+from rf_exp.datagen.planning import Settings
+from rf_exp.findings import Account
+from rf_exp.processes import Overdue, in_order
+from rf_exp.sim import Limited, depth_and_segmentation, shared_simulator
+from rf_exp.types import Extras, Pictures
+
+NOTHING = Extras()
+
+
+def make_episode(
+    settings: Settings,
+    pictures: Pictures,
+    seed: int,
+    cameras: Sequence[str] | None = None,
+    lead: Iterable[NDArray[np.float64]] = (),
+    known: Sequence[Iterable[str]] = (),
+    extras: Extras = NOTHING,
+) -> Outcome:
+    """One episode in this process, seen by these cameras, or those that `pictures` says.
+
+    `extras` says what else it keeps of what they see; `lead` and `known` as in `EpisodeMaker.make`.
+    The same arguments give the same bytes, whatever ran before.
+    """
+    cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
+    world = shared_simulator(settings.task, pictures)
+    images = partial(depth_and_segmentation, world, cameras, extras)
+    maker = EpisodeMaker(settings, Limited(world, cameras), settings.make_brain(seed), images=images)
+    return maker.make(seed, lead, known)
+
+
+def generate(
+    make: Callable[[int], Outcome], seeds: Sequence[int], workers: int, limit_s: float | None = None
+) -> Iterator[Outcome]:
+    """Outcomes of `seeds` in their order, each made by `make`, in `workers` processes.
+
+    A seed that takes longer than `limit_s` has failed, and the others go on. The caller may stop
+    early; seeds then under way are thrown away. Bytes do not depend on `workers`.
+    """
+    jobs = (partial(make, seed) for seed in seeds)
+    for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
+        yield _failed(seed, made) if isinstance(made, Overdue) else made
+
+
+def _failed(seed: int, overdue: Overdue) -> Outcome:
+    return Outcome(
+        seed,
+        success=False,
+        success_paper=False,
+        steps=0,
+        attempts=1,
+        contacts=0,
+        wall_s=overdue.limit_s,
+        account=Account(ended=str(overdue)),
+    )

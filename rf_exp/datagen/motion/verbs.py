@@ -1,0 +1,299 @@
+"""Motion primitives: each subgoal becomes rest-to-rest segments of one agent (paper, supplementary A).
+
+A verb is a function of a request and the state in which the previous one leaves everything; it gives its
+segments and the state that they leave. So a whole proposal is planned ahead of its execution.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rf_exp.datagen.motion.destination import ends, support
+from rf_exp.datagen.motion.reach import CLEARANCE_M, Onward, Reach, Tiers, above, turned
+from rf_exp.datagen.motion.state import State, Unreachable, name_of
+from rf_exp.datagen.motion.timing import estimated_s, parameterise
+from rf_exp.datagen.motion.ways import Points, effort_rad
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.findings import Cause, Finding
+from rf_exp.statements import VERBS
+from rf_exp.tasks import RETRACTED_QPOS, Task
+from rf_exp.transforms import Matrix, inverse, transform
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
+
+GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
+RETREAT_M = 0.08
+_TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
+_WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
+
+T = TypeVar("T")
+Motion = tuple[tuple[Segment, ...], State]
+
+
+@dataclass(frozen=True)
+class Request:
+    """A subgoal, and what its agent does next: a grasp is chosen so that this can be reached."""
+
+    task: Task
+    reach: Reach
+    subgoal: Subgoal
+    following: Sequence[Subgoal] = ()
+
+    @property
+    def agent(self) -> int:
+        return self.subgoal.agent
+
+    def tcp(self, state: State) -> Matrix:
+        """world_from_tcp of the agent."""
+        return self.reach.arms[self.agent].tcp(state.qpos[self.agent])
+
+    def segment(
+        self,
+        primitive: str,
+        points: Points,
+        state: State,
+        touches: frozenset[str] = frozenset(),
+        joined: str | None = None,
+    ) -> tuple[Segment, State]:
+        """A segment along timed points (T, 7), with what is held, and the state at its end."""
+        agent = self.agent
+        name, tcp_from_object = state.held.get(agent, (None, None))
+        gripper = np.full(len(points), state.gripper[agent])
+        if len(points):
+            state = state.moved(agent, points[-1], self.reach.arms[agent].tcp(points[-1]))
+        touches = touches | {name} if name is not None else touches
+        made = Segment(
+            agent, self.subgoal, primitive, points, gripper, name, tcp_from_object, touches, joined
+        )
+        return made, state
+
+
+Primitive = Callable[[Request, State], Motion]
+
+
+def plan(request: Request, state: State) -> Motion:
+    """The segments of one subgoal, and the state they leave. Raises Unreachable."""
+    about = frozenset({*request.task.objects} & {request.subgoal.object, request.subgoal.target})
+    verb = request.subgoal.verb
+    if verb not in _PRIMITIVES:
+        raise ArgumentError(
+            f"verb {verb!r} has no motion primitive; rf_exp.datagen.add_primitive gives it one"
+        )
+    return _PRIMITIVES[verb](request, replace(state, targets=about))
+
+
+# -- the verbs ---------------------------------------------------------------------------------------
+
+
+def grasp(request: Request, state: State) -> Motion:
+    agent, name = request.agent, _required(request.subgoal.object)
+    if agent in state.held:
+        if state.held[agent][0] == name:
+            return (), state
+        raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
+    point = request.task.asset(name).points[_required(request.subgoal.point)]
+    touches = frozenset({name})
+    goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
+    tips = [transform(rotation=_pitch(np.deg2rad(tip))) for tip in _TIPS_DEG if abs(tip) <= point.tip_deg]
+    points = request.reach.timed(
+        agent,
+        [[goal @ tip for goal in goals] for tip in tips],
+        point.standoff_m,
+        state,
+        touches,
+        f"grasp {name} at {request.subgoal.point}",
+        onward=_onward(request, name, state),
+    )
+    approach, state = request.segment("approach", points, state, touches)
+    close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
+    return (approach, close), state.holding(agent, name, inverse(request.tcp(state)) @ state.poses[name])
+
+
+def lift(request: Request, state: State) -> Motion:
+    line = lift_line(request, state)
+    lifting, state = request.segment("lift", parameterise(line, request.reach.limits), state)
+    return (lifting,), state
+
+
+def carry(request: Request, state: State) -> Motion:
+    _, tcp_from_object = _held(request, state)
+    goals = _ends(request, request.subgoal, state, tcp_from_object)
+    points = request.reach.timed(
+        request.agent, goals, 0.0, state, frozenset(), request.subgoal.text, rise=True
+    )
+    carrying, state = request.segment("carry", points, state)
+    return (carrying,), state
+
+
+def place(request: Request, state: State) -> Motion:
+    name, tcp_from_object = _held(request, state)
+    goals = _ends(request, request.subgoal, state, tcp_from_object)
+    touches = frozenset({name}) | support(request.task, request.subgoal)
+    what = request.subgoal.text
+    points = request.reach.timed(
+        request.agent, goals, CLEARANCE_M, state, touches, what, down=True, rise=True
+    )
+    lowering, state = request.segment("lower", points, state, touches)
+    letting_go, state = _let_go(request, state, touches)
+    return (lowering, *letting_go), state
+
+
+def strike(request: Request, state: State) -> Motion:
+    name, tcp_from_object = _held(request, state)
+    goals = _ends(request, request.subgoal, state, tcp_from_object)
+    touches = frozenset({name, _required(request.subgoal.target)})
+    what = request.subgoal.text
+    points = request.reach.timed(request.agent, goals, CLEARANCE_M, state, touches, what, down=True)
+    striking, state = request.segment("strike", points, state, touches)
+    return (striking,), state
+
+
+def release(request: Request, state: State) -> Motion:
+    name, _ = _held(request, state)
+    return _let_go(request, state, frozenset({name}))
+
+
+def press(request: Request, state: State) -> Motion:
+    name = _required(request.subgoal.object)
+    point = request.task.asset(name).points[_required(request.subgoal.point)]
+    goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
+    touches = frozenset({name})
+    close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
+    what = f"press {name} at {request.subgoal.point}"
+    points = request.reach.timed(request.agent, [goals], point.standoff_m, state, touches, what)
+    pressing, state = request.segment("press", points, state, touches)
+    return (close, pressing), state
+
+
+def leave(request: Request, state: State) -> Motion:
+    """Home or aside, on a free path."""
+    verb = request.subgoal.verb
+    rest = RETRACTED_QPOS if verb == "aside" else request.task.robots[request.agent - 1].rest_rad
+    points = request.reach.freely(request.agent, np.array(rest), state, f"go {verb}")
+    leaving, state = request.segment("move", points, state)
+    return (leaving,), state
+
+
+def hold(request: Request, state: State) -> Motion:
+    return (), state
+
+
+_PRIMITIVES: dict[str, Primitive] = {
+    "grasp": grasp,
+    "lift": lift,
+    "carry": carry,
+    "place": place,
+    "strike": strike,
+    "release": release,
+    "press": press,
+    "home": leave,
+    "aside": leave,
+    "hold": hold,
+}
+
+
+def add_primitive(verb: str, primitive: Primitive) -> None:
+    """How a verb that was added (`rf_exp.statements.add_verb`) is carried out.
+
+    A primitive finds timed points with `request.reach`, makes segments of them with `request.segment`, and
+    raises Unreachable where it cannot. Raises ArgumentError for a verb that nobody has added or that has one.
+    """
+    if verb not in VERBS:
+        raise choices("verb", verb, VERBS)
+    if verb in _PRIMITIVES:
+        raise ArgumentError(f"verb {verb!r} has a motion primitive already")
+    _PRIMITIVES[verb] = primitive
+
+
+# -- what they are made of ---------------------------------------------------------------------------
+
+
+def lift_line(request: Request, state: State) -> Points:
+    """Joint points (K, 7) of a lift straight up; K depends on the height alone."""
+    _held(request, state)
+    agent, subgoal = request.agent, request.subgoal
+    line = request.reach.line(
+        agent, state.qpos[agent], above(request.tcp(state), _required(subgoal.height_m))
+    )
+    if line is None:
+        raise Unreachable(Cause.REACH, Finding.TOO_HIGH, (agent,), subgoals=(subgoal.text,))
+    # What is lifted leaves the thing it stands on, which it touches at the start.
+    name = _required(subgoal.object)
+    supports = request.task.objects[name].relative_to
+    touches = frozenset({name, supports} if supports else {name})
+    if obstacle := request.reach.blocked(agent, line, state, touches):
+        agents = (agent, obstacle) if isinstance(obstacle, int) else (agent,)
+        blocked = {"subgoals": (subgoal.text,), "obstacles": (name_of(obstacle),)}
+        raise Unreachable(Cause.SPACE, Finding.BLOCKED, agents, **blocked)
+    return line
+
+
+def _onward(request: Request, name: str, state: State) -> Onward:
+    """How long what an agent does next with an object takes, once it holds it as from some TCP pose."""
+    with_it = [each for each in request.following if each.object == name and each.verb in _WITH_HELD]
+    reach = request.reach
+
+    def takes(agent: int, joints: NDArray[np.float64], goal: Matrix) -> float | None:
+        tcp_from_object, total_s = inverse(goal) @ state.poses[name], 0.0
+        for each in with_it:
+            if each.verb == "lift":
+                raised = above(reach.arms[agent].tcp(joints), _required(each.height_m))
+                line = reach.line(agent, joints, raised)
+            else:
+                try:
+                    tiers = _ends(request, each, state, tcp_from_object)
+                except Unreachable:  # that will be said when its turn comes
+                    return total_s
+                line = reach.arrive(agent, tiers, joints)
+            if line is None:
+                return None
+            total_s, joints = total_s + estimated_s(effort_rad(line), reach.limits), line[-1]
+        return total_s
+
+    return takes
+
+
+def _ends(request: Request, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
+    return ends(request.task, request.reach.arms[subgoal.agent], subgoal, state, tcp_from_object)
+
+
+def _let_go(request: Request, state: State, touches: frozenset[str]) -> Motion:
+    agent = request.agent
+    touches = touches | {state.held[agent][0]}
+    state = state.without(agent)  # from the first opening on nothing is held, only touched
+    opened, state = _fingers(request, "open", GRIPPER_OPEN, state, touches)
+    back = request.tcp(state) @ transform((0.0, 0.0, -RETREAT_M))
+    line = request.reach.line(agent, state.qpos[agent], back)
+    if line is None:
+        raise Unreachable(Cause.REACH, Finding.NO_RETREAT, (agent,), object=request.subgoal.object)
+    timed = parameterise(line, request.reach.limits)
+    retreat, state = request.segment("retreat", timed, state, touches)
+    return (opened, retreat), state
+
+
+def _held(request: Request, state: State) -> tuple[str, Matrix]:
+    subgoal, held = request.subgoal, state.held.get(request.agent)
+    if held is None or held[0] != subgoal.object:
+        missing = {"subgoals": (subgoal.text,), "object": subgoal.object}
+        raise Unreachable(Cause.GRIP, Finding.HOLDS_NOT, (subgoal.agent,), **missing)
+    return held
+
+
+def _fingers(
+    request: Request, primitive: str, command: float, state: State, touches: frozenset[str] = frozenset()
+) -> tuple[Segment, State]:
+    agent = request.agent
+    still = np.tile(state.qpos[agent], (GRIPPER_STEPS, 1))
+    return request.segment(primitive, still, state.commanded(agent, command), touches)
+
+
+def _required(value: T | None) -> T:
+    assert value is not None  # parse_subgoal has seen to it
+    return value
+
+
+def _pitch(angle_rad: float) -> Rotation:
+    return Rotation.from_euler("y", angle_rad)

@@ -1,0 +1,133 @@
+"""Postures and straight lines of one arm: which there are, and which takes the least motion."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.robots import OTHER_SIGN, Panda
+from rf_exp.transforms import Matrix, interpolate, wrapped_rad
+
+LINE_STEP_M = 0.01  # between the poses of a straight line for which postures are found
+AWAY_RAD = np.arange(-15, 16) * (2 * np.pi / 31)  # of the last joint, from where the arm faces the goal
+FINE_RAD = np.arange(-4, 5) * 0.04  # about the best of them
+NEXT = (-2, -1, 0, 1, 2)  # steps that it may turn along an approach
+APART = 2  # steps of the last joint between postures that are worth trying one after the other
+TRIES = 4  # postures for each goal
+TURNS_RAD = np.array([0, *(sign * turn for turn in (0.05, 0.1, 0.2, 0.4, 0.7) for sign in (1, -1))])
+JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
+EASE = 0.03  # weight of the motion of all joints beside that of the one that moves most, which takes the time
+UPRIGHT = 0.05  # weight of the angle by which the elbow leaves the upright plane, where it is in others' way
+_SWIVEL = 2  # the joint that does it
+
+Points = NDArray[np.float64]  # (K, 7) rad
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A straight motion to a goal."""
+
+    goal: int  # its number among those that were asked for
+    effort_rad: float  # of going to where it begins, and along it
+    points: Points
+
+
+def effort_rad(points: Points) -> float:
+    """What a joint path (K, 7) costs: in time, but for starting and stopping, and a little for each joint."""
+    moved = np.abs(np.diff(points, axis=0))
+    return float(moved.max(axis=1).sum() + EASE * moved.sum() + UPRIGHT * abs(points[-1, _SWIVEL]))
+
+
+def approaches(
+    arm: Panda, before: NDArray[np.float64], goals: NDArray[np.float64], start: NDArray[np.float64]
+) -> Iterator[Approach]:
+    """Straight motions from poses `before` (G, 4, 4) to `goals`; the cheapest from joints `start` (7,) first.
+
+    The arm has a joint to spare, so one pose has many postures; some lead through stretched arms, where a
+    short line takes long.
+    """
+    turns = _turns(arm, goals)  # (G, R)
+    first, last = (arm.postures(poses[:, None], turns) for poses in (before, goals))  # (G, R, branches, 7)
+    cost = _cost(start, first) + np.min([_on(first, np.roll(last, k, axis=1)) for k in NEXT], axis=0)
+    taken: list[tuple[int, int, int]] = []
+    for flat in np.argsort(cost, axis=None, kind="stable"):
+        goal, turn, branch = (int(index) for index in np.unravel_index(flat, cost.shape))
+        if not np.isfinite(cost[goal, turn, branch]):
+            return
+        of_goal = [each for each in taken if each[0] == goal]
+        near = any(b == branch and abs(t - turn) < APART for _, t, b in of_goal)
+        if near or len(of_goal) == TRIES:
+            continue
+        taken.append((goal, turn, branch))
+        fine = turns[goal, turn] + FINE_RAD
+        postures = arm.postures(before[goal], fine)[:, branch]
+        on = [_cost(postures, last[goal, turn, each]) for each in (branch, OTHER_SIGN[branch])]
+        begin = postures[np.argmin(_cost(start, postures) + np.min(on, axis=0))]
+        if not np.isfinite(begin).all():
+            begin = first[goal, turn, branch]
+        points = straight(arm, begin, goals[goal])
+        if points is not None:
+            effort = effort_rad(np.stack([start, begin])) + effort_rad(points)
+            yield Approach(goal, round(effort, 6), points)
+
+
+def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | None:
+    """Joint points (K, 7) of the straight line of the TCP from joints (7,) to a pose, or None.
+
+    The last joint turns evenly, by what makes the line shortest.
+    """
+    poses = _poses(arm.tcp(joints), goal)
+    share = np.arange(1, len(poses) + 1) / len(poses)
+    turns = np.append(TURNS_RAD, arm.facing(goal) - joints[-1])
+    found = arm.postures(poses, joints[-1] + turns[:, None] * share)  # (M, K, branches, 7)
+    rows = np.arange(len(turns))
+    lines = np.empty((len(turns), len(poses) + 1, len(joints)))
+    lines[:, 0] = joints
+    for k in range(len(poses)):
+        away = np.abs(found[:, k] - lines[:, k, None]).max(axis=-1)
+        lines[:, k + 1] = found[rows, k, np.nan_to_num(away, nan=np.inf).argmin(axis=1)]
+    return min((line for line in lines if _smooth(line)), key=effort_rad, default=None)
+
+
+def arrival(
+    arm: Panda, above: NDArray[np.float64], goals: NDArray[np.float64], joints: NDArray[np.float64]
+) -> Points | None:
+    """Joints (3, 7) now, at one of poses `above` (G, 4, 4), at its goal; with the least motion. Or None."""
+    turns = _turns(arm, goals)[:, 1::2]  # where the arm faces the goal is among them
+    high, low = (arm.postures(poses[:, None], turns) for poses in (above, goals))
+    there = _cost(joints, high)
+    best: tuple[float, Points] | None = None
+    for each in (low, low[..., OTHER_SIGN, :]):  # an upright shoulder may be passed on the way down
+        cost = there + _cost(high, each)
+        index = np.unravel_index(np.argmin(cost), cost.shape)
+        if np.isfinite(cost[index]) and (best is None or cost[index] < best[0]):
+            best = cost[index], np.stack([joints, high[index], each[index]])
+    return None if best is None else best[1]
+
+
+def _turns(arm: Panda, goals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles (G, R) rad of the last joint that are tried for goals (G, 4, 4)."""
+    return wrapped_rad(arm.facing(goals)[:, None] + AWAY_RAD)
+
+
+def _cost(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) the effort between postures (..., 7); infinite where one of them is NaN."""
+    moved = np.abs(b - a)
+    aside = UPRIGHT * np.abs(b[..., _SWIVEL])
+    return np.nan_to_num(moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside, nan=np.inf)
+
+
+def _on(first: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., branches) the effort between postures (..., branches, 7), maybe through an upright shoulder."""
+    return np.minimum(_cost(first, last), _cost(first, last[..., OTHER_SIGN, :]))
+
+
+def _smooth(points: Points) -> bool:
+    return bool((np.abs(np.diff(points, axis=0)) <= JUMP_RAD).all() and np.isfinite(points).all())
+
+
+def _poses(start: Matrix, goal: Matrix) -> NDArray[np.float64]:
+    """Poses (K, 4, 4) of the straight line after its start."""
+    count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
+    return interpolate(start, goal, np.arange(1, count + 1) / count)

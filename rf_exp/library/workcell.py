@@ -1,0 +1,269 @@
+"""Pandas in a ManiSkill environment of anybody's: read, planned for, checked, scheduled and driven."""
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import MultiPoint
+
+from rf_exp.coordination import actions
+from rf_exp.datagen import Planned, Planner, Settings, come_to_rest, let_off
+from rf_exp.datagen.brain import Question
+from rf_exp.errors import ArgumentError, RfError, choices
+from rf_exp.findings import CheckName, Violation, agent_name
+from rf_exp.library.points import asset_of, upright_frame
+from rf_exp.library.said import Said
+from rf_exp.library.task import ReadRobot, ReadTask
+from rf_exp.sim import Arm, Stepped, Stock
+from rf_exp.statements import Proposal, Statement, read, read_subgoal
+from rf_exp.tasks import Task
+from rf_exp.tasks.assets import Asset, InteractionPoint, Part
+from rf_exp.transforms import Matrix
+from rf_exp.types import ARM_JOINTS, ConstraintSet, JointLimits, Scene, Subgoal
+
+FULL = ConstraintSet("full")
+SETTLE_STEPS = 20  # that arms hold still after a plan: what was put down may need a moment
+ON_M = 0.005  # what is nearer to a thing below it stands on it
+GREY = (0.5, 0.5, 0.5)
+
+Subgoals = Mapping[int, Iterable[str | Subgoal]]  # agent -> what it does, in this order
+
+
+class NoPlan(RfError):
+    """There is no plan that keeps what is asked of it; `violation` is the first reason."""
+
+    def __init__(self, violation: Violation) -> None:
+        super().__init__(f"{violation.check}: {violation.sentence}")
+        self.violation = violation
+
+
+@dataclass(frozen=True)
+class Execution:
+    """What became of a plan."""
+
+    scene: Scene  # in which it ended
+    steps: int  # of control, since it began
+    violation: Violation | None  # that stopped it, seen by the monitor
+    terminated: bool  # by the environment
+    truncated: bool
+    info: Mapping[str, Any] = field(default_factory=dict)  # of the last step, as the environment gave it
+
+    @property
+    def success(self) -> bool:
+        """What the environment says: its `info["success"]`, False where it says nothing."""
+        return bool(self.info.get("success", False))
+
+    @property
+    def reason(self) -> str:
+        """Why it is no success, in words; empty for one."""
+        if self.success:
+            return ""
+        if self.violation is not None:
+            return self.violation.sentence
+        if self.truncated:
+            return "the environment cut the episode off"
+        if "success" not in self.info:
+            return "the plan was carried out; the environment does not say what success is"
+        missing = [name for name, holds in self.info.items() if name != "success" and _is_false(holds)]
+        return f"the plan was carried out, but the environment says no success: not {', '.join(missing)}"
+
+    def __str__(self) -> str:
+        return f"{'success' if self.success else 'failure'} after {self.steps} steps {self.reason}".strip()
+
+
+class Workcell:
+    """A scene of one or more Pandas. Agents are numbered from 1, as the environment lists its robots.
+
+    Every actor, and every link of an articulation that is no Panda, is an object. Its frame has z up and its
+    origin on its underside, as it stood when it was read. What can be picked up has the point `center` (a
+    grasp from above), what is flat on top the place point `top`, what has no collision shapes (a goal, say)
+    the place point `middle`. What lies below z = 0 is the table.
+    """
+
+    def __init__(
+        self,
+        env: Any,
+        *,
+        points: Mapping[str, Mapping[str, InteractionPoint]] | None = None,
+        places: Mapping[str, Matrix] | None = None,
+        ignore: Collection[str] = (),
+        constraint_set: ConstraintSet = FULL,
+        limits: JointLimits | None = None,
+    ) -> None:
+        """Reads the scene of an environment that has been reset.
+
+        `points` are further interaction points, object -> name -> point in the frame of the object; `places`
+        named poses (4, 4) in the world that the frame of a thing takes; `ignore` objects that are not there
+        for planners. `constraint_set` says which constraints are on. Raises ArgumentError for an environment
+        that is not supported, and for names that it does not have.
+        """
+        self._stock = Stock(env, ignore)
+        poses = self._stock.poses()
+        given = points or {}
+        for name in given:
+            if name not in poses:
+                raise choices("object in points:", name, poses)
+        for name in places or {}:
+            if name in poses:
+                raise ArgumentError(f"place {name!r} has the name of an object; call it another name")
+        bodies = self._stock.bodies
+        self._frames = {name: upright_frame(body.solids, poses[name]) for name, body in bodies.items()}
+        assets = {
+            name: asset_of(
+                name, body.solids, self._frames[name], body.movable, body.mass_kg, given.get(name, {})
+            )
+            for name, body in bodies.items()
+        }
+        robots = tuple(map(_robot, self._stock.arms))
+        name = type(getattr(env, "unwrapped", env)).__name__
+        self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), {})
+        below = _below(self.task, self.scene())
+        self.task = ReadTask.of(name, robots, assets, dict(places or {}), below)
+        self._settings = Settings(self.task, constraint_set, Said(Proposal((), ())), limits or JointLimits())
+        self._command: NDArray[np.float64] | None = None  # (N, 8) what the arms were last told
+        self._last: Stepped | None = None
+
+    def __str__(self) -> str:
+        """What there is, in words."""
+        arms = zip(self.task.agents, self._stock.arms, strict=True)
+        lines = [f"{agent_name(agent)}: {arm.name} at {_at(arm.world_from_base)}" for agent, arm in arms]
+        for name, pose in self.scene().poses.items():
+            points = [f"{point} ({found.kind})" for point, found in self.task.asset(name).points.items()]
+            lines.append(f"{name} at {_at(pose)}: {', '.join(points) or 'no interaction points'}")
+        lines += [f"{name} at {_at(pose)}: a place" for name, pose in self.task.places(self.scene()).items()]
+        return "\n".join([*lines, f"the table: {', '.join(self._stock.table) or 'z = 0'}"])
+
+    def scene(self) -> Scene:
+        """What is measured now; poses are those of the objects' frames."""
+        scene = self._stock.scene()
+        return replace(scene, poses={name: pose @ self._frames[name] for name, pose in scene.poses.items()})
+
+    def plan(
+        self, subgoals: Subgoals, constraints: Iterable[str | Statement] = (), *, seed: int = 0
+    ) -> Planned:
+        """A plan from the present scene that has passed its checks.
+
+        Subgoals and constraints are sentences or values; both are docs/constraints.md's. Nobody collides
+        with anything, asked or not. The same seed gives the same plan. Raises ArgumentError for what is not
+        understood or names what there is not, and NoPlan.
+        """
+        proposal = self._proposal(subgoals, constraints)
+        planner = Planner(self._settings, Said(proposal).make(self.task, self._settings.constraint_set, seed))
+        scene = self._as_commanded(self.scene())
+        made = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
+        if made is None:
+            raise ArgumentError("there are no subgoals; expected one for some agent")
+        if isinstance(made, Violation):
+            if made.check in (CheckName.BRAIN, CheckName.CODE):
+                raise ArgumentError(made.refusal)
+            raise NoPlan(made)
+        return made
+
+    def execute(self, plan: Planned, *, settle_steps: int = SETTLE_STEPS) -> Execution:
+        """Drives the arms along a plan that was made for the present scene, watched at every control step.
+
+        It ends when the environment says so, with a violation, or when the plan and `settle_steps` of holding
+        still are over. After a violation the arms come to rest first. Raises ArgumentError for a plan that
+        does not begin here and now.
+        """
+        begins, made = self._stock.scene().step, plan.checked.plan
+        if made.task is not self.task or made.scene.step != begins:
+            raise ArgumentError(
+                f"the plan is for step {made.scene.step} of {made.task.name}, and this is step {begins} of "
+                f"{self.task.name}; plan again"
+            )
+        start = np.stack([trajectory.path()[0] for trajectory in plan.executed])
+        commands = np.concatenate([start[None], actions(plan.executed, plan.schedule)])
+        monitor = plan.checked.monitor()
+        violation = None
+        self._last = None
+        for now in range(1, len(commands)):
+            scene = self._step(commands[now])
+            if self._over:
+                break
+            violation = monitor(scene)
+            if violation is not None:
+                self._stop(commands, now, violation)
+                break
+        else:
+            self._follow(np.tile(commands[-1], (settle_steps, 1, 1)))
+        last = self._last
+        ended = (last.terminated, last.truncated, last.info) if last is not None else (False, False, {})
+        scene = self.scene()
+        return Execution(scene, scene.step - begins, violation, *ended)
+
+    # -- parts ---------------------------------------------------------------------------------
+
+    def _proposal(self, subgoals: Subgoals, constraints: Iterable[str | Statement]) -> Proposal:
+        words = self.task.vocabulary
+        found = []
+        for agent, lines in subgoals.items():
+            words.agent(agent, "subgoals")
+            for line in [lines] if isinstance(lines, str) else lines:
+                text = line.text if isinstance(line, Subgoal) else line
+                found.append(read_subgoal(agent, text, words))
+        stated = [
+            read(each, words) if isinstance(each, str) else each.known_in(words) for each in constraints
+        ]
+        return Proposal(tuple(found), tuple(stated))
+
+    def _as_commanded(self, scene: Scene) -> Scene:
+        """The scene with the arms where they were last sent: they trail their targets a little."""
+        if self._command is None:
+            return scene
+        return replace(scene, qpos=np.hstack([self._command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
+
+    def _stop(self, commands: NDArray[np.float64], now: int, violation: Violation) -> None:
+        """Everybody comes to rest along the plan; arms that have hit something then no longer push."""
+        limits = self._settings.limits
+        self._follow(come_to_rest(commands, now, limits))
+        if violation.check is CheckName.COLLISION and self._command is not None:
+            self._follow(let_off(self._command, self.scene().qpos, violation.agents, limits))
+
+    def _follow(self, commands: NDArray[np.float64]) -> None:
+        for command in commands:
+            if self._over:
+                break
+            self._step(command)
+
+    def _step(self, command: NDArray[np.float64]) -> Scene:
+        self._command, self._last = command, self._stock.step(command)
+        return self.scene()
+
+    @property
+    def _over(self) -> bool:
+        return self._last is not None and (self._last.terminated or self._last.truncated)
+
+
+def _robot(arm: Arm) -> ReadRobot:
+    x_m, y_m = arm.world_from_base[:2, 3].tolist()
+    yaw_deg = float(np.degrees(np.arctan2(arm.world_from_base[1, 0], arm.world_from_base[0, 0])))
+    parts = tuple(Part(solid, GREY) for solid in arm.mounted)
+    on_hand = Asset(f"on the hand of {arm.name}", parts) if parts else None
+    return ReadRobot(x_m, y_m, yaw_deg, arm.rest_rad, pose=arm.world_from_base, on_hand=on_hand)
+
+
+def _below(task: Task, scene: Scene) -> dict[str, str]:
+    """What stands on another object -> that object."""
+    corners = {
+        name: task.asset(name).vertices(scene.poses[name]) for name in task.objects if task.asset(name).hulls
+    }
+    outlines = {name: MultiPoint(each[:, :2]).convex_hull for name, each in corners.items()}
+    return {
+        name: other
+        for name, other in permutations(corners, 2)
+        if abs(corners[name][:, 2].min() - corners[other][:, 2].max()) < ON_M
+        and outlines[name].intersects(outlines[other])
+    }
+
+
+def _is_false(value: Any) -> bool:
+    return str(getattr(value, "dtype", type(value).__name__)).endswith("bool") and not bool(value)
+
+
+def _at(pose: Matrix) -> str:
+    x, y, z = np.round(pose[:3, 3], 3) + 0.0
+    return f"({x:g}, {y:g}, {z:g})"

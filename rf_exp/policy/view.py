@@ -1,0 +1,92 @@
+"""The paper's four architectures (section 4.2), and one of ours, as views of one data set.
+
+A stream is what one sample shows and commands: the pictures of one camera and one or more agents. A
+policy learns from all streams of its view together and acts through each of them at rollout.
+
+| architecture    | policies       | streams of each                                |
+|-----------------|----------------|------------------------------------------------|
+| shared_global   | joint          | (global, all agents)                           |
+| shared_local    | shared         | (agent1, agent 1), ... (agentN, agent N)       |
+| separate_global | agent1 ..      | (global, agent k)                              |
+| separate_local  | agent1 ..      | (agentk, agent k)                              |
+
+`separate_both` is separate_local with the pictures of the global camera beside those of the own one.
+`separate_coordinated` is separate_local, told of its subgoals while it acts (`rf_exp.policy.coordination`).
+"""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rf_exp.artifacts import without
+from rf_exp.errors import ArgumentError
+from rf_exp.types import ARM_JOINTS, Arch
+
+ACTION_SIZE = ARM_JOINTS + 1  # joint targets (rad) and gripper command, for each agent
+PROPRIO_SIZE = ARM_JOINTS + 1  # measured joint positions (rad) and gripper opening (m), for each agent
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The pictures of a camera, or of several side by side, with the joints of some agents (from 1 on)."""
+
+    camera: str
+    agents: tuple[int, ...]
+    more: tuple[str, ...] = ()  # cameras beside the first
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """From left to right."""
+        return (self.camera, *self.more)
+
+
+@dataclass(frozen=True)
+class View:
+    """What one policy learns from and commands. All streams have the same number of agents."""
+
+    name: str
+    streams: tuple[Stream, ...]
+    coordinated: bool = False
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its fields, but for those that say nothing."""
+        streams = [without(asdict(stream), more=()) for stream in self.streams]
+        return without({**asdict(self), "streams": streams}, coordinated=False)
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        """The agents this policy commands."""
+        return tuple(agent for stream in self.streams for agent in stream.agents)
+
+    @property
+    def action_size(self) -> int:
+        return ACTION_SIZE * len(self.streams[0].agents)
+
+    @property
+    def proprio_size(self) -> int:
+        return PROPRIO_SIZE * len(self.streams[0].agents)
+
+
+def views(arch: Arch, agents: int) -> tuple[View, ...]:
+    """The views of an architecture for a task of that many agents.
+
+    Together they command each agent exactly once. Raises ArgumentError for less than one agent.
+    """
+    if agents < 1:
+        raise ArgumentError(f"agents is {agents}; expected at least 1")
+    everyone = tuple(range(1, agents + 1))
+    if arch.shared_policy and arch.global_view:
+        own = tuple(f"agent{k}" for k in everyone)
+        return (View("joint", (Stream("global", everyone, own * arch.both_views),), arch.coordinated),)
+    streams = tuple(Stream(*_cameras(arch, k)) for k in everyone)
+    if arch.shared_policy:
+        return (View("shared", streams, arch.coordinated),)
+    return tuple(
+        View(f"agent{k}", (stream,), arch.coordinated) for k, stream in zip(everyone, streams, strict=True)
+    )
+
+
+def _cameras(arch: Arch, agent: int) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
+    """The first camera of the stream of an agent, the agent, and the others."""
+    first, other = ("global", f"agent{agent}") if arch.global_view else (f"agent{agent}", "global")
+    return first, (agent,), (other,) if arch.both_views else ()

@@ -1,0 +1,274 @@
+"""A ManiSkill environment that somebody else has made, read and driven as a world of Pandas and bodies."""
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import trimesh
+from mani_skill.agents.controllers import PDJointPosController, PDJointPosMimicController
+from mani_skill.agents.multi_agent import MultiAgent
+from mani_skill.envs.sapien_env import BaseEnv
+from numpy.typing import NDArray
+from sapien import physx
+
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.robots import LINKS, link_poses
+from rf_exp.sim.contacts import Contacts
+from rf_exp.sim.shapes import solids
+from rf_exp.transforms import Matrix, apply, inverse
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Scene
+
+CONTROL_MODE = "pd_joint_pos"
+OPEN_M, CLOSED_M = 0.04, 0.0  # of each finger: what planners count on
+SAME_M = 1e-3  # between a link and where the Panda's model has it
+TABLE_M = 1e-3  # what is nowhere higher is part of the table
+HAND = "panda_hand"
+JOINTS = (*(f"panda_joint{k}" for k in range(1, 8)), "panda_finger_joint1", "panda_finger_joint2")
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body of the scene."""
+
+    solids: tuple[trimesh.Trimesh, ...]  # convex, in the frame of the body; none: nothing can touch it
+    movable: bool
+    mass_kg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """A Panda of the scene."""
+
+    name: str  # ManiSkill's
+    world_from_base: Matrix
+    rest_rad: tuple[float, ...]  # (7,) as it stood when it was read
+    mounted: tuple[trimesh.Trimesh, ...]  # convex, on the hand, in the frame of panda_hand
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """What an environment said of a control step."""
+
+    scene: Scene
+    terminated: bool
+    truncated: bool
+    info: Mapping[str, Any]  # as it came
+
+
+class Stock:
+    """The environment, as it stands when it is read.
+
+    Names are ManiSkill's, with `_` for what is no letter, digit or `_`. What lies below z = 0 is the table,
+    and is no body. Poses of bodies are those of their own frames. Raises ArgumentError for an environment
+    that cannot be read, with what it would have to be.
+    """
+
+    def __init__(self, env: Any, ignore: Collection[str] = ()) -> None:
+        """`ignore` names bodies that are not read."""
+        self._env, self._base = env, _checked(getattr(env, "unwrapped", env))
+        agent = self._base.agent
+        arms: dict[str, Any] = (
+            dict(agent.agents_dict) if isinstance(agent, MultiAgent) else {agent.uid: agent}
+        )
+        self._single = not isinstance(agent, MultiAgent)
+        self._grippers = {name: _gripper(name, arm) for name, arm in arms.items()}
+        self._robots = [arm.robot._objs[0] for arm in arms.values()]
+        self.arms = tuple(_arm(name, arm) for name, arm in arms.items())
+        found = _components(self._base, arms)
+        for name in ignore:
+            if name not in found:
+                raise choices("body to ignore", name, found)
+        self._bodies = {name: body for name, body in found.items() if name not in ignore}
+        read = {name: _body(name, component) for name, component in self._bodies.items()}
+        self.table = tuple(name for name, body in read.items() if self._is_table(name, body))
+        for name in self.table:
+            del self._bodies[name], read[name]
+        self.bodies: Mapping[str, Body] = read
+        self._contacts = Contacts(self._robots, {name: body.entity for name, body in self._bodies.items()})
+        self._seed, self._read_at = self._episode(), self._now()
+        self._poses, self._measured_at = self.poses(), self._read_at
+        self._speeds = dict.fromkeys(self._poses, 0.0)
+
+    def poses(self) -> dict[str, Matrix]:
+        """Name -> world_from_body (4, 4), now."""
+        return {name: _pose(body.entity_pose) for name, body in self._bodies.items()}
+
+    def scene(self) -> Scene:
+        """What is measured now. Raises ArgumentError where the environment has been reset since it was read.
+
+        Contacts are those of the last physics step.
+        """
+        now = self._now()
+        if self._episode() != self._seed or now < self._read_at:
+            raise ArgumentError("the environment was reset after its scene was read; read it again")
+        poses, passed_s = self.poses(), (now - self._measured_at) / CONTROL_HZ
+        if passed_s:
+            moved_m = {name: np.linalg.norm((poses[name] - self._poses[name])[:3, 3]) for name in poses}
+            self._speeds = {name: float(metres) / passed_s for name, metres in moved_m.items()}
+            self._poses, self._measured_at = poses, now
+        physics: Any = self._base.scene.px
+        # A reset without a step leaves the contacts of the episode before.
+        contacts = physics.get_contacts() if now else []
+        held, pushes = self._contacts.of_fingers(contacts, physics.timestep)
+        pressed = self._contacts.between_arms(contacts, physics.timestep)
+        return Scene(
+            step=now,
+            qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
+            qvel=np.stack([robot.qvel for robot in self._robots]).astype(float),
+            poses=poses,
+            speeds=dict(self._speeds),
+            held=held,
+            finger_forces=pushes,
+            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
+        )
+
+    def step(self, command: NDArray[np.float64]) -> Stepped:
+        """One control step: (N, 8) joint targets in rad, grippers from -1 closed to 1 open."""
+        actions = {}
+        for name, row in zip(self._grippers, command, strict=True):
+            actions[name] = self._grippers[name].action(row)
+        action: Any = next(iter(actions.values())) if self._single else actions
+        _, _, terminated, truncated, info = self._env.step(action)
+        return Stepped(self.scene(), bool(terminated), bool(truncated), info)
+
+    def _is_table(self, name: str, body: Body) -> bool:
+        """Whether it is part of what the arms stand on. A plane counts with its height alone."""
+        pose = _pose(self._bodies[name].entity_pose)
+        planes = [
+            float((pose @ _pose(shape.local_pose))[2, 3])
+            for shape in self._bodies[name].collision_shapes
+            if isinstance(shape, physx.PhysxCollisionShapePlane)
+        ]
+        if planes and max(planes) > TABLE_M:
+            raise ArgumentError(f"{name} is a plane at z = {max(planes):g} m; expected at most 0")
+        tops = [float(apply(pose, np.asarray(solid.vertices))[:, 2].max()) for solid in body.solids]
+        return bool(planes or tops) and max([*planes, *tops]) <= TABLE_M
+
+    def _now(self) -> int:
+        return int(self._base.elapsed_steps[0])
+
+    def _episode(self) -> tuple[int, int]:
+        return int(self._base._episode_seed[0]), id(self._base.scene)
+
+
+@dataclass(frozen=True)
+class _Gripper:
+    """How an arm is told what to do: where in its action the joints and the gripper are, and its range."""
+
+    size: int
+    arm: slice
+    gripper: slice
+    closed: float
+    opened: float
+
+    def action(self, row: NDArray[np.float64]) -> NDArray[np.float32]:
+        action = np.zeros(self.size, np.float32)
+        action[self.arm] = row[:ARM_JOINTS]
+        share = (np.clip(row[ARM_JOINTS], -1.0, 1.0) + 1) / 2
+        action[self.gripper] = self.closed + share * (self.opened - self.closed)
+        return action
+
+
+def _checked(base: Any) -> BaseEnv:
+    if not isinstance(base, BaseEnv):
+        raise ArgumentError(
+            f"{type(base).__name__} is no ManiSkill environment; expected gymnasium.make's of one"
+        )
+    if base.num_envs != 1:
+        raise ArgumentError(f"the environment is {base.num_envs} parallel ones; expected num_envs=1")
+    if base.gpu_sim_enabled:
+        raise ArgumentError("the environment simulates on a GPU; expected sim_backend='physx_cpu'")
+    if base.control_freq != CONTROL_HZ:
+        raise ArgumentError(
+            f"the environment is controlled at {base.control_freq} Hz; expected {CONTROL_HZ}: "
+            f"gymnasium.make(..., sim_config={{'control_freq': {CONTROL_HZ}}})"
+        )
+    if base.agent is None:
+        raise ArgumentError("the environment has no robot; expected one Panda or more")
+    return base
+
+
+def _gripper(name: str, arm: Any) -> _Gripper:
+    """Raises ArgumentError for an arm that does not take absolute joint targets and a gripper's width."""
+    joints = tuple(joint.name for joint in arm.robot.active_joints)
+    if joints != JOINTS:
+        raise ArgumentError(
+            f"{name} has the joints {', '.join(joints)}; expected a Panda with its two-finger hand: "
+            f"{', '.join(JOINTS)}"
+        )
+    controllers = getattr(arm.controller, "controllers", {})
+    joint, gripper = controllers.get("arm"), controllers.get("gripper")
+    told = joint.config if isinstance(joint, PDJointPosController) else None
+    absolute = told is not None and not (told.use_delta or told.normalize_action)
+    if not absolute or not isinstance(gripper, PDJointPosMimicController) or gripper.config.use_delta:
+        raise ArgumentError(
+            f"{name} has the control mode {arm.control_mode!r}; expected absolute joint targets in rad: "
+            f"gymnasium.make(..., control_mode={CONTROL_MODE!r})"
+        )
+    lowest, highest = gripper._get_joint_limits()[0].tolist()
+    if abs(highest - OPEN_M) > SAME_M or lowest > CLOSED_M:
+        raise ArgumentError(
+            f"the fingers of {name} are told to be at {lowest:g} to {highest:g} m; expected at most "
+            f"{CLOSED_M:g} to {OPEN_M:g} m"
+        )
+    space: Any = gripper.single_action_space
+    spans = {part: slice(*span) for part, span in arm.controller.action_mapping.items()}
+    size = int(arm.controller.single_action_space.shape[0])
+    return _Gripper(size, spans["arm"], spans["gripper"], float(space.low[0]), float(space.high[0]))
+
+
+def _arm(name: str, arm: Any) -> Arm:
+    """Raises ArgumentError where its links are not where the Panda's model has them."""
+    links = {link: body._objs[0] for link, body in arm.robot.links_map.items()}
+    if missing := [link for link in LINKS if link not in links]:
+        raise ArgumentError(f"{name} is no Panda: it has no link {', '.join(missing)}")
+    world_from_base, qpos = _pose(links[LINKS[0]].entity_pose), arm.robot._objs[0].qpos.astype(float)
+    for link, base_from_link in zip(LINKS, link_poses(qpos), strict=True):
+        off_m = float(np.abs(world_from_base @ base_from_link - _pose(links[link].entity_pose)).max())
+        if off_m > SAME_M:
+            raise ArgumentError(f"{name} is no Panda: its {link} is {off_m:.4f} m from where a Panda has it")
+    hand_from_world = inverse(_pose(links[HAND].entity_pose))
+    mounted = []
+    for link, body in links.items():
+        if link in LINKS or not body.collision_shapes:
+            continue
+        if not _on_hand(body, links[HAND]):
+            raise ArgumentError(
+                f"{name} has a link {link} that is not fixed to its hand, as planners expect it"
+            )
+        hand_from_link = hand_from_world @ _pose(body.entity_pose)
+        mounted += [solid.apply_transform(hand_from_link) for solid in solids(body, f"{link} of {name}")]
+    return Arm(name, world_from_base, tuple(qpos[:ARM_JOINTS].tolist()), tuple(mounted))
+
+
+def _on_hand(link: Any, hand: Any) -> bool:
+    while link is not None and link != hand and link.joint.dof == 0:
+        link = link.parent
+    return link == hand
+
+
+def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.PhysxRigidBaseComponent]:
+    """The rigid bodies by name: actors, and the links of articulations that are none of the arms."""
+    found: dict[str, Any] = {}
+    for name, actor in base.scene.actors.items():
+        found[_word(name)] = actor._objs[0].find_component_by_type(physx.PhysxRigidBaseComponent)
+    robots = [arm.robot for arm in arms.values()]
+    for name, articulation in base.scene.articulations.items():
+        if not any(articulation is robot for robot in robots):
+            found |= {_word(f"{name}_{link}"): each._objs[0] for link, each in articulation.links_map.items()}
+    return {name: body for name, body in found.items() if body is not None}
+
+
+def _body(name: str, component: Any) -> Body:
+    dynamic = isinstance(component, physx.PhysxRigidDynamicComponent) and not component.kinematic
+    return Body(solids(component, name), dynamic, float(component.mass) if dynamic else 0.0)
+
+
+def _word(name: str) -> str:
+    return re.sub(r"\W", "_", name)
+
+
+def _pose(pose: Any) -> Matrix:
+    return pose.to_transformation_matrix().astype(float)

@@ -1,0 +1,186 @@
+"""Shards: generation in blocks of consecutive seeds, made side by side by an engine and put together here.
+
+A shard is the stage `generate` of `episodes` seeds with an `out` of its own, `<first>-<last>` in the folder
+of all shards that the same configuration, code and assets make. So it goes on where it was stopped, and is
+not made again when it is finished. What shards hold is handed on in the order of the seeds, as if they had
+been tried here; a shard is removed when all of it has been taken.
+"""
+
+import re
+import shutil
+import socket
+import time
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from rf_exp.ablation import GenerationRow, read_rows
+from rf_exp.artifacts import differing, digest, without, write_json
+from rf_exp.errors import StageError
+from rf_exp.experiment import Experiment
+from rf_exp.launch import HERE, results
+from rf_exp.progress import console
+from rf_exp.stages.artifacts import data_path, generation_path, owned, shards_path
+from rf_exp.stages.identity import store_identity
+from rf_exp.store import Store
+from rf_exp.tasks import Task
+from rf_exp.types import ConstraintSet, Episode
+
+RECORD = "configuration.json"  # of what all shards of a folder are made
+SEEN_S = 90.0  # NFS remembers for a minute that a file was not there
+_NAME = re.compile(r"(\d+)-(\d+)")
+
+Attempt = tuple[GenerationRow, Episode | None]
+
+
+@dataclass(frozen=True)
+class Shards:
+    """The shards of one configuration. `generate` makes the artifacts of its stage below an `out`."""
+
+    experiment: Experiment
+    task: Task
+    constraint_set: ConstraintSet
+    generate: Callable[[Experiment, Task, ConstraintSet], object]
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """What decides the bytes of all shards, beside their seeds."""
+        identity = store_identity(self.experiment, self.task, self.constraint_set, self.experiment.pictures)
+        return without(identity, first_seed=self.experiment.seed)
+
+    @cached_property
+    def folder(self) -> Path:
+        """Of all shards; absolute, because other machines work there."""
+        return shards_path(self.experiment, self.task, self.constraint_set, digest(self.identity)).resolve()
+
+    def attempts(self, seeds: Sequence[int], wanted: int | None) -> Iterator[Attempt]:
+        """Rows and episodes of `seeds` in their order: of all, or until so many as are wanted have succeeded.
+
+        No shard is begun that would not be needed if every seed succeeded. Raises StageError where shards
+        cannot be made, or do not hold what they should.
+        """
+        launch, left = self.experiment.launch, dict.fromkeys(seeds)
+        write_json(self.folder / RECORD, self.identity)
+        while left and wanted != 0:
+            wave = blocks([*left], begun(self.folder), launch.shard_seeds, wanted)
+            missing = [block for block in wave if not self._finished(block)]
+            jobs = (partial(make_shard, self.piece(block), self.identity) for block in missing)
+            made = results(launch, jobs, self.experiment.workers, self.folder)
+            console.print(f"{len(missing)} of {len(wave)} shards are made by {launch.said}: {self.folder}")
+            with closing(made):
+                for block in wave:
+                    if block in missing:
+                        next(made)
+                        self._see(block)
+                    for row, episode in self._taken(block, left):
+                        yield row, episode
+                        del left[row.seed]
+                        if wanted is not None:
+                            wanted -= row.success
+                        if wanted == 0:
+                            break
+                    if left.keys().isdisjoint(block):
+                        shutil.rmtree(self.folder / _name(block))
+        if not begun(self.folder):
+            shutil.rmtree(self.folder)
+
+    def piece(self, block: range) -> "Shards":
+        """What makes one shard, in one process of some machine."""
+        experiment = replace(
+            self.experiment,
+            tasks=(self.task,),
+            constraint_sets=(self.constraint_set,),
+            stages=("generate",),
+            out=self.folder / _name(block),
+            seed=block.start,
+            episodes=len(block),
+            workers=1,
+            recordings=0,
+            wandb="disabled",
+            launch=replace(self.experiment.launch, engine=HERE, address=None, options=None),
+        )
+        return replace(self, experiment=experiment)
+
+    def _rows(self, block: range) -> dict[int, GenerationRow]:
+        path = generation_path(self.piece(block).experiment, self.task, self.constraint_set)
+        return {row.seed: row for row in read_rows(path, GenerationRow)} if path.exists() else {}
+
+    def _finished(self, block: range) -> bool:
+        return self._rows(block).keys() == {*block}
+
+    def _see(self, block: range) -> None:
+        """Waits until this machine sees what another one has finished."""
+        end = time.monotonic() + SEEN_S
+        while not self._finished(block) and time.monotonic() < end:
+            time.sleep(1.0)
+
+    def _taken(self, block: range, left: Container[int]) -> Iterator[Attempt]:
+        """What a shard says of the seeds that are left. Raises StageError where it lacks some of its own."""
+        experiment = self.piece(block).experiment
+        with owned(
+            generation_path(experiment, self.task, self.constraint_set)
+        ):  # whoever made it has finished
+            path, told = data_path(experiment, self.task, self.constraint_set), self._rows(block)
+            store = Store.open(path, {**self.identity, "first_seed": block.start})
+            stored = {seed: index for index, seed in enumerate(store.seeds.tolist())}
+            if {*told} != {*block} or {*stored} != {seed for seed in told if told[seed].success}:
+                raise StageError(
+                    f"shard {experiment.out} has rows of the seeds {sorted(told)} and demonstrations of "
+                    f"{sorted(stored)}; expected a row of every seed from {block[0]} to {block[-1]}, and a "
+                    "demonstration of each that succeeded; delete it and run the same command again"
+                )
+            for seed in (seed for seed in block if seed in left):
+                yield told[seed], store.episode(stored[seed]) if seed in stored else None
+
+
+def begun(folder: Path) -> list[range]:
+    """The seeds of each shard that is there, finished or not, in their order."""
+    found = (_NAME.fullmatch(path.name) for path in folder.iterdir())
+    return sorted((range(int(name[1]), int(name[2]) + 1) for name in found if name), key=lambda b: b[0])
+
+
+def blocks(seeds: Sequence[int], there: Sequence[range], size: int, wanted: int | None) -> list[range]:
+    """The shards that hold `seeds`, which ascend, or the first `wanted` of them: each as large as it can be.
+
+    They are those that are there, and, for other seeds, consecutive ones, at most `size`.
+    """
+    new = {seed for seed in seeds if not any(seed in block for block in there)}
+    needed = len(seeds) if wanted is None else min(wanted, len(seeds))
+    found: list[range] = []
+    covered = 0
+    while covered < needed:
+        first = seeds[covered]
+        if first in new:
+            last = first
+            while last + 1 in new and last + 1 - first < size:
+                last += 1
+            found.append(range(first, last + 1))
+        else:
+            found.append(next(block for block in there if first in block))
+        covered += sum(seed in found[-1] for seed in seeds[covered:])
+    return found
+
+
+def _name(block: range) -> str:
+    return f"{block[0]}-{block[-1]}"
+
+
+def make_shard(piece: Shards, wanted: Mapping[str, Any]) -> None:
+    """Makes a shard on the machine that an engine has chosen; `wanted` is what decides its bytes.
+
+    Raises StageError where this machine would make another one, or does not see where it belongs.
+    """
+    here, folder = f"machine {socket.gethostname()}", piece.experiment.out.parent
+    if not (folder / RECORD).is_file():
+        raise StageError(
+            f"{here} does not see {folder}; `out` has to be on a file system that all machines share"
+        )
+    if differences := differing(piece.identity, wanted):
+        raise StageError(
+            f"{here} would make other demonstrations ({'; '.join(differences)}); all machines need the same "
+            "code and the same assets"
+        )
+    piece.generate(piece.experiment, piece.task, piece.constraint_set)

@@ -1,0 +1,99 @@
+"""A camera in two hands and what it looks at: shared by Camera Alignment and Take Photo.
+
+The task's objects are `camera`, on a plinth, and `steak`; agents 1 and 2 stand at the sides of the
+camera, agent 3 in front of it.
+"""
+
+import numpy as np
+
+from rf_exp.statements import SameHeight, Statement, Together, grasping
+from rf_exp.tasks.predicates import above, below, every, height_m, holders, still, upright
+from rf_exp.tasks.task import Task
+from rf_exp.transforms import Matrix, angle_between_rad, transform
+from rf_exp.types import Condition, Scene, Subgoal
+
+LEFT, RIGHT = 1, 2  # the agents at the sides of the camera
+GRIPS = {LEFT: "left", RIGHT: "right"}
+MODEL = 3  # the agent that holds the steak
+RAISED_M = 0.22  # height of the camera's underside, a little more than asked for
+FRONT_M = 0.30  # from the lens to the steak
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """`front`: where the steak is in the middle of the picture once the camera is up."""
+    lens = _lens(scene, task)
+    seen = lens[:3, 3] + FRONT_M * lens[:3, 2]
+    return {"front": transform((*seen[:2], seen[2] + _to_lift_m(scene, task) - _middle_m(task)))}
+
+
+def camera_up(scene: Scene, task: Task) -> list[Subgoal]:
+    """What is left to do to have the camera up in both hands."""
+    grasps = [
+        Subgoal(agent, "grasp", "camera", point)
+        for agent, point in GRIPS.items()
+        if scene.held[agent - 1] != "camera"
+    ]
+    up_m = round(_to_lift_m(scene, task), 3)
+    return grasps + [Subgoal(agent, "lift", "camera", height_m=up_m) for agent in GRIPS if up_m]
+
+
+def steak_in_front(scene: Scene, task: Task) -> list[Subgoal]:
+    """What is left to do to have the steak held where the camera looks."""
+    carry = Subgoal(MODEL, "carry", "steak", target="front")
+    if holders(scene, "steak") != (MODEL,):
+        return [Subgoal(MODEL, "grasp", "steak", "center"), carry]
+    return [] if aim_deg(scene, task) < task.success["aim_deg"] / 2 else [carry]
+
+
+def constraints(subgoals: list[Subgoal]) -> list[Statement]:
+    """Grasp as annotated; lift the camera level, with both arms at the same time."""
+    stated = grasping(subgoals)
+    if any((subgoal.verb, subgoal.object) == ("lift", "camera") for subgoal in subgoals):
+        stated += [SameHeight((LEFT, RIGHT)), Together((LEFT, RIGHT), "lift", "camera")]
+    return stated
+
+
+def conditions(scene: Scene, task: Task) -> dict[str, Condition]:
+    """The camera is held by both sides, up and level; the steak is held, up and in its picture."""
+    limits = task.success
+    return {
+        "camera held by both arms": holders(scene, "camera") == tuple(GRIPS),
+        "camera up": above(height_m(scene, "camera"), limits["camera_up_m"], "m"),
+        "camera level": upright(scene, "camera", limits["level_deg"]),
+        "steak held": holders(scene, "steak") == (MODEL,),
+        "steak up": above(height_m(scene, "steak"), limits["steak_up_m"], "m"),
+        "camera points at the steak": below(aim_deg(scene, task), limits["aim_deg"], "deg"),
+        "at rest": every(still(scene, name, limits["still_m_s"]) for name in ("camera", "steak")),
+    }
+
+
+def paper(scene: Scene, task: Task) -> bool:
+    """The release's criterion: both are high enough; it does not look at the alignment."""
+    high = height_m(scene, "camera") > task.success["camera_up_m"]
+    return high and height_m(scene, "steak") > task.success["steak_up_m"]
+
+
+def aim_deg(scene: Scene, task: Task) -> float:
+    """Angle between the axis of the lens and the line from the lens to the steak's middle."""
+    lens, steak = _lens(scene, task), scene.poses["steak"]
+    middle = steak[:3, 3] + _middle_m(task) * steak[:3, 2]
+    return float(np.degrees(angle_between_rad(middle - lens[:3, 3], lens[:3, 2])))
+
+
+def _to_lift_m(scene: Scene, task: Task) -> float:
+    """How far the camera still has to go up; 0 once it is high enough in both hands."""
+    up_m = height_m(scene, "camera")
+    if up_m > task.success["camera_up_m"] and holders(scene, "camera") == tuple(GRIPS):
+        return 0.0
+    return max(RAISED_M - up_m, 0.01)
+
+
+def _lens(scene: Scene, task: Task) -> Matrix:
+    """world_from_lens, z where the camera looks."""
+    return scene.poses["camera"] @ task.asset("camera").points["lens"].object_from_tcp
+
+
+def _middle_m(task: Task) -> float:
+    """Height of the steak's middle above its origin."""
+    low_m, high_m = task.asset("steak").bounds_m[:, 2].tolist()
+    return (low_m + high_m) / 2

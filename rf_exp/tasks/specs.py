@@ -1,0 +1,104 @@
+"""What the configuration of a task says, as frozen values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks.assets import Asset
+from rf_exp.transforms import Matrix, from_axes, planar
+from rf_exp.types import ARM_JOINTS
+
+REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
+RETRACTED_QPOS = (0.0, -0.6, 0.0, -2.5, 0.0, 1.9, np.pi / 4)  # rad, pulled in over its own base
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """Where an arm is bolted to the table, and how it stands when it has nothing to do."""
+
+    x_m: float
+    y_m: float
+    yaw_deg: float
+    rest_rad: tuple[float, ...] = REST_QPOS  # (7,)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rest_rad", tuple(map(float, self.rest_rad)))
+        if len(self.rest_rad) != ARM_JOINTS:
+            raise ArgumentError(f"rest_rad has {len(self.rest_rad)} values; an arm has {ARM_JOINTS} joints")
+
+    @cached_property
+    def world_from_base(self) -> Matrix:
+        return planar(self.x_m, self.y_m, np.deg2rad(self.yaw_deg))
+
+    @property
+    def mounted(self) -> Asset | None:
+        """What is screwed to the hand and can hit things, in the frame of panda_hand."""
+        return None
+
+
+@dataclass(frozen=True)
+class ObjectSpec:
+    """An object and the ranges its start is drawn from, uniform for each axis."""
+
+    asset: str
+    x_m: tuple[float, float] = (0.0, 0.0)
+    y_m: tuple[float, float] = (0.0, 0.0)
+    z_m: float = 0.0
+    yaw_deg: tuple[float, float] = (0.0, 0.0)
+    relative_to: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
+    options: Mapping[str, Any] = field(default_factory=dict)  # of the asset, e.g. its colour
+
+    def __post_init__(self) -> None:
+        for axis in ("x_m", "y_m", "yaw_deg"):
+            value = getattr(self, axis)
+            low, high = value if isinstance(value, list | tuple) else (value, value)
+            if low > high:
+                raise ArgumentError(
+                    f"{axis} of asset {self.asset!r}: range [{low}, {high}] is the wrong way round; "
+                    f"write [{high}, {low}]"
+                )
+            object.__setattr__(self, axis, (float(low), float(high)))
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A pinhole camera. With `mount: wrist` it rides on the hand of its agent instead."""
+
+    eye_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    fov_deg: float = 90.0  # vertical
+    mount: str = "world"  # world | wrist
+
+    def __post_init__(self) -> None:
+        if self.mount not in ("world", "wrist"):
+            raise ArgumentError(f"camera mount {self.mount!r}; available: world, wrist")
+        object.__setattr__(self, "eye_m", tuple(self.eye_m))
+        object.__setattr__(self, "target_m", tuple(self.target_m))
+
+    @cached_property
+    def world_from_camera(self) -> Matrix:
+        """(4, 4) of a camera that stands in the world: x right, y down, z forward (OpenCV)."""
+        forward = np.subtract(self.target_m, self.eye_m)
+        upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
+        return from_axes(self.eye_m, z=forward, y=upright)
+
+
+@dataclass(frozen=True)
+class Randomisation:
+    """Changes of what is seen, of the rest pose and of weights, drawn from the episode's seed."""
+
+    rest_qpos_rad: float = 0.02  # standard deviation on each joint
+    light: float = 0.1  # half range of the relative brightness
+    colour: float = 0.1  # half range of the relative brightness of each primary colour of each object
+    heavy: float = 0.0  # masses are uniform from the asset's up to this part of the way to its heaviest make
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.rest_qpos_rad < np.inf:
+            raise ArgumentError(f"randomisation.rest_qpos_rad is {self.rest_qpos_rad}; expected 0 or more")
+        for name in ("light", "colour", "heavy"):
+            if not 0 <= (value := getattr(self, name)) <= 1:
+                raise ArgumentError(f"randomisation.{name} is {value}; expected a number from 0 to 1")

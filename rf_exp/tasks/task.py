@@ -1,0 +1,134 @@
+"""What a task is: its configuration as frozen values, its starts, and how success is judged.
+
+A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.py` with
+
+    VERSION                       of its success criteria, stamped on every result row
+    PLAN_VERSION                  of its plan and places: of what it does for the demonstrations
+    places(scene, task)           optional: named places on the table
+    plan(scene, task)             the scripted RoboBrain's Proposal from the present scene
+    conditions(scene, start, task)  strict success as named conditions, all of which must hold; one that
+                                  is a `Measured` also says by how much
+    paper(scene, start, task)     the paper's criterion
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from rf_exp.errors import ArgumentError
+from rf_exp.statements import Vocabulary
+from rf_exp.tasks import assets
+from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec
+from rf_exp.tasks.start import Start, start_of
+from rf_exp.transforms import Matrix, inverse
+from rf_exp.types import Scene
+
+APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of the benchmark, as configured."""
+
+    name: str
+    title: str
+    description: str
+    target_condition: str
+    robots: tuple[RobotSpec, ...]
+    objects: Mapping[str, ObjectSpec]
+    cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
+    success: Mapping[str, float]  # thresholds that the module reads, units in their names
+    randomisation: Randomisation = field(default_factory=Randomisation)
+    step_limit: int = 600  # control steps after which an attempt in an environment is over
+    code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
+
+    def __post_init__(self) -> None:
+        if self.step_limit < 1:
+            raise ArgumentError(f"step_limit is {self.step_limit}; expected at least 1 control step")
+        object.__setattr__(self, "robots", tuple(self.robots))
+        expected = {"global", *(f"agent{k}" for k in range(1, len(self.robots) + 1))}
+        if set(self.cameras) != expected:
+            raise ArgumentError(
+                f"cameras of task {self.name!r} are {sorted(self.cameras)}; expected {sorted(expected)}"
+            )
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return tuple(range(1, len(self.robots) + 1))
+
+    @property
+    def module(self) -> ModuleType:
+        return import_module(self.code or f"rf_exp.tasks.{self.name}")
+
+    @property
+    def version(self) -> str:
+        """Version of the success criteria; rows of different versions are never mixed."""
+        return self.module.VERSION
+
+    @property
+    def plan_version(self) -> str:
+        """Version of plan and places; demonstrations of different versions are never mixed."""
+        return self.module.PLAN_VERSION
+
+    def asset(self, name: str) -> assets.Asset:
+        """The asset of an object of this task."""
+        spec = self.objects[name]
+        return assets.load(spec.asset, spec.options)
+
+    @cached_property
+    def vocabulary(self) -> Vocabulary:
+        """What sentences about it may speak of."""
+        points = {
+            name: {label: point.kind for label, point in self.asset(name).points.items()}
+            for name in self.objects
+        }
+        return Vocabulary(self.agents, points, self._sides)
+
+    @property
+    def _sides(self) -> dict[str, int]:
+        """Which agent is called the left one, and so on: as the global camera sees their bases."""
+        named = {2: ("left", "right"), 3: ("left", "middle", "right")}.get(len(self.robots))
+        camera = self.cameras["global"]
+        if named is None or camera.mount != "world":
+            return {}
+        camera_from_world = inverse(camera.world_from_camera)
+        across = [float((camera_from_world @ robot.world_from_base)[0, 3]) for robot in self.robots]
+        agents = sorted(self.agents, key=lambda agent: across[agent - 1])
+        if min(np.diff(sorted(across))) < APART_M:
+            return {}
+        return dict(zip(named, agents, strict=True))
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What decides its scenes, what is seen of them and when they count as solved.
+
+        Assets by their content, code by its versions. Titles and descriptions decide nothing.
+        """
+        said = asdict(self)
+        objects = {
+            name: {**spec, "asset": f"{self.asset(name).name} {self.asset(name).content}"}
+            for name, spec in said["objects"].items()
+        }
+        for spec in objects.values():
+            del spec["options"]  # the content tells them
+        return {
+            **{key: said[key] for key in ("robots", "cameras", "success", "randomisation")},
+            "objects": objects,
+            "order": list(objects),  # in which they are drawn
+            "criteria": self.version,
+            "plan": self.plan_version,
+        }
+
+    def places(self, scene: Scene) -> Mapping[str, Matrix]:
+        """Named places of this task: world_from_object (4, 4) of what is put there."""
+        named = getattr(self.module, "places", None)
+        return named(scene, self) if named else {}
+
+    def start(self, seed: int) -> Start:
+        """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""
+        return start_of(self, seed)

@@ -1,0 +1,70 @@
+"""The values that flow between the stages. Frozen, without behaviour beyond derived numbers.
+
+Agents are numbered from 1 as in the paper (Agent_1); arrays over agents have agent k at index
+k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control steps at 20 Hz.
+"""
+
+from rf_exp.types.choices import (
+    FOREIGN,
+    LARGEST_PX,
+    SMALLEST_PX,
+    Arch,
+    CameraChoice,
+    ConstraintSet,
+    Extras,
+    JointLimits,
+    Kind,
+    Occupancy,
+    Pictures,
+)
+from rf_exp.types.episode import Episode, Rollout, RolloutStep, Sight
+from rf_exp.types.motion import Schedule, Segment, Subgoal, Trajectory, what_of
+from rf_exp.types.scene import (
+    ARM_JOINTS,
+    CONTROL_DT_S,
+    CONTROL_HZ,
+    GRIPPER_CLOSED,
+    GRIPPER_OPEN,
+    CameraModel,
+    Scene,
+    SeeingWorld,
+    World,
+)
+from rf_exp.types.success import UNITS, Condition, Judged, Measured, Verdict
+
+__all__ = [
+    "ARM_JOINTS",
+    "CONTROL_DT_S",
+    "CONTROL_HZ",
+    "FOREIGN",
+    "GRIPPER_CLOSED",
+    "GRIPPER_OPEN",
+    "LARGEST_PX",
+    "SMALLEST_PX",
+    "UNITS",
+    "Arch",
+    "CameraChoice",
+    "CameraModel",
+    "Condition",
+    "ConstraintSet",
+    "Episode",
+    "Extras",
+    "JointLimits",
+    "Judged",
+    "Kind",
+    "Measured",
+    "Occupancy",
+    "Pictures",
+    "Rollout",
+    "RolloutStep",
+    "Scene",
+    "Schedule",
+    "SeeingWorld",
+    "Segment",
+    "Sight",
+    "Subgoal",
+    "Trajectory",
+    "Verdict",
+    "World",
+    "what_of",
+]

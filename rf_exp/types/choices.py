@@ -1,0 +1,82 @@
+"""What is chosen for an experiment: constraints, architecture, cameras, limits."""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from rf_exp.errors import ArgumentError, choices
+
+SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes of the largest ones take gigabytes
+Kind = Literal["logical", "temporal", "spatial"]
+CameraChoice = Literal["all", "global", "local"]
+Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras
+
+
+@dataclass(frozen=True)
+class ConstraintSet:
+    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is)."""
+
+    name: str
+    logical: bool = True
+    spatial: bool = True
+    temporal: bool = True
+
+
+@dataclass(frozen=True)
+class Arch:
+    """One of the paper's four imitation learning architectures (section 4.2), or the coordinated one."""
+
+    name: str
+    shared_policy: bool
+    global_view: bool
+    coordinated: bool = False  # told by RoboBrain and RoboChecker who is at which subgoal, and who waits
+    both_views: bool = False  # the other view as well: a separate policy with the own and the global camera
+
+
+FOREIGN = Arch("foreign", shared_policy=True, global_view=True)  # of a policy that is somebody else's
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What the cameras take: size in pixels, or nothing at all. Raises ArgumentError for other sizes."""
+
+    width: int = 320
+    height: int = 240
+    render: bool = True
+    cameras: CameraChoice = "all"  # those whose pictures demonstrations hold: local is those of the agents
+
+    def __post_init__(self) -> None:
+        if self.cameras not in get_args(CameraChoice):
+            raise choices("cameras", self.cameras, get_args(CameraChoice))
+        for name, side in (("width", self.width), ("height", self.height)):
+            if not SMALLEST_PX <= side <= LARGEST_PX:
+                raise ArgumentError(
+                    f"picture.{name} is {side}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels"
+                )
+
+    def of(self, agents: int) -> tuple[str, ...]:
+        """The names of the cameras for so many agents."""
+        if not self.render:
+            return ()
+        local = tuple(f"agent{k}" for k in range(1, agents + 1))
+        return {"all": ("global", *local), "global": ("global",), "local": local}[self.cameras]
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What demonstrations hold of the cameras beside pictures."""
+
+    depth: bool = False
+    segmentation: bool = False
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Bounds on every joint of executed motion. Defaults: those of the authors' release."""
+
+    velocity_rad_s: float = 0.9
+    acceleration_rad_s2: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("velocity_rad_s", "acceleration_rad_s2"):
+            if getattr(self, name) <= 0:
+                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be positive")

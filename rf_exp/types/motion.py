@@ -1,0 +1,112 @@
+"""What arms are to do: subgoals, segments, trajectories, schedules."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Subgoal:
+    """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
+
+    agent: int
+    verb: str  # grasp lift carry place strike press release home aside hold
+    object: str | None = None
+    point: str | None = None  # interaction point of `object`
+    target: str | None = None  # where to carry, place or strike: an object or a named place
+    target_point: str | None = None
+    height_m: float | None = None  # lift: how far up; carry: how far above the target
+
+    @property
+    def names(self) -> frozenset[str]:
+        """What it is about: objects, or a named place."""
+        return frozenset(name for name in (self.object, self.target) if name is not None)
+
+    @property
+    def text(self) -> str:
+        return self.what + (f" by {self.height_m:g} m" if self.height_m is not None else "")
+
+    @property
+    def what(self) -> str:
+        """Its text without how far."""
+        words = [self.verb]
+        words += [self.object] if self.object else []
+        words += ["at", self.point] if self.point else []
+        words += ["to", self.target] if self.target else []
+        words += ["at", self.target_point] if self.target_point else []
+        return " ".join(words)
+
+
+def what_of(text: str) -> str:
+    """`Subgoal.what` of the text of a subgoal."""
+    return text.partition(" by ")[0]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One rest-to-rest motion of one agent on the control grid, made by one motion primitive.
+
+    The arm stands still at both ends, so a schedule may wait between segments, never inside.
+    """
+
+    agent: int
+    subgoal: Subgoal
+    primitive: str  # move approach close lift carry lower open retreat press strike
+    qpos: NDArray[np.float64]  # (T, 7) rad: the target at each control step; the start is not in it
+    gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
+    carries: str | None = None  # object that moves with the gripper
+    tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of what is carried
+    touches: frozenset[str] = frozenset()  # objects the gripper may touch here
+    joined: str | None = None  # segments of several agents with one label run in lockstep
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    @property
+    def about(self) -> frozenset[str]:
+        """What the agent has to do with here: objects, or a named place."""
+        return self.touches | self.subgoal.names
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """All segments of one agent for one proposal, from where it stands now."""
+
+    agent: int
+    start_qpos: NDArray[np.float64]  # (7,) rad
+    start_gripper: float
+    segments: tuple[Segment, ...]
+
+    @property
+    def knots(self) -> tuple[int, ...]:
+        """Path positions at which the arm stands still: 0, then the end of each segment."""
+        return tuple(np.cumsum([0, *map(len, self.segments)]).tolist())
+
+    def __len__(self) -> int:
+        return self.knots[-1]
+
+    def segment_at(self, position: int) -> Segment | None:
+        """The segment that ends at or after a path position, beyond all the last; None without segments."""
+        if not self.segments:
+            return None
+        return self.segments[min(int(np.searchsorted(self.knots[1:], position)), len(self.segments) - 1)]
+
+    def path(self) -> NDArray[np.float64]:
+        """(len + 1, 8): joint target and gripper command at each path position; 0 is the start."""
+        start = np.append(self.start_qpos, self.start_gripper)[None]
+        rows = [np.column_stack([s.qpos, s.gripper]) for s in self.segments]
+        return np.concatenate([start, *rows])
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """When each agent is where on its path. Column k - 1 belongs to agent k."""
+
+    positions: NDArray[np.int64]  # (T + 1, N) path position at each control step; row 0 is zeros
+    makespan_bound: int  # proven lower bound on T, control steps
+    # (T + 1, N) who stays in the step that leads here though nobody is in its way; None: nobody ever does
+    hesitates: NDArray[np.bool_] | None = None
+
+    def __len__(self) -> int:
+        return len(self.positions) - 1

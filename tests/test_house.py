@@ -1,0 +1,98 @@
+"""How the house is laid out: what may be imported from where, and how long things may be."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = {
+    path: ast.parse(path.read_text("utf-8"))
+    for folder in ("rf_exp", "docs", "examples")  # benchmarks and tests may look inside
+    for path in sorted((ROOT / folder).rglob("*.py"))
+}
+PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}
+HOUSE = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
+LONGEST_FUNCTION, LONGEST_MODULE = 49, 299  # lines
+
+
+def named(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def public_names(package: Path) -> set[str]:
+    """`__all__` of a package; empty where it gives nothing to others."""
+    for node in PACKAGES[package].body:
+        if isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["__all__"]:
+            return set(ast.literal_eval(node.value))
+    return set()
+
+
+def imported(tree: ast.AST) -> Iterator[str]:
+    """The full names of what a module imports of `rf_exp`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            found = [f"{node.module}.{each.name}" for each in node.names]
+        else:
+            found = [each.name for each in node.names] if isinstance(node, ast.Import) else []
+        yield from (name for name in found if name.startswith("rf_exp."))
+
+
+def is_public(name: str, importer: Path) -> bool:
+    """Whether each room on the way to a name gives the next part of it to who is outside.
+
+    A package within a room is one itself if it says what it gives, otherwise merely a folder.
+    """
+    here = ROOT / "rf_exp"
+    for part in name.split(".")[1:]:
+        is_room = here in PACKAGES and (here.parent == ROOT / "rf_exp" or public_names(here))
+        if is_room and not importer.is_relative_to(here) and part not in public_names(here):
+            return False
+        here = here / part
+    return True
+
+
+def test_outside_of_a_room_only_its_public_names_are_imported() -> None:
+    wrong = [
+        f"{named(path)}: {name}"
+        for path, tree in SOURCES.items()
+        for name in imported(tree)
+        if not is_public(name, path)
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("package", [each for each in PACKAGES if public_names(each)], ids=named)
+def test_a_package_gives_what_it_says(package: Path) -> None:
+    """And what it imports once it is asked for is, for the type checker, what it imports at once."""
+    given, late, checked = set(), [], []
+    for node in ast.walk(PACKAGES[package]):
+        if isinstance(node, ast.ImportFrom) and not (node.module or "").startswith("typing"):
+            given |= {each.asname or each.name for each in node.names}
+        elif isinstance(node, ast.FunctionDef | ast.Assign | ast.AnnAssign):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node
+            given.add(getattr(target, "name", None) or ast.unparse(getattr(target, "target", target)))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "late":
+            late += [(module, tuple(names)) for module, names in ast.literal_eval(node.args[1]).items()]
+        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            start = len("rf_exp.") + len(package.relative_to(ROOT / "rf_exp").as_posix()) + 1
+            checked += [
+                (each.module[start:], tuple(name.name for name in each.names))
+                for each in node.body
+                if isinstance(each, ast.ImportFrom) and each.module
+            ]
+    assert public_names(package) <= given
+    assert late == checked
+
+
+def test_nothing_is_too_long_to_be_read_at_once() -> None:
+    long = []
+    for path in HOUSE:
+        if (lines := len(path.read_text("utf-8").splitlines())) > LONGEST_MODULE:
+            long.append(f"{named(path)}: {lines} lines")
+        for node in ast.walk(SOURCES[path]):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                long += [f"{named(path)}: {node.name}: {lines} lines"] * (lines > LONGEST_FUNCTION)
+    assert not long, "\n".join(long)
