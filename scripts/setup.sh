@@ -80,7 +80,7 @@ if ! pip show -q torch 2>/dev/null; then
     install "$TORCH"
 fi
 say "Python packages (about two minutes the first time)"
-install -e ".[dev,docs,envs,export,foreign,stl]"
+install -e ".[dev,docs,envs,export,foreign,stl,dask,ray,submitit]"
 # mani-skill asks for opencv-python, which fills the same cv2 folder as the headless build and needs
 # libGL: whichever came last wins, so the folder is written again by the one that imports anywhere.
 if pip show -q opencv-python 2>/dev/null || ! .venv/bin/python -c 'import cv2' 2>/dev/null; then

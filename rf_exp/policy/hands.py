@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from rf_exp.policy.observation import POSE, Senses, tcp_poses
 from rf_exp.policy.view import ACTION_SIZE, Stream
-from rf_exp.robots import Panda
+from rf_exp.robots import BRANCHES, Panda
 from rf_exp.transforms import from_axes, planar
 from rf_exp.types import ARM_JOINTS
 
-TURNS_RAD = np.linspace(-0.3, 0.3, 61)
-FARTHEST_RAD = 0.35  # from the predicted joints; what is farther is another posture, and not meant
+# How far the last joint is turned to follow a hand: with its own alone a pose may just be out of reach. Below
+# an upright shoulder a hundredth of that turns the first and the third joint by a radian: looked at closer.
+TURNS_RAD = tuple(np.linspace(-reach, reach, 61) for reach in (0.3, 0.015, 0.00075))
+CLOSE_RAD = 0.1  # from the predicted joints, where nothing closer is looked for
+FARTHEST_RAD = 0.35  # what is farther is another posture, and not meant
 
 
 def with_hands(senses: Senses, stream: Stream, action: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -39,12 +42,19 @@ def followed(senses: Senses, stream: Stream, chunk: NDArray[np.float64]) -> NDAr
         x, y = pose[:, 3:6], pose[:, 6:9]
         axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)
         base_from_tcp = np.stack([from_axes(place, z=out, y=across) for place, out, across in axes])
-        turns = joints[:, -1:] + TURNS_RAD  # with its own last joint alone a pose may just be out of reach
-        found = arm.postures((world_from_base @ base_from_tcp)[:, None], turns).reshape(
-            len(joints), -1, ARM_JOINTS
-        )
-        away = np.nan_to_num(np.abs(found - joints[:, None]).max(axis=-1), nan=np.inf)
-        nearest = away.argmin(axis=1)
-        near = away[np.arange(len(away)), nearest] < FARTHEST_RAD
-        joints[near] = found[near, nearest[near]]
+        actions[:, row, :ARM_JOINTS] = _nearest(arm, world_from_base @ base_from_tcp, joints)
     return actions
+
+
+def _nearest(arm: Panda, poses: NDArray[np.float64], joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The postures at TCP poses (T, 4, 4) that are nearest to joints (T, 7), or those where none is near."""
+    best, away = joints.copy(), np.full(len(joints), np.inf)
+    for turns in TURNS_RAD:
+        far = np.flatnonzero(away > CLOSE_RAD)
+        found = arm.postures(poses[far, None], best[far, -1:] + turns)
+        found = found.reshape(len(far), len(turns) * BRANCHES, ARM_JOINTS)
+        apart = np.nan_to_num(np.abs(found - joints[far, None]).max(axis=-1), nan=np.inf)
+        chosen = np.arange(len(far)), apart.argmin(axis=1)
+        nearer = apart[chosen] < away[far]
+        best[far[nearer]], away[far[nearer]] = found[chosen][nearer], apart[chosen][nearer]
+    return np.where((away < FARTHEST_RAD)[:, None], best, joints)
