@@ -21,8 +21,8 @@ from rf_exp.data.__main__ import main
 from rf_exp.data.statistics import of_values, together
 from rf_exp.store import Description, Store
 from rf_exp.types import UNITS, Episode, Judged
+from tests.store.episodes import AGENTS, CAMERAS, HEIGHT, IDENTITY, OBJECTS, WIDTH, assert_same, make_episode
 from tests.test_rescue import digest, flip
-from tests.test_store import AGENTS, CAMERAS, HEIGHT, IDENTITY, OBJECTS, WIDTH, assert_same, make_episode
 
 CONDITIONS = ("lifted", "level")
 LABELS = ("nothing", "table", "barrier", "agent1", "agent2")

@@ -20,7 +20,7 @@ from rf_exp.statements import Proposal
 from rf_exp.types import ConstraintSet, Pictures, Schedule
 from tests.conftest import read_task
 from tests.scenes import start_scene
-from tests.test_viz import TWO
+from tests.viz.recorded import TWO
 
 FULL = ConstraintSet("full")
 

@@ -1,6 +1,7 @@
-"""How the house is laid out: what may be imported from where, and how long things may be."""
+"""How the house is laid out: what may be imported from where, and how long and alike things may be."""
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ SOURCES = {
 PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}
 HOUSE = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
 LONGEST_FUNCTION, LONGEST_MODULE = 49, 299  # lines
+LONGEST_TESTS = 400  # lines of a file
 
 
 def named(path: Path) -> str:
@@ -96,3 +98,11 @@ def test_nothing_is_too_long_to_be_read_at_once() -> None:
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
                 long += [f"{named(path)}: {node.name}: {lines} lines"] * (lines > LONGEST_FUNCTION)
     assert not long, "\n".join(long)
+
+
+def test_files_of_tests_are_short_and_none_is_called_as_another() -> None:
+    """The name alone says what failed, and a subject is found without a search through a file."""
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    called = Counter(path.name for path in files)
+    assert not [named(path) for path in files if called[path.name] > 1]
+    assert not [named(path) for path in files if len(path.read_text("utf-8").splitlines()) > LONGEST_TESTS]

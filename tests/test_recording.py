@@ -16,7 +16,7 @@ from rf_exp.robots import Panda
 from rf_exp.sim import Limited, Simulator
 from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import read_task
-from tests.test_viz import Content
+from tests.viz.recorded import Content
 
 FULL = ConstraintSet("full")
 

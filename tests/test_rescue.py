@@ -11,7 +11,7 @@ from rf_exp.command import guarded
 from rf_exp.errors import StageError
 from rf_exp.rescue import main
 from rf_exp.store import Store
-from tests.test_store import assert_same, make_episode, make_store
+from tests.store.episodes import assert_same, make_episode, make_store
 
 EPISODES = [make_episode(seed, 100) for seed in range(6)]  # of 256 rows to a file: 0-2, 2-5, 5
 

@@ -1,7 +1,7 @@
 """Laws over every task in conf/task: starts, chance, cheating. No pictures.
 
 Beside them: the same seed gives the same bytes and nothing moves by itself (test_simulator.py), views show
-what matters (test_pictures.py), plans name only what exists (tests/tasks/test_success.py).
+what matters (test_cameras.py), plans name only what exists (tests/tasks/test_success.py).
 """
 
 from collections.abc import Iterator

@@ -19,10 +19,10 @@ from rf_exp.store import Store
 from rf_exp.tasks import SuccessEvaluator
 from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.ablation.conftest import generation
+from tests.conftest import experiment
 from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
 from tests.scenes import start_scene
-from tests.test_configuration import experiment
-from tests.test_viz import Content
+from tests.viz.recorded import Content
 
 SMALL = (
     *("arch=shared_local", "demos=1", "scenes=3", "workers=1", "wandb=disabled", "stages=[evaluate]"),

@@ -12,7 +12,7 @@ import pytest
 
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import VERBS, Before, Statement, Step, read, reading, samples
-from tests.statements.test_reading import ENGLISH, FOOD, LOGICAL, SPATIAL, TEMPORAL
+from tests.statements.sentences import ENGLISH, FOOD, LOGICAL, SPATIAL, TEMPORAL
 
 MUTANTS = 10_000
 SENTENCES = [text for text, _ in [*LOGICAL, *TEMPORAL, *SPATIAL]] + [*ENGLISH]

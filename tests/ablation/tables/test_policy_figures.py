@@ -1,0 +1,99 @@
+"""Success of policies: by architecture, demonstrations and recipe; those of others apart."""
+
+import pytest
+
+from rf_exp.ablation import wilson
+from rf_exp.ablation.tables import build
+from tests.ablation.conftest import evaluation
+from tests.ablation.tables.making import SUITE, at, evaluated, made
+
+
+def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
+    rows = [
+        evaluation("lift_barrier", "shared_local", 50, 1, 9),
+        evaluation("lift_barrier", "shared_local", 150, 5, 5),
+        evaluation("lift_barrier", "my_arch", 150, 9, 1),
+        evaluation("lift_barrier", "shared_local", 150, 0, 10, constraints="logical"),
+    ]
+    table = made("architectures", evaluated(*rows))
+    assert at(table, "shared_local-50", "lift_barrier").value == 0.1
+    assert at(table, "shared_local-150", "lift_barrier").value == 0.5
+    assert at(table, "shared_local-150", "lift_barrier").paper == 0.04
+    assert at(table, "my_arch-150", "lift_barrier").value == 0.9
+    assert "10 rollouts of policies that learnt from `logical` data are not in this table." in table.notes
+
+
+def test_who_was_told_of_the_true_state_is_said() -> None:
+    local, told = (
+        evaluation("take_photo", arch, 150, 9, 1) for arch in ("separate_local", "separate_coordinated")
+    )
+    for rows, said in ((local, 0), (local + told, 1)):
+        notes = made("architectures", evaluated(rows)).notes
+        assert sum("made in the true state of the scene" in note for note in notes) == said
+
+
+def test_training_seeds_are_pooled_and_named() -> None:
+    rows = [evaluation("place_food", "separate_local", 150, n, 10 - n, train_seed=n) for n in (2, 4, 6)]
+    cell = at(made("benchmark", evaluated(*rows)), "place_food", "demos_150")
+    assert (cell.value, cell.n, cell.note) == (0.4, 30, "3 training seeds together")
+
+
+def test_an_average_waits_for_every_task_of_its_level() -> None:
+    camera = evaluation("camera_alignment", "separate_local", 150, 4, 6)
+    stack = evaluation("three_robots_stack_cube", "separate_local", 150, 2, 8)
+    partly = at(made("benchmark", evaluated(camera)), "average_3", "demos_150")
+    assert (partly.value, partly.note, partly.paper) == (None, "1 of 2 tasks measured", 0.205)
+    whole = at(made("benchmark", evaluated(camera, stack)), "average_3", "demos_150")
+    assert whole.value == pytest.approx(0.3)
+
+
+def test_further_numbers_of_demonstrations_get_a_column() -> None:
+    table = made("benchmark", evaluated(evaluation("lift_barrier", "separate_local", 20, 1, 1)))
+    keys = [column.key for column in table.columns if column.compared]
+    assert keys == [f"demos_{n}" for n in (20, 50, 100, 150)]
+    assert at(table, "lift_barrier", "demos_20").value == 0.5
+
+
+def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
+    of_paper = evaluation("lift_barrier", "separate_local", 150, 2, 4)
+    ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast", core_s=90.0)
+    ours = [*ours, *evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast", core_s=60.0)]
+    told = evaluation("lift_barrier", "separate_local", 150, 30, 0, recipe="state", observation="state")
+    table = build(evaluated(of_paper, ours, told), SUITE)["benchmark"]
+    lines = {line.key: line for line in table.lines}
+    rates = {
+        key: (lines[key].cells[1].value, at(table, key, "demos_150").value)
+        for key in lines
+        if key.startswith("lift_barrier")
+    }
+    assert rates == {
+        "lift_barrier": ("fast", 0.9),
+        "lift_barrier-paper": ("paper", 2 / 6),
+        "lift_barrier-state": ("state", 1.0),
+    }
+    assert at(table, "lift_barrier", "core_minutes").value == "1.5"
+    assert at(table, "lift_barrier-state", "core_minutes").value == ""
+    assert "Policies of recipe state are told the true poses of all things: an oracle." in table.notes
+    shown = made("architectures", evaluated(of_paper, ours, told))
+    assert [(line.key, line.cells[1].value) for line in shown.lines if "separate_local" in line.key] == [
+        ("separate_local-50", "fast"),
+        ("separate_local-150", "fast"),
+        ("separate_local-150-paper", "paper"),
+        ("separate_local-150-state", "state"),
+    ]
+
+
+def test_policies_of_others_count_in_no_table_of_ours() -> None:
+    """Though they have more rows, and are called as a recipe of ours is."""
+    ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast")
+    others = evaluation("lift_barrier", "foreign", 0, 40, 10, recipe="fast", violations=(3,))
+    alone, beside = build(evaluated(ours), SUITE), build(evaluated(ours, others), SUITE)
+    assert {name: table for name, table in beside.items() if name != "foreign"} == {
+        name: table for name, table in alone.items() if name != "foreign"
+    }
+    assert alone["foreign"].lines == ()
+    (line,) = beside["foreign"].lines
+    assert (line.key, line.title) == ("lift_barrier-fast-0", "Lift Barrier, fast")
+    cell = at(beside["foreign"], line.key, "success")
+    assert (cell.value, cell.interval) == (0.8, wilson(40, 50).interval)
+    assert at(beside["foreign"], line.key, "success_violations").value == 1.0

@@ -1,0 +1,119 @@
+"""The law of the language: the sentence of a statement says the statement."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rf_exp.statements import (
+    AvoidAgents,
+    AvoidObjects,
+    Before,
+    ContactAt,
+    Deadline,
+    Direction,
+    KeepApart,
+    KeepHeight,
+    KeepLevel,
+    KeepOut,
+    LiesOn,
+    PlaceAt,
+    SameHeight,
+    ShareSpace,
+    SpeedLimit,
+    Statement,
+    Step,
+    Together,
+    Unread,
+    Vocabulary,
+    kinds,
+    read,
+    samples,
+)
+from tests.conftest import CONF
+from tests.constraints.robots import team
+from tests.statements.sentences import FOOD
+
+AGENT, OBJECT = st.sampled_from((1, 2)), st.sampled_from(("lid", "pot", "steak"))
+VERB = st.sampled_from(("grasp", "lift", "carry", "place", "strike", "press", "release", "hold"))
+STEP = st.builds(Step, AGENT) | st.builds(Step, AGENT, VERB, OBJECT)
+SECONDS = st.floats(0, 600, allow_subnormal=False)
+CORNERS = st.tuples(*[st.floats(-9, 9, allow_subnormal=False)] * 3).map(
+    lambda low: (tuple(value + 0.0 for value in low), tuple(value + 0.5 for value in low))
+)
+LENGTH = st.floats(0, 2, allow_subnormal=False)
+PAIR = st.sampled_from(((1, 2), (2, 1)))
+
+
+def other_than(step: Step) -> st.SearchStrategy[Step]:
+    return STEP.filter(lambda then: then.agent != step.agent)
+
+
+BEFORE = STEP.flatmap(
+    lambda first: st.builds(Before, st.just(first) | st.builds(LiesOn, OBJECT), other_than(first), SECONDS)
+)
+STATED: dict[type[Statement], st.SearchStrategy[Statement]] = {
+    ContactAt: st.sampled_from((("lid", "knob"), ("steak", "center"))).flatmap(
+        lambda at: st.builds(ContactAt, AGENT, st.just("grasp"), st.just(at[0]), st.just(at[1]))
+    ),
+    PlaceAt: st.builds(PlaceAt, AGENT, OBJECT, st.just("pot"), st.just("inside")),
+    Direction: st.builds(
+        Direction, AGENT, OBJECT, st.sampled_from(("vertical", "horizontal", "level")), st.none() | VERB
+    )
+    | st.builds(
+        Direction, AGENT, OBJECT, st.just("perpendicular"), st.sampled_from((None, "grasp", "press"))
+    ),
+    SameHeight: st.builds(SameHeight, PAIR) | st.builds(SameHeight, PAIR, VERB, OBJECT),
+    Before: BEFORE,
+    Together: st.builds(Together, PAIR, VERB, OBJECT, SECONDS) | st.builds(Together, PAIR, within_s=SECONDS),
+    Deadline: st.builds(Deadline, STEP, SECONDS),
+    ShareSpace: st.builds(ShareSpace, PAIR),
+    KeepApart: st.builds(KeepApart, st.just((1, 2)), LENGTH, st.sampled_from(("grippers", "arms"))),
+    KeepLevel: st.builds(KeepLevel, OBJECT, st.floats(0, 90, allow_subnormal=False), st.none() | AGENT),
+    KeepHeight: st.builds(KeepHeight, AGENT, LENGTH, st.sampled_from(("below", "above"))),
+    SpeedLimit: st.builds(SpeedLimit, AGENT, st.floats(0.01, 10)),
+    AvoidAgents: st.sampled_from((AvoidAgents((1,)), AvoidAgents((2,)), AvoidAgents((1, 2)))),
+    AvoidObjects: st.builds(AvoidObjects, AGENT),
+    KeepOut: CORNERS.flatmap(
+        lambda box: (
+            st.builds(KeepOut, st.just(1), st.just(box[0]), st.just(box[1]))
+            | st.builds(KeepOut, st.just(1), st.just(box[0]), st.just(box[1]), st.just(2) | OBJECT)
+            | st.builds(
+                KeepOut,
+                st.just(1),
+                st.just(box[0]),
+                st.just(box[1]),
+                until=STEP.filter(lambda step: step.agent == 2) | st.builds(LiesOn, OBJECT),
+            )
+        )
+    ),
+}
+
+
+def test_the_law_is_about_every_kind():
+    assert set(STATED) == set(kinds()) - {Unread}
+
+
+@pytest.mark.parametrize("kind", STATED, ids=lambda kind: kind.__name__)
+def test_the_sentence_of_a_statement_says_the_statement(kind):
+    """The law of the language, over all kinds."""
+
+    @settings(max_examples=150, deadline=500)
+    @given(STATED[kind])
+    def law(stated: Statement) -> None:
+        assert read(stated.sentence, FOOD.vocabulary) == stated
+
+    law()
+
+
+def test_the_documentation_shows_every_sample():
+    text = (CONF.parent / "docs/constraints.md").read_text("utf-8")
+    assert [each.sentence for each in samples() if f"| {each.kind} | {each.sentence} |" not in text] == []
+
+
+def test_samples_show_every_kind_in_its_own_words():
+    words = team(3).vocabulary
+    points = {"barrier": {"left": "grasp"}, "lid": {}, "steak": {}, "pot": {"inside": "drop"}}
+    vocabulary = Vocabulary(words.agents, points)
+    shown = list(samples())
+    assert {type(sample) for sample in shown} == set(STATED)
+    assert [read(sample.sentence, vocabulary) for sample in shown] == shown

@@ -1,0 +1,153 @@
+"""Writes that are interrupted, find no room or another writer: what was stored stays whole."""
+
+import resource
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.store import Store, layout
+from tests.store.episodes import (
+    AGENTS,
+    CAMERAS,
+    HEIGHT,
+    IDENTITY,
+    OBJECTS,
+    WIDTH,
+    assert_same,
+    make_episode,
+    make_store,
+)
+
+ARRAYS = (
+    11  # qpos, qvel, action, executed, subgoal, pose_barrier, three cameras, seed, certificate; then the ends
+)
+
+
+@pytest.mark.parametrize("broken", [0, 4, ARRAYS - 1, ARRAYS])
+@pytest.mark.parametrize("moment", ["before", "between", "after"])
+def test_interrupted_append_is_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: int, moment: str
+) -> None:
+    """Stop at one of the nine arrays: before its rows are written, before they count, and after."""
+    path = make_store(tmp_path / "s.zarr", [make_episode(0)])
+    calls, write = [], layout.write
+
+    def interrupted(array, start, values):  # type: ignore[no-untyped-def]
+        calls.append(array)
+        if len(calls) <= broken:
+            return write(array, start, values)
+        if moment == "between":
+            layout.view(array, start + len(values))[start : start + len(values)] = values
+        if moment == "after":
+            write(array, start, values)
+        raise KeyboardInterrupt
+
+    store = Store.open(path, writable=True)
+    monkeypatch.setattr(layout, "write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        store.append(make_episode(1, steps=9))
+    monkeypatch.undo()
+    store.close()
+
+    committed = broken == ARRAYS and moment == "after"
+    reader = Store.open(path)
+    assert len(reader) == 1 + committed
+    assert_same(reader.episode(0), make_episode(0))
+    assert reader.pictures["global"].shape[0] == reader.steps  # surplus rows do not show
+    if committed:
+        return
+    with Store.open(path, writable=True) as writer:
+        assert all(writer._array(f"data/{name}").shape[0] == 7 for name in ("qpos", "action", "rgb_agent2"))
+        writer.append(make_episode(1, steps=5))
+    assert_same(Store.open(path).episode(1), make_episode(1, steps=5))
+
+
+def test_leftovers_of_a_killed_writer_are_removed(tmp_path: Path) -> None:
+    path = make_store(tmp_path / "s.zarr", [make_episode(0)])
+    leftover = path / "data/qpos/c/0/0/0.deadbeef.partial"
+    leftover.write_bytes(b"half")
+    Store.open(path)
+    assert leftover.exists()  # a reader changes nothing
+    Store.open(path, writable=True).close()
+    assert not leftover.exists()
+
+
+@contextmanager
+def small_files(limit_bytes: int) -> Iterator[None]:
+    """The operating system refuses to let a file grow beyond the limit: a real OSError in a write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_no_room_for_an_episode(tmp_path: Path) -> None:
+    path = make_store(tmp_path / "s.zarr", [make_episode(0)])
+    with Store.open(path, writable=True) as store:
+        with (
+            small_files(20_000),
+            pytest.raises(
+                StageError,
+                match=r"no space left while storing the episode of seed 1 in .*s\.zarr: up to \d+ bytes "
+                r"needed, \d+ bytes free .*; its 1 stored episodes are intact: make room",
+            ),
+        ):
+            store.append(make_episode(1, steps=200))
+        assert_same(store.episode(0), make_episode(0))
+        store.append(make_episode(1))  # with room again it goes on
+    assert not list(path.rglob("*.partial"))
+    assert_same(Store.open(path).episode(1), make_episode(1))
+
+
+def test_a_disk_that_fills_up(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", disk], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("needs the right to mount a small disk; the limit on file sizes is tested without it")
+    try:
+        store, stored = (
+            Store.create(disk / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True),
+            0,
+        )
+        with pytest.raises(StageError, match=r"No space left on device.* stored episodes are intact"):
+            for stored in range(100):
+                store.append(make_episode(stored, steps=40))
+        store.close()
+        reader = Store.open(disk / "s.zarr")
+        assert len(reader) == stored > 0
+        assert_same(reader.episode(stored - 1), make_episode(stored - 1, steps=40))
+        with pytest.raises(StageError, match="no space left while creating the store"):
+            for copy in range(100):
+                Store.create(disk / f"{copy}.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH).close()
+        assert not list(disk.glob(".*"))
+    finally:
+        subprocess.run(["umount", "-l", disk], check=True)
+
+
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(ArgumentError, match=r"cannot create a store at .*file/s\.zarr: .*can be written"):
+        Store.create(tmp_path / "file" / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH)
+
+
+def test_one_writer_at_a_time(tmp_path: Path) -> None:
+    path = make_store(tmp_path / "s.zarr", [make_episode(0)])
+    with Store.open(path, writable=True):
+        assert len(Store.open(path)) == 1  # readers are welcome
+        with pytest.raises(StageError, match=r"s\.zarr is being written by another process"):
+            Store.open(path, writable=True)
+    Store.open(path, writable=True).close()
+
+
+def test_an_existing_store_is_never_overwritten(tmp_path: Path) -> None:
+    path = make_store(tmp_path / "s.zarr", [make_episode(0)])
+    with pytest.raises(StageError, match=r"s\.zarr exists already; open it, delete it, or choose another"):
+        Store.create(path, IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH)
+    assert len(Store.open(path)) == 1

@@ -1,0 +1,34 @@
+"""Edges, light and colours."""
+
+import numpy as np
+import trimesh
+
+from rf_exp import viz
+from rf_exp.viz import HOLDS, VIOLATED
+from rf_exp.viz.shading import creased, srgb
+
+
+def test_boxes_keep_sharp_edges_and_balls_stay_smooth():
+    shape = trimesh.creation.box((1.0, 2.0, 3.0))
+    kept, normals, faces = creased(shape.vertices, shape.faces)
+    assert len(kept) == 24  # each corner once for each of its three sides
+    corners = shape.vertices[kept][faces]
+    outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    np.testing.assert_allclose(normals[faces], np.repeat(outward[:, None], 3, axis=1), atol=1e-9)
+
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    kept, normals, faces = creased(ball.vertices, ball.faces)
+    assert len(kept) == len(ball.vertices)
+    np.testing.assert_allclose(normals, ball.vertices[kept], atol=0.02)
+    np.testing.assert_array_equal(ball.vertices[kept][faces], ball.vertices[ball.faces])
+
+
+def test_linear_light_becomes_srgb():
+    assert srgb((0.0, 0.2140, 1.0)).tolist() == [0, 127, 255]  # middle grey
+
+
+def test_colours_of_agents_differ_from_one_another_and_from_verdicts():
+    colours = np.array([*(viz.agent_colour(agent) for agent in range(1, 5)), VIOLATED, HOLDS], dtype=float)
+    apart = np.linalg.norm(colours[:, None] - colours[None], axis=-1) + 1e3 * np.eye(len(colours))
+    assert apart.min() > 50

@@ -1,0 +1,75 @@
+"""Coordination diagrams and lanes: who does what when."""
+
+import numpy as np
+
+from rf_exp.types import Schedule
+from rf_exp.viz import VIOLATED
+from rf_exp.viz.figures import coordination, coordination_size_px, lanes
+from rf_exp.viz.layout import OBJECT, ORDERED, PRIMITIVES, WAITS, primitive_colour
+from tests.viz.recorded import POSES, QPOS, TIMED, TWO, Content, open_recorder, still
+
+
+def colour_at(picture: np.ndarray, pixel: np.ndarray) -> tuple[int, ...]:
+    column, row = np.floor(pixel).astype(int)
+    return tuple(picture[row, column].tolist())
+
+
+def test_diagrams_colour_what_is_forbidden_where_the_schedule_is_drawn():
+    close, ordered = np.zeros((31, 21), bool), np.zeros((31, 21), bool)
+    close[24:29, 3:8], ordered[2:7, 12:18] = True, True
+    found = coordination(TWO, TIMED, {(1, 2): close}, {(1, 2): ordered})
+    assert found.pairs == ((1, 2),)
+    assert found.picture.shape[1::-1] == coordination_size_px(1)
+
+    def at(i: int, j: int) -> tuple[int, ...]:
+        [pixel] = found.at(np.array([i, j]))
+        return colour_at(found.picture, pixel)
+
+    assert at(26, 5) == VIOLATED
+    assert at(4, 15) == ORDERED
+    assert at(5, 0) == at(20, 10) == (255, 255, 255)  # the schedule
+    assert at(5, 26 % 21) != VIOLATED  # the axes are not swapped
+
+
+def test_every_pair_has_a_diagram_of_its_own():
+    three = (*TWO, still(3, ("lift", 40)))
+    positions = np.column_stack([np.minimum(np.arange(41), 30), np.minimum(np.arange(41), 20), np.arange(41)])
+    pairs = ((1, 2), (1, 3), (2, 3))
+    free = {(i, j): np.zeros((len(three[i - 1]) + 1, len(three[j - 1]) + 1), bool) for i, j in pairs}
+    free[2, 3][15:20, 0:6] = True
+    found = coordination(three, Schedule(positions, 40), free, {})
+    pixels = found.at(np.array([17, 17, 3]))
+    hits = [colour_at(found.picture, pixel) == VIOLATED for pixel in pixels]
+    assert found.pairs == pairs
+    assert hits == [False, False, True]
+
+
+def test_the_picture_of_lanes_shows_motion_and_waiting():
+    picture = lanes(TWO, TIMED)
+    shown = {tuple(colour) for colour in picture.reshape(-1, 3).tolist()}
+    assert {PRIMITIVES["approach"], PRIMITIVES["close"], WAITS} <= shown
+    assert PRIMITIVES["lift"] not in shown
+    legend = picture.shape[0] // 4  # above the rows
+    waiting = (picture[legend:] == WAITS).all(axis=-1).any(axis=0)
+    assert (
+        0.25 < waiting.sum() / picture.shape[1] < 0.4
+    )  # agent 2, 10 of 30 steps of nine tenths of the width
+
+
+def test_a_primitive_without_a_colour_is_grey():
+    assert primitive_colour("juggle") == OBJECT
+
+
+def test_the_point_in_the_diagram_moves_with_the_plan(path):
+    with open_recorder(path) as recorder:
+        recorder.positions(np.array([0, 0]))  # no plan yet: nothing to show
+        recorder.coordination(TWO, TIMED, {(1, 2): np.zeros((31, 21), bool)}, {})
+        for step in range(3):
+            recorder.step(step, poses=POSES, qpos=QPOS)
+            recorder.positions(TIMED.positions[10 + step])
+    content = Content(path)
+    assert len(content.column("/plan/diagrams", "EncodedImage:blob")) == 1
+    places = np.array(content.column("/plan/diagrams/now", "Points2D:positions"))[:, 0]
+    assert content.steps("/plan/diagrams/now", "Points2D:positions") == [0, 1, 2]
+    right, down = np.diff(places, axis=0).T
+    assert (right > 0).all() and (down < 0).all()  # both agents go on
