@@ -13,7 +13,7 @@ from hydra.core.global_hydra import GlobalHydra
 from rf_exp.command import guarded
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen import Planned, Settings
-from rf_exp.datagen.brain import FaultySpec
+from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
 from rf_exp.statements import Proposal
@@ -23,13 +23,14 @@ from tests.scenes import start_scene
 from tests.viz.recorded import TWO
 
 FULL = ConstraintSet("full")
+LIFT = read_task("lift_barrier")
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> Path:
     """Lift Barrier without pictures, by a brain that errs once."""
     folder = tmp_path_factory.mktemp("demonstrations")
-    settings = Settings(read_task("lift_barrier"), FULL, FaultySpec("wrong_direction"))
+    settings = Settings(LIFT, FULL, FaultySpec("wrong_direction"))
     outcome = demonstrate(settings, Pictures(render=False), 0, folder)
     assert outcome.success
     return folder / "lift_barrier-0.md"
@@ -72,15 +73,27 @@ def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
         assert any((each["robustness"] or 0) > 0.01 for each in formulas)
 
 
+def test_what_a_set_switches_off_is_marked_and_no_part_of_the_check_code(tmp_path, page):
+    logical = ConstraintSet("logical", spatial=False, temporal=False)
+    settings = Settings(LIFT, logical, ScriptedSpec())
+    assert demonstrate(settings, Pictures(render=False), 0, tmp_path).success
+    shown = (tmp_path / "lift_barrier-0.md").read_text()
+    assert "`logical` switches temporal and spatial constraints off" in shown
+    marked = dict.fromkeys(("logical", "temporal", "spatial"), 0)
+    for kind, off, check in re.findall(r"\| (logical|temporal|spatial) \|.*\| (.*)`(.*)` \|", shown):
+        assert bool(off) == (kind != "logical") and off in ("", "*switched off*: ")
+        assert (f"| holds | `{check}` |" in shown) != bool(off)
+        marked[kind] += 1
+    assert all(marked.values())
+    assert "switched off" not in page.read_text()  # all are on
+
+
 def test_pictures_and_recording_lie_beside_the_page(page):
     linked = re.findall(r"\]\((.*?)\)", page.read_text())
     assert {"lift_barrier-0/round-2-lanes.png", "lift_barrier-0/round-3-diagrams.png"} <= set(linked)
     assert {str(path.relative_to(page.parent)) for path in page.with_suffix("").iterdir()} == set(linked)
     assert page.with_suffix(".rrd").stat().st_size > 100_000
     assert not list(page.parent.glob(".*"))  # no draft is left
-
-
-LIFT = read_task("lift_barrier")
 
 
 def test_subgoals_that_begin_together_are_one_phase():

@@ -21,7 +21,7 @@ from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet, Kind, Scene, Schedule, Trajectory
+from rf_exp.types import ConstraintSet, Scene, Schedule, Trajectory
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
@@ -37,12 +37,7 @@ class CheckCode:
 
     def of(self, constraint_set: ConstraintSet) -> tuple[Check, ...]:
         """The checks that a row of the ablation has switched on."""
-        active: dict[Kind, bool] = {
-            "logical": constraint_set.logical,
-            "spatial": constraint_set.spatial,
-            "temporal": constraint_set.temporal,
-        }
-        return tuple(check for check in self.checks if active[check.kind])
+        return tuple(check for check in self.checks if check.kind not in constraint_set.off)
 
 
 def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) -> CheckCode:

@@ -12,7 +12,7 @@ from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
 from rf_exp.findings import Violation
 from rf_exp.statements import Statement
-from rf_exp.types import CONTROL_DT_S, Subgoal
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Subgoal
 from rf_exp.viz import text
 from rf_exp.viz.text import CheckResult
 
@@ -77,9 +77,12 @@ def write_page(
         TEMPLATE,
         text=text,
         task=settings.task,
+        constraint_set=settings.constraint_set,
         facts=_facts(settings, outcome, len(rounds)),
         recording=path.with_suffix(".rrd").name,
-        rounds=[_round(folder, k, each, known[k - 1], executed) for k, each in enumerate(rounds, 1)],
+        rounds=[
+            _round(folder, k, each, known[k - 1], executed, settings) for k, each in enumerate(rounds, 1)
+        ],
         data=path.with_suffix(".json").name,
         succeeded=outcome.success,
         end=_picture(
@@ -107,6 +110,7 @@ def _round(
     made: Round,
     feedback: Violation | None,
     executed: Iterator[Mapping[str, Any]],
+    settings: Settings,
 ) -> RoundShown:
     verdict = "executed" if made.violation is None else "stopped" if made.results else "rejected"
     drawn = (
@@ -118,20 +122,28 @@ def _round(
         made,
         verdict,
         f", told of the violated {feedback.check}," if feedback is not None else "",
-        _stated(made),
-        tuple(repr(check) for check in made.code.checks) if made.code is not None else (),
+        _stated(made, settings.constraint_set),
+        tuple(repr(check) for check in made.code.of(settings.constraint_set))
+        if made.code is not None
+        else (),
         tuple(each for each in drawn if each is not None),
         tuple(_phase(folder, number, index, phase, made) for index, phase in enumerate(reached)),
         next(executed) if made.results else None,
     )
 
 
-def _stated(made: Round) -> tuple[tuple[Statement, str], ...]:
-    """Each constraint as RoboBrain stated it, beside the check that RoboChecker made of it."""
+def _stated(made: Round, constraint_set: ConstraintSet) -> tuple[tuple[Statement, str], ...]:
+    """Each constraint as RoboBrain stated it, beside the check that RoboChecker made of it.
+
+    What the set switches off is marked: nothing holds the plan to it.
+    """
     stated = made.proposal.constraints if made.proposal is not None else ()
     if made.code is None:
         return tuple((each, "not understood") for each in stated)
-    return tuple((each, f"`{check!r}`") for each, check in zip(stated, made.code.checks, strict=True))
+    return tuple(
+        (each, f"{'*switched off*: ' if check.kind in constraint_set.off else ''}`{check!r}`")
+        for each, check in zip(stated, made.code.checks, strict=True)
+    )
 
 
 def _phase(folder: Path, of: int, index: int, phase: Phase, made: Round) -> PhaseShown:

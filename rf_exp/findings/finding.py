@@ -66,7 +66,12 @@ class Finding(StrEnum):
         "moves too fast",
         "{at} the gripper of {a} ({state}) moves at {value:.2f} m/s (allowed {bound:.2f} m/s)",
     )
-    SHARED = "shares space", "{agents} share space at different times in {value:.1%} of the cases"
+    SHARED = (
+        "shares space",
+        "{a} and {b} use the same space one after the other: closest in time {at}, when {b} comes to where "
+        "{a} has been until {value:.2f} s before",
+    )
+    NOT_SHARED = "shares no space", "{agents} use no space that another of them uses at any time"
 
     # Room.
     CLOSE = (

@@ -20,6 +20,11 @@ class ConstraintSet:
     spatial: bool = True
     temporal: bool = True
 
+    @property
+    def off(self) -> tuple[Kind, ...]:
+        """The kinds of constraints that are not checked."""
+        return tuple(kind for kind in get_args(Kind) if not getattr(self, kind))
+
 
 @dataclass(frozen=True)
 class Arch:

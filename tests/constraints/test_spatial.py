@@ -8,10 +8,11 @@ import pytest
 from rf_exp.constraints import AvoidAgents, Paths, Plan, PolicyMonitor, touching
 from rf_exp.constraints.checks.avoidance import AvoidObjects
 from rf_exp.constraints.checks.keep_out import StayOut
+from rf_exp.constraints.checks.temporal import ShareSpace
 from rf_exp.coordination import schedule
 from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import ConstraintSet, Schedule, Subgoal
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, team, walk
 
 BAR, FOOD = real("lift_barrier"), real("place_food")
@@ -54,6 +55,32 @@ def test_taking_turns_is_proven_clear_with_its_distance(crossing):
     bodies = [paths.planning_scene.along(trajectory) for trajectory in there_and_back]
     least = nearest(*bodies, at=timed.positions)
     assert least is not None and least.distance_m == pytest.approx(evidence.value)
+
+
+def test_shared_space_is_told_as_the_least_time_between_one_leaving_and_the_other_coming(crossing):
+    there_and_back = tuple(walk(agent, [REST, REACHING, REST], 20) for agent in (1, 2))
+    paths = Paths(BAR, FULL, crossing.scene, there_and_back)
+    timed = schedule(there_and_back, paths.diagrams)
+    assert isinstance(timed, Schedule)
+    evidence = ShareSpace((2, 1)).planned(Plan(paths, timed))
+    first, then = evidence.agents
+    left, comes = timed.positions[:, first - 1], timed.positions[:, then - 1]
+    too_close = paths.diagrams[1, 2] if first == 1 else paths.diagrams[1, 2].T
+    # Each pair of moments at which the two would be too close; those in which `first` has been before.
+    apart = [t - s for s in range(len(left)) for t in range(len(comes)) if too_close[left[s], comes[t]]]
+    assert evidence.ok and evidence.value == pytest.approx(min(map(abs, apart)) * CONTROL_DT_S)
+    assert min(abs(step) for step in apart if step > 0) == round(evidence.value / CONTROL_DT_S) > 0
+    told = (
+        f"closest in time at {evidence.time_s:.2f} s, when Agent_{then} comes to where Agent_{first} has been"
+    )
+    assert told in evidence.sentence
+
+
+def test_space_that_only_one_uses_is_not_shared(crossing):
+    trajectories = (walk(1, [REST, REACHING], 20), idle(2))
+    evidence = ShareSpace((1, 2)).planned(plan_of(BAR, crossing.scene, trajectories))
+    assert evidence.ok and evidence.value == np.inf
+    assert evidence.sentence == "[Agent_1, Agent_2] use no space that another of them uses at any time"
 
 
 def test_waiting_where_the_other_arm_reaches_is_seen(crossing):

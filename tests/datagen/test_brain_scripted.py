@@ -10,14 +10,19 @@ from rf_exp.coordination import sequential
 from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.findings import Cause, CheckName, Finding, Violation
-from rf_exp.statements import Before, Deadline, KeepLevel, Proposal, Step
+from rf_exp.robots import Panda
+from rf_exp.statements import Before, Deadline, KeepLevel, Proposal, Step, Together
 from rf_exp.tasks import RETRACTED_QPOS
-from rf_exp.types import ConstraintSet, Subgoal, Trajectory
+from rf_exp.transforms import transform
+from rf_exp.types import ARM_JOINTS, ConstraintSet, Subgoal, Trajectory
 from tests.conftest import read_task
 from tests.scenes import start_scene
 
 STACK = read_task("three_robots_stack_cube")
 PHOTO = read_task("take_photo")
+START = start_scene(PHOTO, 0)
+FULL, SPATIAL = ConstraintSet("full"), ConstraintSet("logical_spatial", temporal=False)
+MOTION, SCHEDULING, OCCUPANCY = CheckName.MOTION, CheckName.SCHEDULING, CheckName.OCCUPANCY
 CIRCLE = Before(Step(1), Step(2)), Before(Step(2), Step(1))
 
 
@@ -28,7 +33,7 @@ def answer(task, scene, violation):
 def watched(task, scene):
     """What the monitor says of a scene in which everybody is to stand still."""
     still = tuple(Trajectory(k, scene.qpos[k - 1, :7], 1.0, ()) for k in task.agents)
-    paths = Paths(task, ConstraintSet("full"), scene, still)
+    paths = Paths(task, FULL, scene, still)
     found = Monitor(Plan(paths, sequential(still, Proposal((), ()))), ())(scene)
     assert found is not None
     return found
@@ -54,15 +59,15 @@ def test_arms_that_hit_each_other_draw_aside_first_the_one_whose_work_comes_late
     assert Before(Step(2), Step(1)) in proposal.constraints
 
 
-def planned(proposal):
+def planned(proposal, scene=START, row=FULL):
     """What the planner says of a proposal for Take Photo."""
 
     class Says(ScriptedBrain):
         def answer(self, question):
             return proposal if isinstance(proposal, str) else to_json(proposal)
 
-    scene, settings = start_scene(PHOTO, 0), Settings(PHOTO, ConstraintSet("full"), ScriptedSpec())
-    found = Planner(settings, Says()).plan(Question(PHOTO, scene, {}), scene, np.random.default_rng(0))
+    settings, question = Settings(PHOTO, row, ScriptedSpec()), Question(PHOTO, scene, {})
+    found = Planner(settings, Says()).plan(question, scene, np.random.default_rng(0))
     assert isinstance(found, Violation)
     return found
 
@@ -90,23 +95,63 @@ def test_what_hits_a_thing_draws_aside_and_so_does_one_of_two_that_press():
 def test_what_no_arm_in_the_way_explains_moves_nobody(proposal, cause, agents):
     found = planned(proposal)
     assert (found.cause, found.agents, found.measured) == (cause, agents, False)
-    assert leaving(PHOTO, start_scene(PHOTO, 0), found) == []
+    assert leaving(PHOTO, START, found) == []
+
+
+def reaching(scene, agent, point, shift_m):
+    """The scene with the fingers of an agent beside a point of the camera."""
+    arm = Panda(PHOTO.robots[agent - 1].world_from_base)
+    tcp = scene.poses["camera"] @ PHOTO.asset("camera").points[point].object_from_tcp
+    joints = arm.solve(transform(shift_m) @ tcp, scene.qpos[agent - 1, :ARM_JOINTS])
+    assert joints is not None
+    qpos = scene.qpos.copy()
+    qpos[agent - 1, :ARM_JOINTS] = joints
+    return replace(scene, qpos=qpos)
+
+
+OVER_THE_GRIP = reaching(START, 4, "left", (0.0, 0.0, 0.05))
+IN_THE_CAMERA = reaching(START, 4, "shutter", (0.0, 0.0, -0.03))
+BESIDE_THE_SHUTTER = reaching(reaching(START, 1, "left", (0, 0.07, 0.1)), 2, "right", (0, -0.07, 0.1))
+FAR = replace(START, poses={**START.poses, "camera": transform((2.0, 0.0, 0.0)) @ START.poses["camera"]})
+HELD = replace(START, held=("camera", "camera", None, None))
+GRASP, PRESS = Subgoal(1, "grasp", "camera", "left"), Subgoal(4, "press", "camera", "shutter")
+UNEVEN = Proposal(
+    tuple(Subgoal(agent, "lift", "camera", height_m=0.05 + 0.05 * agent) for agent in (1, 2)),
+    (Together((1, 2), "lift", "camera"),),
+)
+
+
+def only(*subgoals):
+    return Proposal(subgoals, ())
 
 
 @pytest.mark.parametrize(
-    ("check", "cause", "agents", "expected"),
+    ("scene", "proposal", "row", "found", "expected"),
     [
-        (CheckName.MOTION, Cause.SPACE, (1, 4), [4]),  # Agent_1 cannot lift: Agent_4 is in the way
-        (CheckName.MOTION, Cause.SPACE, (4,), [4]),  # no free path
-        (CheckName.MOTION, Cause.REACH, (4,), []),  # what is out of reach is so from everywhere
-        (CheckName.OCCUPANCY, Cause.SPACE, (1,), []),  # comes near to a thing
-        (CheckName.DIRECTION, Cause.INTERACTION, (1, 2), []),
-        (CheckName.OCCUPANCY, Cause.SPACE, (1, 2, 4), []),
+        # Agent_1 cannot grasp for Agent_4, with a model of time and without.
+        (OVER_THE_GRIP, only(GRASP, Subgoal(4, "hold")), SPATIAL, (MOTION, Cause.SPACE, (1, 4)), [4]),
+        (OVER_THE_GRIP, only(GRASP, Subgoal(4, "hold")), FULL, (SCHEDULING, Cause.SPACE, (1, 4)), [4]),
+        # No free path.
+        (IN_THE_CAMERA, only(Subgoal(4, "home")), FULL, (MOTION, Cause.SPACE, (4,)), [4]),
+        # What is out of reach is so from everywhere.
+        (FAR, only(PRESS), FULL, (MOTION, Cause.REACH, (4,)), []),
+        # Stands too near to a thing.
+        (IN_THE_CAMERA, only(Subgoal(4, "hold")), FULL, (OCCUPANCY, Cause.SPACE, (4,)), []),
+        (HELD, UNEVEN, FULL, (MOTION, Cause.INTERACTION, (1, 2)), []),
+        # Nothing says which of two that are in the way of a third should leave.
+        (
+            BESIDE_THE_SHUTTER,
+            only(PRESS, Subgoal(1, "hold"), Subgoal(2, "hold")),
+            SPATIAL,
+            (MOTION, Cause.SPACE, (4, 1, 2)),
+            [],
+        ),
     ],
 )
-def test_who_is_in_the_way_draws_aside(check, cause, agents, expected):
-    found = Violation(check=check, cause=cause, agents=agents, time_s=1.0)
-    assert leaving(PHOTO, start_scene(PHOTO, 0), found) == expected
+def test_who_is_in_the_way_draws_aside(scene, proposal, row, found, expected):
+    violation = planned(proposal, scene, row)
+    assert (violation.check, violation.cause, violation.agents) == found
+    assert leaving(PHOTO, scene, violation) == expected
 
 
 def test_who_carries_something_with_another_stays_and_so_does_who_is_aside_already():

@@ -29,15 +29,15 @@ def lift_world():
 
 
 class Mistaken(ScriptedBrain):
-    """Changes the first answers, and keeps the questions it was asked."""
+    """Changes some answers, the first unless others have gone well, and keeps the questions it was asked."""
 
-    def __init__(self, change, times=1):
-        self.change, self.times, self.questions = change, times, []
+    def __init__(self, change, times=1, well=0):
+        self.change, self.changed, self.questions = change, range(well + 1, well + times + 1), []
 
     def answer(self, question):
         self.questions.append(question)
         text = super().answer(question)
-        if len(self.questions) > self.times:
+        if len(self.questions) not in self.changed:
             return text
         changed = self.change(from_json(text, question.task))
         return changed if isinstance(changed, str) else to_json(changed)
@@ -148,9 +148,19 @@ def test_a_wrong_contact_point_is_caught_before_anything_moves_and_repaired(lift
     outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain, watcher).make(0)
     assert outcome.success and outcome.attempts == 2
     (violation,) = watcher.rejections
-    assert violation.time_s == pytest.approx(violation.time_s) and "Agent_2" in violation.sentence
+    assert (violation.check, violation.measured, violation.time_s) == (CheckName.CODE, False, 0.0)
+    assert "Agent_2" in violation.sentence
     second = brain.questions[1]
     assert second.feedback == (violation,) and second.scene.step == 0
+
+
+def test_a_mistake_half_way_is_dated_on_the_clock_of_the_episode(lift_world):
+    watcher, brain = Watcher(), Mistaken(lambda proposal: "no json", well=1)
+    outcome = EpisodeMaker(settings(lift_world.task), lift_world, brain, watcher).make(0)
+    assert outcome.success and outcome.attempts == 2
+    (violation,), began = watcher.rejections, watcher.begins[1]  # the lift, once both have grasped
+    assert violation.time_s == began / CONTROL_HZ > 1.0
+    assert [question.scene.step for question in brain.questions[:3]] == [0, began, began]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ verifies a schedule by the clock (`planned`), independently of how the schedule 
 """
 
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -174,11 +175,10 @@ class Deadline(_Temporal):
 class ShareSpace(_Temporal):
     """Agents may use the same space at different times: a permission, which takes nothing away.
 
-    That they are never there at the same time is what the diagrams of the spatial checks forbid; the
-    value reported is the share of pairs of path positions that timing has to keep apart.
+    That they are never there at the same time is what the diagrams of the spatial checks forbid. The value
+    is the least time in seconds between one leaving a place where the other would meet it and the other
+    coming there; infinite where there is no such place.
     """
-
-    unit: ClassVar[str] = ""  # a share
 
     agents: tuple[int, ...]
     text: str = ""
@@ -191,20 +191,47 @@ class ShareSpace(_Temporal):
 
     def planned(self, plan: Plan) -> Evidence:
         if not plan.constraint_set.spatial:
-            return idle(plan, self.agents, bound=1.0)
-        diagrams = plan.paths.diagrams
-        overlap = max(
-            (float(mask.mean()) for pair, mask in diagrams.items() if set(pair) <= set(self.agents)),
-            default=0.0,
-        )
+            return idle(plan, self.agents, bound=0.0)
+        pairs = [pair for pair in plan.paths.diagrams if set(pair) <= set(self.agents)]
+        found = [_handover(plan, *pair) for pair in pairs if plan.paths.diagrams[pair].any()]
+        if not found:
+            return Evidence(
+                ok=True,
+                finding=Finding.NOT_SHARED,
+                value=inf,
+                bound=0.0,
+                time_s=plan.begins_s,
+                agents=self.agents,
+            )
+        apart, comes, agents = min(found)
         return Evidence(
             ok=True,
             finding=Finding.SHARED,
-            value=overlap,
-            bound=1.0,
-            time_s=plan.begins_s,
-            agents=self.agents,
+            value=apart * CONTROL_DT_S,
+            bound=0.0,
+            time_s=plan.begins_s + comes * CONTROL_DT_S,
+            agents=agents,
         )
+
+
+def _handover(plan: Plan, i: int, j: int) -> tuple[int, int, tuple[int, int]]:
+    """The closest that two agents come, in time, to using one space: steps, when, and who is first.
+
+    From the last step of the first at a path position to the first step of the other at one that is too
+    close to it.
+    """
+    diagram = plan.paths.diagrams[i, j]  # (P_i, P_j)
+    (comes_i, leaves_i), (comes_j, leaves_j) = (
+        [np.searchsorted(plan.positions(agent), range(count), side) for side in ("left", "right")]
+        for agent, count in zip((i, j), diagram.shape, strict=True)
+    )
+    i_first = np.where(diagram, comes_j - leaves_i[:, None] + 1, 0)
+    j_first = np.where(diagram, comes_i[:, None] - leaves_j + 1, 0)
+    apart = np.where(diagram, np.maximum(i_first, j_first), len(plan.schedule) + 1)
+    at_i, at_j = np.unravel_index(apart.argmin(), diagram.shape)
+    if i_first[at_i, at_j] > 0:
+        return int(apart.min()), int(comes_j[at_j]), (i, j)
+    return int(apart.min()), int(comes_i[at_i]), (j, i)
 
 
 def _about(step: Step) -> str:
