@@ -90,7 +90,7 @@ def main() -> None:
     given = parser.parse_args()
     clock = Clock()
     Simulator.step = clock.on(Simulator.step)  # before any environment is made
-    Simulator.pictures = clock.on(Simulator.pictures)
+    Simulator.images = clock.on(Simulator.images)
     options = {"observations": Observations(pictures=given.pictures), "overlaps": given.overlaps}
     ratios: dict[str, dict[str, float]] = {face: {} for face in FACES}
     for name in given.tasks.split(","):

@@ -124,8 +124,8 @@ class Watched:
             self.contact |= any(force_n > CONTACT_N for *_, force_n in scene.arm_contacts)
         return scene
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
-        return self._world.pictures(cameras)
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+        return self._world.images(cameras)
 
     def depth(self) -> dict[str, NDArray[np.float32]]:
         return self._world.depth()

@@ -42,7 +42,7 @@ class Noise:
 
     qpos: NDArray[np.float32]
     action: NDArray[np.float32]
-    pictures: dict[str, NDArray[np.uint8]]
+    images: dict[str, NDArray[np.uint8]]
     episode_ends: NDArray[np.int64]
     cameras: tuple[str, ...] = ("agent1",)
     objects: tuple[str, ...] = ()
@@ -83,7 +83,7 @@ def plain(store: Noise, config: PolicyConfig, windows: NDArray[np.int64]) -> tor
     samples = []
     for window in windows:
         rows = np.clip(np.arange(window - 2, window - 2 + config.horizon), 0, len(store.qpos) - 1)
-        pictures = np.moveaxis(store.pictures["agent1"][rows], -1, 1).astype(np.float32) / 255
+        pictures = np.moveaxis(store.images["agent1"][rows], -1, 1).astype(np.float32) / 255
         samples.append({"pictures": torch.from_numpy(pictures), "action": store.action[rows]})
     return torch.stack([sample["pictures"] for sample in samples]) * 2 - 1
 

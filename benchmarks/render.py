@@ -34,7 +34,7 @@ def ours(task_name: str) -> tuple[Callable[[], float], Callable[[], float], Call
 
     def picture() -> float:
         begin = time.perf_counter()
-        count = len(simulator.pictures())
+        count = len(simulator.images())
         return (time.perf_counter() - begin) * 1e3 / count
 
     def step() -> float:

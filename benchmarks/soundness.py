@@ -95,7 +95,9 @@ class State:
 
     def _arm(self, planning_scene: PlanningScene, agent: int) -> Swept:
         load, grip = self.loads[agent - 1], self.grips[agent - 1]
-        return planning_scene.arm(agent, self.qpos[agent - 1], carries=load, tcp_from_object=grip, touches=())
+        return planning_scene.arm(
+            agent, self.qpos[agent - 1], attached=load, tcp_from_object=grip, touches=()
+        )
 
 
 def _empty(qpos: NDArray[np.float64]) -> Scene:

@@ -110,7 +110,7 @@ each its subgoal and when it has to wait (`rf_exp/datagen/coordinator.py`). It f
 that RoboBrain and RoboChecker make in the true state of the scene, which the other architectures do not know.
 
 `separate_both` is one too: beside the picture of its own camera each policy sees that of the global one. With
-`task.NAME.cameras.agent1.mount=wrist` the own camera rides on the hand; heat maps need one that stands still,
+`task.NAME.cameras.agent1.mount=wrist` the own camera is eye in hand; heat maps need one that stands still,
 the other encoders do not.
 
 `fast+dagger1` is `fast` after one round of correction (`dagger.rounds=1`; Ross et al. 2011). The policies act

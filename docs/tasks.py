@@ -19,7 +19,7 @@ makes a contact sheet with all views and a film of each task.
 
 ![Start, middle and end of an expert episode of each task](images/gallery.png)
 
-Every seed draws a start: where things stand and how they are turned, a little noise on the rest pose of
+Every seed draws a start: where things stand and how they are turned, a little noise on the rest posture of
 every arm, the brightness of the light and of every colour. Every arm is a Franka Panda with a camera view
 of its own; the global view sees all.
 

@@ -29,8 +29,8 @@ CORRECTION_SEEDS = 10_000  # for each round of them
 class Dagger:
     """The expert goes on where policies have failed, and they learn from that too (Ross et al. 2011)."""
 
-    rounds: int = 0
-    rollouts: int = 100  # of the policies of the round before, all of which count
+    rounds: int
+    rollouts: int  # of the policies of the round before, all of which count
 
     def __post_init__(self) -> None:
         for name, low, high in (("rounds", 0, 9), ("rollouts", 1, CORRECTION_SEEDS)):

@@ -60,7 +60,7 @@ class Shown(Protocol):
     @property
     def task(self) -> Task: ...
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]: ...
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]: ...
 
     def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]: ...
 
@@ -88,7 +88,7 @@ class Eyes:
             for key, name in self._poses:
                 shown[key] = np.array(position_and_quaternion(scene.poses[name]), np.float32)
         if seen.pictures:
-            shown |= _named("rgb", self._world.pictures(self._cameras))
+            shown |= _named("rgb", self._world.images(self._cameras))
         if seen.depth:
             shown |= _named("depth", self._world.depth(self._cameras))
         if seen.segmentation:

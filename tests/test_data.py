@@ -52,7 +52,7 @@ def described(seed: int, steps: int = 7) -> Episode:
         episode,
         poses={"barrier": poses},
         judged=judged,
-        images=images,
+        extras=images,
         certificate={"subgoals": [["a"] * 4] * 2},
     )
 
@@ -91,9 +91,9 @@ def test_a_described_episode_comes_back(tmp_path: Path) -> None:
         assert got.judged is not None and made.judged is not None and got.judged.names == CONDITIONS
         for name in ("value", "bound", "unit", "holds"):
             np.testing.assert_array_equal(getattr(got.judged, name), getattr(made.judged, name), strict=True)
-        assert set(got.images) == set(made.images)
-        for name, images in made.images.items():
-            np.testing.assert_array_equal(got.images[name], images, strict=True)
+        assert set(got.extras) == set(made.extras)
+        for name, images in made.extras.items():
+            np.testing.assert_array_equal(got.extras[name], images, strict=True)
 
 
 def test_every_array_says_what_it_holds(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_every_array_says_what_it_holds(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"judged": None}, r"judged by \[\]; .*'lifted'"), ({"images": {}}, r"depth and segmentation \[\]")],
+    [({"judged": None}, r"judged by \[\]; .*'lifted'"), ({"extras": {}}, r"depth and segmentation \[\]")],
 )
 def test_an_episode_without_what_is_described_is_refused(
     tmp_path: Path, change: dict[str, Any], message: str
@@ -153,11 +153,11 @@ def test_validation_names_what_is_wrong(tmp_path: Path, command: Command) -> Non
     bad = described(0)
     assert bad.judged is not None
     lost = replace(bad.judged, holds=bad.judged.holds & [True, False])
-    blank = {**bad.pictures, "global": np.zeros_like(bad.pictures["global"])}
+    blank = {**bad.images, "global": np.zeros_like(bad.images["global"])}
     subgoal = np.full_like(bad.subgoal, 7)
     poses = {"barrier": bad.poses["barrier"] * 2}
     with Store.create(unsound, IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True, DESCRIPTION) as store:
-        store.append(replace(bad, judged=lost, pictures=blank, subgoal=subgoal, poses=poses))
+        store.append(replace(bad, judged=lost, images=blank, subgoal=subgoal, poses=poses))
     assert command("validate", sound)[0] == 0
     code, said, error = command("validate", sound, damaged, unsound)
     assert code == 1 and "2 of 3 stores" in error and "sound.zarr: all 2 episodes" in said
@@ -196,7 +196,7 @@ def test_a_lerobot_export_holds_the_values_of_the_store(
         np.testing.assert_array_equal(got, values.reshape(store.steps, -1))
         assert info["features"][name]["shape"] == [got.shape[1]] == [len(info["features"][name]["names"])]
     for camera in CAMERAS:
-        np.testing.assert_array_equal(shown(to, table, camera), store.pictures[camera][:])
+        np.testing.assert_array_equal(shown(to, table, camera), store.images[camera][:])
     assert table["frame_index"].to_pylist() == [k for e in range(3) for k in range(5 + e)]
     assert np.flatnonzero(table["next.success"].to_pylist()).tolist() == [4, 10, 17]
     card = (to / "README.md").read_text()
@@ -225,7 +225,7 @@ def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, comman
             np.testing.assert_array_equal(got["actions"][:], made.action.reshape(5 + index, -1))
             np.testing.assert_array_equal(got["obs/qpos"][:], made.qpos.reshape(5 + index, -1))
             np.testing.assert_array_equal(got["obs/pose_barrier"][:], made.poses["barrier"])
-            np.testing.assert_array_equal(got["obs/agent2_image"][:], made.pictures["agent2"])
+            np.testing.assert_array_equal(got["obs/agent2_image"][:], made.images["agent2"])
 
 
 def test_statistics_of_episodes_together_are_those_of_all_rows() -> None:

@@ -34,7 +34,7 @@ def picture(name: str, **options: str) -> np.ndarray:
         randomisation=Randomisation(0.0, 0.0, 0.0),
     )
     with Simulator(task) as simulator:
-        image = simulator.pictures()["global"]
+        image = simulator.images()["global"]
     words = " ".join([*options.values(), name])
     return cv2.putText(image, words, (8, 228), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (255, 255, 255), 2, cv2.LINE_AA)
 

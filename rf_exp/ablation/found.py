@@ -93,7 +93,7 @@ def data(out: Path) -> Section:
             frames: tuple[str, ...] = ()
             if len(store) and "global" in store.cameras:
                 steps = np.linspace(0, store.episode_ends[0] - 1, STRIP).round().astype(int)
-                pictures = (np.asarray(store.pictures["global"][int(step)]) for step in steps)
+                pictures = (np.asarray(store.images["global"][int(step)]) for step in steps)
                 frames = tuple(_image(picture, FRAME_WIDTH) for picture in pictures)
             text = f"{len(store)} episodes, {store.steps} control steps, {len(store.cameras)} cameras"
             drawn.append(Panel(path.relative_to(out / "data").as_posix(), strip=frames, caption=text))

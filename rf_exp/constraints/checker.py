@@ -13,7 +13,7 @@ from rf_exp.constraints.checks.avoidance import AvoidAgents, AvoidObjects
 from rf_exp.constraints.checks.distance import Distance
 from rf_exp.constraints.checks.keep_out import StayOut
 from rf_exp.constraints.checks.limits import Speed
-from rf_exp.constraints.checks.temporal import Sequential, ShareSpace, Simultaneous
+from rf_exp.constraints.checks.temporal import Sequential, Simultaneous
 from rf_exp.constraints.compiler import compiled
 from rf_exp.constraints.evidence import Check
 from rf_exp.constraints.plan import Paths, Plan
@@ -95,14 +95,6 @@ class RoboChecker:
             for check in self.checks
             if isinstance(check, Sequential)
         )
-
-    @property
-    def makes_room(self) -> frozenset[int]:
-        """Agents that draw back once they are done: where space counts, or is shared in turns."""
-        if self._constraint_set.spatial:
-            return frozenset(self._task.agents)
-        shared = (check.agents for check in self.checks if isinstance(check, ShareSpace))
-        return frozenset(agent for agents in shared for agent in agents)
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""

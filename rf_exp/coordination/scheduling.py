@@ -123,9 +123,9 @@ def _problem(
 
 
 def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedule:
-    """Agents take turns, subgoal by subgoal in the order of the plan: a schedule without a model of time."""
+    """Sequential execution, subgoal by subgoal in the order of the plan: without a model of time."""
     _agents(trajectories)
-    # Who moves without being named in the plan makes room for those who are: that comes first.
+    # Who moves without being named in the plan yields to those who are: that comes first.
     turns = [(each.agent, len(each)) for each in trajectories if not proposal.of(each.agent)]  # agent, steps
     waiting = {each.agent: subgoal_runs(each) for each in trajectories if proposal.of(each.agent)}
     for subgoal in proposal.subgoals:

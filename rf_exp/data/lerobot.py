@@ -78,16 +78,16 @@ class _Writer:
         if self._video:
             pictures = {}
         else:
-            pictures = {_key(camera): self._png(episode.pictures[camera]) for camera in self._store.cameras}
+            pictures = {_key(camera): self._png(episode.images[camera]) for camera in self._store.cameras}
         table = self._pa.table(cells | pictures)
         if index % EPISODES_A_FILE == 0:
             self._turn(where, start, table.schema)
         self._data.write_table(table)
         for camera, film in self._films.items():
-            for frame in episode.pictures[camera]:
+            for frame in episode.images[camera]:
                 film.add(frame)
         found = {name: statistics.of_values(values) for name, values in columns.items()}
-        found |= {_key(each): statistics.of_pictures(episode.pictures[each]) for each in self._store.cameras}
+        found |= {_key(each): statistics.of_pictures(episode.images[each]) for each in self._store.cameras}
         self._stats.append(found)
         self._rows.append(self._row(index, len(episode.qpos), start, where))
 

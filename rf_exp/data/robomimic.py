@@ -57,7 +57,7 @@ def _write(group, episode: Episode, compressed: bool) -> None:  # an h5py.Group
         values["executed"] = flat(episode.executed)
     for name, rows in values.items():
         group.create_dataset(name, data=rows)
-    for camera, frames in episode.pictures.items():
+    for camera, frames in episode.images.items():
         chunked = {"chunks": (1, *frames.shape[1:]), "compression": "gzip"} if compressed else {}
         group.create_dataset(f"obs/{camera}_image", data=frames, **chunked)
     group.attrs["num_samples"] = steps

@@ -33,7 +33,7 @@ _CALMER = 8  # times that a plan is disturbed less, where its checks object, bef
 
 
 class EpisodeMaker:
-    """Makes one episode of `settings` in a world. One object for one seed."""
+    """Makes one episode of `settings` in a world. One object for one seed: a brain is of one episode."""
 
     def __init__(
         self,
@@ -41,14 +41,12 @@ class EpisodeMaker:
         world: SeeingWorld,
         brain: Brain,
         observer: Observer | None = None,
-        images: Callable[[], Mapping[str, NDArray]] = dict,
+        extras: Callable[[], Mapping[str, NDArray]] = dict,
     ) -> None:
-        """`images` takes what an episode holds of each step beside its pictures (`Episode.images`)."""
-        self._settings, self._world, self._planner = settings, world, Planner(settings, brain)
+        """`extras` takes what an episode holds of each step beside its images (`Episode.extras`)."""
+        self._settings, self._world, self._brain = settings, world, brain
         self._observer: Observer = observer or NullObserver()
-        self._images = images
-        self._log = EpisodeLog()
-        self._ledger = Ledger()
+        self._extras = extras
 
     def make(
         self, seed: int, lead: Iterable[NDArray[np.float64]] = (), known: Sequence[Iterable[str]] = ()
@@ -58,39 +56,59 @@ class EpisodeMaker:
         Before that, commands (N, 8) of somebody else may `lead` to where it begins; their steps are stored as
         nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
         """
-        began = time.perf_counter()
-        scene = self._begin(seed, lead, known)
-        scene, rejections = self._rounds(scene, np.random.default_rng([seed, 1]))  # stream 1: planning
+        planner = Planner(self._settings, self._brain)
+        return _Making(self._settings, self._world, planner, self._observer, self._extras, seed, known).run(
+            lead
+        )
+
+
+class _Making:
+    """One episode while it is made, from the scene of its seed on."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        world: SeeingWorld,
+        planner: Planner,
+        observer: Observer,
+        extras: Callable[[], Mapping[str, NDArray]],
+        seed: int,
+        known: Sequence[Iterable[str]],
+    ) -> None:
+        self._began = time.perf_counter()
+        self._settings, self._world, self._planner = settings, world, planner
+        self._observer, self._extras, self._seed = observer, extras, seed
+        self._log, self._ledger = EpisodeLog(), Ledger()
+        self._bumps = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
+        self._subgoals = Subgoals(len(settings.task.agents), known)
+        self._doing = np.full(len(settings.task.agents), NOBODYS, np.int16)
+        self._start = world.reset(seed)
+        self._judge = SuccessEvaluator(settings.task, self._start)
+        self._verdict = self._judge(self._start)
+        self._paper = False
+        self._knocked: Violation | None = None
+
+    def run(self, lead: Iterable[NDArray[np.float64]]) -> Outcome:
+        """`EpisodeMaker.make`."""
+        scene = self._start
+        for command in lead:
+            scene = self._step(scene, command, command)
+        self._doing = np.zeros_like(self._doing)
+        scene, rejections = self._rounds(scene, np.random.default_rng([self._seed, 1]))  # stream 1: planning
         if not self._verdict.success and not self._knocked:
             self._settle(scene)
         success = self._verdict.success and not self._knocked
         return Outcome(
-            seed,
+            self._seed,
             success,
             self._paper,
             len(self._log.frames),
             len(rejections) + int(success or len(rejections) < self._settings.attempts),
             self._ledger.contacts,
-            time.perf_counter() - began,
+            time.perf_counter() - self._began,
             replace(self._ledger.account(), rejections=tuple(rejections), refused=self._knocked),
-            self._episode(seed) if success else None,
+            self._episode() if success else None,
         )
-
-    def _begin(self, seed: int, lead: Iterable[NDArray[np.float64]], known: Sequence[Iterable[str]]) -> Scene:
-        """The scene of the seed, or that in which those who lead leave it."""
-        task = self._settings.task
-        scene = self._world.reset(seed)
-        self._judge = SuccessEvaluator(task, scene)
-        self._verdict = self._judge(scene)
-        self._paper = False
-        self._subgoals = Subgoals(len(task.agents), known)
-        self._doing = np.full(len(task.agents), NOBODYS, np.int16)
-        self._knocked: Violation | None = None
-        for command in lead:
-            scene = self._step(scene, command, command)
-        self._doing = np.zeros_like(self._doing)
-        self._bumps = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
-        return scene
 
     def _rounds(self, scene: Scene, rng: np.random.Generator) -> tuple[Scene, list[Violation]]:
         """Proposals until it is done or the budget is: where that leads, and what ended some of them."""
@@ -100,7 +118,7 @@ class EpisodeMaker:
         for _ in range(_ROUNDS):
             if len(rejections) >= settings.attempts or self._verdict.success or self._knocked:
                 break
-            pictures = self._world.pictures() if self._world.cameras else {}
+            pictures = self._world.images() if self._world.cameras else {}
             result = self._plan(Question(settings.task, scene, pictures, done, feedback), rng)
             if result is None:  # the brain has nothing left to do
                 break
@@ -226,8 +244,8 @@ class EpisodeMaker:
     def _step(self, scene: Scene, action: NDArray[np.float64], executed: NDArray[np.float64]) -> Scene:
         # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
         action, executed = (each.astype(np.float32).astype(float) for each in (action, executed))
-        pictures = self._world.pictures() if self._world.cameras else {}
-        self._log.frames.append(Frame(scene, action, executed, pictures, self._doing, self._images()))
+        pictures = self._world.images() if self._world.cameras else {}
+        self._log.frames.append(Frame(scene, action, executed, pictures, self._doing, self._extras()))
         self._observer.stepped(scene, action, pictures)
         scene = self._world.step(executed)
         self._verdict = self._judge(scene)
@@ -236,8 +254,8 @@ class EpisodeMaker:
         self._paper = self._paper or self._verdict.success_paper
         return scene
 
-    def _episode(self, seed: int) -> Episode:
+    def _episode(self) -> Episode:
         settings, cameras = self._settings, self._world.cameras
         return self._log.episode(
-            settings.task, seed, cameras, self._subgoals.texts, settings.disturbance_rad > 0
+            settings.task, self._seed, cameras, self._subgoals.texts, settings.disturbance_rad > 0
         )

@@ -33,8 +33,8 @@ def make_episode(
     """
     cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
     world = shared_simulator(settings.task, pictures)
-    images = partial(depth_and_segmentation, world, cameras, extras)
-    maker = EpisodeMaker(settings, Limited(world, cameras), settings.make_brain(seed), images=images)
+    take = partial(depth_and_segmentation, world, cameras, extras)
+    maker = EpisodeMaker(settings, Limited(world, cameras), settings.make_brain(seed), extras=take)
     return maker.make(seed, lead, known)
 
 

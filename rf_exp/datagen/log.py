@@ -17,9 +17,9 @@ class Frame(NamedTuple):
     scene: Scene
     action: NDArray[np.float64]  # (N, 8)
     executed: NDArray[np.float64]  # (N, 8)
-    pictures: Mapping[str, NDArray[np.uint8]]
+    images: Mapping[str, NDArray[np.uint8]]
     subgoal: NDArray[np.int16]  # (N,)
-    images: Mapping[str, NDArray]
+    extras: Mapping[str, NDArray]
 
 
 class EpisodeLog:
@@ -38,7 +38,7 @@ class EpisodeLog:
         self, task: Task, seed: int, cameras: Sequence[str], subgoals: list[list[str]], disturbed: bool
     ) -> Episode:
         """All of it as a demonstration; `subgoals` are the texts of each agent's numbers."""
-        scenes, intended, executed, pictures, numbers, images = zip(*self.frames, strict=True)
+        scenes, intended, executed, images, numbers, extras = zip(*self.frames, strict=True)
         certificate = {
             "rounds": self.rounds,
             "evidence": dict(self._verdicts[-1].evidence),
@@ -50,13 +50,13 @@ class EpisodeLog:
             np.stack([scene.qpos for scene in scenes]).astype(np.float32),
             np.stack([scene.qvel for scene in scenes]).astype(np.float32),
             np.stack(intended).astype(np.float32),
-            {name: np.stack([frame[name] for frame in pictures]) for name in cameras},
+            {name: np.stack([frame[name] for frame in images]) for name in cameras},
             certificate,
             np.stack(executed).astype(np.float32) if disturbed else None,
             {name: _poses(np.stack([scene.poses[name] for scene in scenes])) for name in task.objects},
             np.stack(numbers),
             _judged(self._verdicts),
-            {name: np.stack([taken[name] for taken in images]) for name in images[0]},
+            {name: np.stack([taken[name] for taken in extras]) for name in extras[0]},
         )
 
 

@@ -2,12 +2,21 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.datagen.motion import Blocked, Obstacle, State
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, closer_than, folded
+from rf_exp.datagen.motion import Blockage, Blocked, Obstacle, State, name_of
+from rf_exp.geometry import (
+    AGENT_MARGIN_M,
+    OBJECT_MARGIN_M,
+    PlanningScene,
+    Swept,
+    closer_than,
+    folded,
+    nearest,
+)
 from rf_exp.perception import SEEN, Seen
 from rf_exp.robots import self_pairs
 from rf_exp.statements import Proposal
@@ -50,6 +59,21 @@ class Obstacles:
 
         return test
 
+    def how_near(self, blockage: Blockage) -> dict[str, Any]:
+        """Which parts come how near to one another, and how near they may, as facts of a `Found`.
+
+        Nothing where the arm itself or the table is in the way.
+        """
+        state, touches = blockage.state, blockage.touches
+        planning_scene = self._planning_scene(state)
+        body = self._body(planning_scene, blockage.agent, blockage.points, state, touches)
+        for obstacle, other, margin_m in self._others(planning_scene, blockage.agent, state, touches, True):
+            if obstacle == blockage.obstacle and (gap := nearest(body, other)) is not None:
+                near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
+                other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
+                return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
+        return {}
+
     def _planning_scene(self, state: State) -> PlanningScene:
         qpos = self._scene.qpos.copy()
         for agent, joints in state.qpos.items():
@@ -65,9 +89,9 @@ class Obstacles:
         state: State,
         touches: frozenset[str],
     ) -> Swept:
-        carries, tcp_from_object = state.held.get(agent, (None, None))
+        attached, tcp_from_object = state.held.get(agent, (None, None))
         return planning_scene.arm(
-            agent, points, carries=carries, tcp_from_object=tcp_from_object, touches=touches
+            agent, points, attached=attached, tcp_from_object=tcp_from_object, touches=touches
         )
 
     def _others(
@@ -78,14 +102,14 @@ class Obstacles:
         touches: frozenset[str],
         avoid_arms: bool,
     ) -> Iterator[tuple[Obstacle, Swept, float]]:
-        carries = state.held[agent][0] if agent in state.held else None
+        attached = state.held[agent][0] if agent in state.held else None
         names: Collection[str] = self._task.objects if self._constraint_set.spatial else sorted(state.targets)
         if self._seen is not None and self._constraint_set.spatial:
             boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
             names = sorted(exactly)
             yield SEEN, boxes, OBJECT_MARGIN_M
         for name in names:
-            if name != carries:
+            if name != attached:
                 yield name, planning_scene.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._constraint_set.spatial else ():
             if other != agent:

@@ -1,16 +1,16 @@
 """A checked plan: RoboBrain proposes, primitives move, RoboChecker schedules and checks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
-from rf_exp.datagen.motion import Posture, Unreachable, plan_motion
+from rf_exp.datagen.motion import Unreachable, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.datagen.yielding import Way, ways
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import PlanningScene
@@ -107,21 +107,24 @@ class Planner:
         except ArgumentError as error:
             return _refused(CheckName.CODE, scene, error)
         violation: Violation | None = None
-        for way in _ways(constraint_set):
+        tried = ways(proposal, scene, constraint_set)
+        for way in tried:
             result = self._motion(proposal, checker, scene, way, rng, pauses)
             if isinstance(result, Planned):
                 return result
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
             if violation is None or result.check is not CheckName.MOTION:
                 violation = result
-        return violation
+        assert violation is not None  # there is at least one way
+        several = violation.cause is Cause.SPACE and len(tried) > 1
+        return replace(violation, tried=tuple(map(str, tried))) if several else violation
 
     def _motion(
         self,
         proposal: Proposal,
         checker: RoboChecker,
         scene: Scene,
-        way: "_Way",
+        way: Way,
         rng: np.random.Generator,
         pauses: np.random.Generator | None,
     ) -> Planned | Violation:
@@ -133,18 +136,18 @@ class Planner:
                 settings.task,
                 proposal,
                 scene,
-                blocked=obstacles.blocked(avoid_arms=way.avoid_parked),
+                blocked=obstacles.blocked(avoid_arms=way.avoid_arms),
                 limits=settings.limits,
                 lockstep=checker.lockstep,
                 order=checker.order,
-                make_room=checker.makes_room,
-                back=way.back,
-                idle_too=way.idle_too,
+                yielding=way.yielding,
                 rng=rng,
             )
         except Unreachable as error:
             now_s = scene.step * CONTROL_DT_S
             about = {"cause": error.cause, "agents": error.agents, **error.facts}
+            if error.blockage is not None:
+                about |= obstacles.how_near(error.blockage)
             return Violation(check=CheckName.MOTION, time_s=now_s, **about)
         if checker.speeds_m_s:
             trajectories = slowed(trajectories, PlanningScene(settings.task, scene).arms, checker.speeds_m_s)
@@ -187,24 +190,6 @@ def _pauses(
             if rng.random() < PAUSES and knot not in amid:
                 found[trajectory.agent, knot] = int(rng.integers(1, longest + 1))
     return found
-
-
-class _Way(NamedTuple):
-    """How to plan a proposal."""
-
-    avoid_parked: bool  # whether paths go round arms that stand still
-    back: Posture = "home"  # where an arm draws back to when it is done
-    idle_too: bool = False  # whether arms that have nothing to do go aside first
-
-
-def _ways(constraint_set: ConstraintSet) -> Sequence[_Way]:
-    """The ways to plan, the best first."""
-    if not constraint_set.spatial:
-        return [_Way(False)]
-    if not constraint_set.temporal:
-        return [_Way(True), _Way(True, idle_too=True)]
-    # Who knows when arms move may pass one before it is in the way, and may send it farther off.
-    return [_Way(False), _Way(True), _Way(False, "aside", idle_too=True)]
 
 
 def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:

@@ -62,7 +62,7 @@ def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path)
             outcome = EpisodeMaker(settings, world, brain, Together(recorder, notes, trace)).make(seed)
     if outcome.episode is not None:
         plans = [specified(made.checked, execution) for made, execution in trace.executions()]
-        end = world.pictures()["global"] if world.cameras else None
+        end = world.images()["global"] if world.cameras else None
         write_page(page, settings, outcome, notes.rounds, plans, end)
         write_json(
             page.with_suffix(".json"), {"certificate": plain(outcome.episode.certificate), "stl": plans}

@@ -126,7 +126,7 @@ class EpisodeCore:
             raise ArgumentError("render() was called without a render_mode; expected render_mode='rgb_array'")
         if self._world is None or self._judge is None:
             raise ResetNeeded("there is no episode to show; call reset() first")
-        return self._world.pictures(["global"])["global"]
+        return self._world.images(["global"])["global"]
 
     def close(self) -> None:
         """Frees the simulator; may be called again."""

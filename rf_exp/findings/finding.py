@@ -93,8 +93,8 @@ class Finding(StrEnum):
         "{at} the gripper of {a} ({state}) is {cm:.1f} cm over the table (it has to stay {aspect} "
         "{bound_cm:.1f} cm)",
     )
-    IN_ZONE = "enters a zone", "{a} {at} enters the {obstacle} ({parts[0]}, {state})"
-    OUT_OF_ZONE = "stays out of a zone", "{a} stays out of the {obstacle} ({parts[0]}, {state})"
+    IN_ZONE = "enters a zone", "{a} {at} enters the keep-out {obstacle} ({parts[0]}, {state})"
+    OUT_OF_ZONE = "stays out of a zone", "{a} stays out of the keep-out {obstacle} ({parts[0]}, {state})"
     CLEAR = "stays clear", "{both} stay {cm:.1f} cm apart"
     CLEAR_OF_THING = "stays clear of a thing", "{a} stays {cm:.1f} cm clear of {obstacle}"
 
@@ -105,7 +105,7 @@ class Finding(StrEnum):
     )
     NO_SCHEDULE = (
         "no schedule within the budget",
-        "no schedule was found within the search budget; plan fewer subgoals at once or in turns",
+        "no schedule was found within the search budget; plan fewer subgoals at once or one after the other",
     )
     CLOSE_AT_FIRST = (
         "stand too close",
@@ -119,7 +119,7 @@ class Finding(StrEnum):
     PARKED = (
         "stands in the way",
         "where {parked} stands before and after its motion blocks {blocked} {blocked_is}; timing cannot "
-        "help, {blocked} needs another path or {parked} must make room",
+        "help, {blocked} needs another path or {parked} must yield",
     )
     BLOCKED_BOTH = (
         "block each other",
@@ -146,11 +146,11 @@ class Finding(StrEnum):
     )
 
     # Motion: why there is none.
-    BLOCKED = "is blocked", "{a} cannot {first}: {in_the_way}"
-    NO_PATH = "finds no free path", "{a} cannot {first}: no free path"
+    BLOCKED = "is blocked", "{a} cannot {first}: {in_the_way}{how_near}"
+    NO_PATH = "finds no free path", "{a} cannot {first}: no free path{how_near}"
     OUT_OF_REACH = "is out of reach", "{a} cannot {first}: out of reach"
     TOO_HIGH = "does not reach that high", "{a} cannot {first}: the arm does not reach that high"
-    NO_RETREAT = "cannot draw back", "{a} cannot draw back after letting go of {object}"
+    NO_RETREAT = "cannot draw back", "{a} cannot retreat after letting go of {object}"
     HOLDS_OTHER = "holds something", "{a} already holds {object}"
     HOLDS_NOT = "does not hold it", "{a} cannot {first}: it does not hold {object}"
     NO_TARGET = "no such place", "there is no place or object {aspect!r}; available: {names}"

@@ -67,11 +67,13 @@ class Found:
     known: tuple[str, ...] = ()  # what there is instead of what was named
     refusal: str = ""  # what the reader of an answer said of it
     constraint: str = ""  # as it was stated
+    tried: tuple[str, ...] = ()  # the paths that were tried, where there is more than one way to plan
 
     @property
     def sentence(self) -> str:
         """One that a person and a model can act on."""
-        return self.finding.form.format_map(Words(self))
+        said = self.finding.form.format_map(Words(self))
+        return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -122,6 +122,16 @@ class Words:
         return self._found.obstacles[0]
 
     @property
+    def how_near(self) -> str:
+        """Which part comes how near to which part of what is in the way, where that is known."""
+        found = self._found
+        if not found.parts:
+            return ""
+        where = f"{found.aspect} " if found.aspect else ""
+        a, b = found.parts
+        return f" ({where}its {a} comes within {self.cm:.1f} cm of {b}; at least {self.bound_cm:.1f} cm)"
+
+    @property
     def in_the_way(self) -> str:
         return ", ".join(f"{each} is in the way" for each in self._found.obstacles)
 

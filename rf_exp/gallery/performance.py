@@ -133,9 +133,9 @@ def play(
     success = judge(scene).success
     for step, action in enumerate(actions):
         if step in shown:
-            yield step, world.pictures()
+            yield step, world.images()
         success = judge(world.step(action)).success
     if not success:
         raise StageError(f"task {world.task.name!r}, seed {seed}: played again, the episode does not succeed")
     if len(actions) in shown:
-        yield len(actions), world.pictures()
+        yield len(actions), world.images()

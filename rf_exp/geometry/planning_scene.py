@@ -45,11 +45,11 @@ class PlanningScene:
         self.task, self.scene = task, scene
         self.arms = tuple(Panda(robot.world_from_base) for robot in task.robots)
         self.trajectories = {trajectory.agent: trajectory for trajectory in trajectories}
-        moved = {segment.carries for each in trajectories for segment in each.segments}
+        moved = {segment.attached for each in trajectories for segment in each.segments}
         self.moved = frozenset(name for name in moved if name)
         unknown = self.moved - set(task.objects)
         if unknown:
-            raise choices("carried object", min(unknown), task.objects)
+            raise choices("attached object", min(unknown), task.objects)
 
     # bodies
 
@@ -58,14 +58,14 @@ class PlanningScene:
         agent: int,
         qpos: NDArray[np.float64],
         *,
-        carries: str | None = None,
+        attached: str | None = None,
         tcp_from_object: Matrix | None = None,
         touches: Iterable[str] | None = None,
     ) -> Swept:
         """An arm at joint positions (P, 9) rad and metres, or (P, 7) with open fingers.
 
-        `carries` adds the object that moves with the TCP; `touches` names objects that the gripper, and
-        what is carried, may touch; without it what the agent holds in the scene.
+        `attached` is an object that moves with the TCP; `touches` names objects that the gripper, and the
+        attached object, may touch; without it what the agent holds in the scene.
         """
         held = self.scene.held[agent - 1] if touches is None else None
         qpos = np.atleast_2d(qpos)
@@ -73,11 +73,13 @@ class PlanningScene:
             qpos = np.hstack([qpos, np.full((len(qpos), 2), FINGERS_OPEN_M)])
         everywhere = np.ones(len(qpos), dtype=bool)
         moved, carried = {}, {}
-        if carries is not None:
+        if attached is not None:
             if tcp_from_object is None:
-                raise ArgumentError(f"agent {agent} carries {carries!r}, but tcp_from_object is missing")
-            moved = {carries: self.arms[agent - 1].tcp(qpos) @ tcp_from_object}
-            carried = {carries: everywhere}
+                raise ArgumentError(
+                    f"agent {agent} has {attached!r} attached, but tcp_from_object is missing"
+                )
+            moved = {attached: self.arms[agent - 1].tcp(qpos) @ tcp_from_object}
+            carried = {attached: everywhere}
         holds = {name: everywhere for name in (*moved, *((held,) if held else ()))}
         allowed = {name: everywhere for name in {*(touches or ()), *holds}}
         return self._body(agent, qpos, moved, carried=carried, touches=allowed, rests=allowed, holds=holds)
@@ -94,17 +96,17 @@ class PlanningScene:
         qpos = np.hstack([path[:, :ARM_JOINTS], self._openings_m(trajectory)[:, None].repeat(2, axis=1)])
         moved: dict[str, NDArray[np.float64]] = {}
         carried: dict[str, Mask] = {}
-        names = dict.fromkeys(segment.carries for segment in trajectory.segments if segment.carries)
+        names = dict.fromkeys(segment.attached for segment in trajectory.segments if segment.attached)
         tcp = arm.tcp(path[:, :ARM_JOINTS]) if names else np.empty(0)
         for name in names:
             poses = np.empty((len(path), 4, 4))
             mask = np.zeros(len(path), dtype=bool)
             begin = 0
             for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-                if segment.carries == name:
+                if segment.attached == name:
                     if segment.tcp_from_object is None:
                         raise ArgumentError(
-                            f"agent {agent}, segment {segment.primitive!r} carries {name!r}, "
+                            f"agent {agent}, segment {segment.primitive!r} has {name!r} attached, "
                             "but tcp_from_object is missing"
                         )
                     if not mask.any():  # where the scene has it, or where another agent has put it
@@ -115,7 +117,7 @@ class PlanningScene:
                 begin = end
             moved[name], carried[name] = poses, mask
         touches = {
-            name: np.array([any(name in s.touches or name == s.carries for s in at) for at in segments])
+            name: np.array([any(name in s.touches or name == s.attached for s in at) for at in segments])
             for name in self.task.objects
         }
         holds = dict(carried)
@@ -214,9 +216,9 @@ class PlanningScene:
         for end, begin, segment in zip(
             trajectory.knots[1:], trajectory.knots[:-1], trajectory.segments, strict=True
         ):
-            if segment.carries:
+            if segment.attached:
                 rows = slice(begin + 1, end + 1)
-                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.carries))
+                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.attached))
         opening[0] = max(opening[0], float(self.scene.qpos[trajectory.agent - 1, ARM_JOINTS:].max()))
         return maximum_filter1d(opening, CLOSING_STEPS + 1, origin=CLOSING_STEPS // 2, mode="nearest")
 

@@ -115,7 +115,7 @@ class Outlook:
             if load is not None:
                 grip = inverse(self._planning_scene.arms[row].tcp(measured)) @ self._scene.poses[load]
             self._swept[agent] = self._planning_scene.arm(
-                agent, qpos, carries=load, tcp_from_object=grip, touches=self._task.objects
+                agent, qpos, attached=load, tcp_from_object=grip, touches=self._task.objects
             )
         return self._swept[agent]
 

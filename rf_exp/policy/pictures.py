@@ -21,7 +21,7 @@ def pictures_of(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np
             f"the view needs camera {camera!r}, but the store has {', '.join(store.cameras) or 'none'}; "
             "generate with render=true and cameras=all"
         )
-    pictures = np.asarray(store.pictures[camera][:])
+    pictures = np.asarray(store.images[camera][:])
     if pictures.shape[1:3] != (config.height, config.width):
         raise ArgumentError(
             f"pictures of camera {camera!r} are {pictures.shape[1]} x {pictures.shape[2]} pixels; "

@@ -82,7 +82,7 @@ def _act(
 ) -> Decision | None:
     """Everybody looks and decides: the last commands (N, 8) in `action` become those of this control step."""
     wanted = _wanted(world, runners)
-    pictures = world.pictures(wanted) if wanted else {}
+    pictures = world.images(wanted) if wanted else {}
     coordinated = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
     for runner in runners:
         runner.coordinated = coordinated

@@ -36,7 +36,7 @@ class RolloutRecorder(SceneRecorder):
 
     def begun(self, scene: Scene) -> None:
         """The start."""
-        self.look(scene, None, self._world.pictures())
+        self.look(scene, None, self._world.images())
         self._distances(scene)
 
     def rolled(self, step: RolloutStep) -> None:
@@ -45,7 +45,7 @@ class RolloutRecorder(SceneRecorder):
             self._recorder.predicted(agent, step.scene.step, chunk)
             ahead = self._arms[agent - 1].tcp(chunk[:, :ARM_JOINTS])[:, :3, 3]
             self._recorder.path(agent, "predicted", ahead)
-        self.look(step.scene, step.action, self._world.pictures())
+        self.look(step.scene, step.action, self._world.images())
         if step.seen != self._seen:
             self._seen = step.seen
             self._recorder.seen(step.seen)

@@ -33,7 +33,7 @@ WRIST_EYE_M, WRIST_TARGET_M = (0.07, 0.0, 0.02), (0.0, 0.0, 0.12)
 
 
 def hand_from_camera() -> Matrix:
-    """(4, 4) of a wrist camera in the frame of panda_hand, OpenCV axes."""
+    """(4, 4) of an eye-in-hand camera in the frame of panda_hand, OpenCV axes."""
     return from_axes(WRIST_EYE_M, z=np.subtract(WRIST_TARGET_M, WRIST_EYE_M), y=(-1, 0, 0))
 
 

@@ -122,7 +122,7 @@ class Simulator:
         """Camera names: `global`, `agent1`, ...; empty without rendering."""
         return tuple(self.task.cameras) if self._render else ()
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all.
 
         What nobody asks for is not drawn. Raises ArgumentError for a camera that there is not.
@@ -151,7 +151,7 @@ class Simulator:
         return numbers
 
     def camera_models(self) -> dict[str, CameraModel]:
-        """Camera -> its model at the present step; a wrist camera moves with its hand."""
+        """Camera -> its model at the present step; one that is eye in hand moves with it."""
         models = {}
         for name in self.cameras:
             spec = self.task.cameras[name]
@@ -203,9 +203,9 @@ class Limited:
         self.reset, self.step = world.reset, world.step
         self.depth, self.camera_models = world.depth, world.camera_models
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all there are."""
-        return self._world.pictures(self.cameras if cameras is None else cameras)
+        return self._world.images(self.cameras if cameras is None else cameras)
 
 
 _require_rendering_once = cache(require_rendering)

@@ -45,10 +45,9 @@ def _require_fit(store: Reader, episode: Episode, label: str) -> None:
         raise StageError(f"{label} is of task {episode.task!r}; {store.path} holds {task!r}")
     if episode.seed in store.seeds:
         raise StageError(f"{label} is stored already in {store.path}; every seed is stored once")
-    if set(episode.pictures) != set(store.cameras):
+    if set(episode.images) != set(store.cameras):
         raise StageError(
-            f"{label} has pictures of {sorted(episode.pictures)}; "
-            f"{store.path} expects {sorted(store.cameras)}"
+            f"{label} has images of {sorted(episode.images)}; {store.path} expects {sorted(store.cameras)}"
         )
     if len(episode.qpos) == 0:
         raise StageError(f"{label} has no steps; expected at least one")
@@ -56,10 +55,10 @@ def _require_fit(store: Reader, episode: Episode, label: str) -> None:
         raise StageError(
             f"{label} has poses of {sorted(episode.poses)}; {store.path} expects {sorted(store.objects)}"
         )
-    if set(episode.images) != set(store.image_names):
+    if set(episode.extras) != set(store.extra_names):
         raise StageError(
-            f"{label} has depth and segmentation {sorted(episode.images)}; "
-            f"{store.path} expects {sorted(store.image_names)}"
+            f"{label} has depth and segmentation {sorted(episode.extras)}; "
+            f"{store.path} expects {sorted(store.extra_names)}"
         )
     conditions = store.attrs.get("conditions")
     if conditions is not None and list(names := episode.judged.names if episode.judged else ()) != conditions:
@@ -76,7 +75,7 @@ def _data(store: Reader, episode: Episode) -> dict[str, NDArray[Any]]:
         "data/qvel": episode.qvel,
         "data/action": episode.action,
     }
-    data |= {f"data/rgb_{camera}": episode.pictures[camera] for camera in store.cameras}
+    data |= {f"data/rgb_{camera}": episode.images[camera] for camera in store.cameras}
     data |= {f"data/pose_{name}": episode.poses[name] for name in store.objects}
     if episode.executed is not None:
         data["data/executed"] = episode.executed
@@ -87,4 +86,4 @@ def _data(store: Reader, episode: Episode) -> dict[str, NDArray[Any]]:
         assert episode.judged is not None  # it fits
         data["data/time_s"] = np.arange(len(episode.qpos)) / CONTROL_HZ
         data |= {f"data/condition_{name}": getattr(episode.judged, name) for name in JUDGED}
-    return data | {f"data/{name}": images for name, images in episode.images.items()}
+    return data | {f"data/{name}": taken for name, taken in episode.extras.items()}

@@ -66,7 +66,7 @@ def facts(store: Reader) -> dict[str, Any]:
         "scene seeds": f"{seeds.min()} to {seeds.max()}" if len(store) else "",
         "cameras": ", ".join(store.cameras) or "none",
         "pictures": picture,
-        "depth, segmentation": ", ".join(store.image_names) or "none",
+        "depth, segmentation": ", ".join(store.extra_names) or "none",
         "objects": ", ".join(store.objects) or "none",
         "disturbed": "yes: `executed` differs from `action`" if store.disturbed else "no",
     }

@@ -10,7 +10,7 @@ import zarr
 
 from rf_exp.errors import StageError
 from rf_exp.store.integrity import require_file
-from rf_exp.store.layout import JUDGED, array_of, empty_like, image_names, layout, rows_a_file
+from rf_exp.store.layout import JUDGED, array_of, empty_like, extra_names, layout, rows_a_file
 from rf_exp.types import Episode, Judged
 
 
@@ -54,7 +54,7 @@ class Damaged:
             qpos=self._read("data/qpos", start, end),
             qvel=self._read("data/qvel", start, end),
             action=self._read("data/action", start, end),
-            pictures={each: self._read(f"data/rgb_{each}", start, end) for each in self.attrs["cameras"]},
+            images={each: self._read(f"data/rgb_{each}", start, end) for each in self.attrs["cameras"]},
             certificate=certificate,
             **self._optional(start, end),
         )
@@ -73,8 +73,8 @@ class Damaged:
         if "conditions" in self.attrs:
             values = {name: self._read(f"data/condition_{name}", start, end) for name in JUDGED}
             found["judged"] = Judged(tuple(self.attrs["conditions"]), **values)
-        images = {name: self._read(f"data/{name}", start, end) for name in image_names(self.attrs)}
-        return found | {"images": images}
+        extras = {name: self._read(f"data/{name}", start, end) for name in extra_names(self.attrs)}
+        return found | {"extras": extras}
 
     def seed(self, index: int) -> int:
         """Raises StageError where it cannot be read."""

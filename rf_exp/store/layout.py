@@ -42,7 +42,7 @@ def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], An
     }
 
 
-def image_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
+def extra_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
     """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
     names = (name.removeprefix("data/") for name in layout(attributes))
     return tuple(name for name in names if name.startswith(("depth_", "segmentation_")))

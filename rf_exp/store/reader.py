@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.store.description import Description
 from rf_exp.store.integrity import blames
-from rf_exp.store.layout import JUDGED, PICTURE_SHARD, array_of, image_names, view
+from rf_exp.store.layout import JUDGED, PICTURE_SHARD, array_of, extra_names, view
 from rf_exp.types import Episode, Extras, Judged
 
 
@@ -144,12 +144,12 @@ class Reader:
         )
 
     @property
-    def image_names(self) -> tuple[str, ...]:
+    def extra_names(self) -> tuple[str, ...]:
         """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
-        return image_names(self._attrs)
+        return extra_names(self._attrs)
 
     @cached_property
-    def pictures(self) -> dict[str, zarr.Array[Any]]:
+    def images(self) -> dict[str, zarr.Array[Any]]:
         """Camera -> Zarr array (T, H, W, 3) u8 of exactly the stored episodes."""
         return {camera: view(self._array(f"data/rgb_{camera}"), self.steps) for camera in self.cameras}
 
@@ -172,13 +172,13 @@ class Reader:
             qpos=self.qpos[start:end],
             qvel=self.qvel[start:end],
             action=self.action[start:end],
-            pictures={camera: self._read(f"data/rgb_{camera}", start, end) for camera in self.cameras},
+            images={camera: self._read(f"data/rgb_{camera}", start, end) for camera in self.cameras},
             certificate=self.certificates[index],
             executed=self.executed[start:end] if self.disturbed else None,
             poses={name: values[start:end] for name, values in self.poses.items()},
             subgoal=self.subgoal[start:end],
             judged=self._judged_within(start, end),
-            images={name: self._read(f"data/{name}", start, end) for name in self.image_names},
+            extras={name: self._read(f"data/{name}", start, end) for name in self.extra_names},
         )
 
     def _judged_within(self, start: int, end: int) -> Judged | None:

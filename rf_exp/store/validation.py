@@ -29,7 +29,7 @@ def problems(store: Reader, index: int) -> list[str]:
     found += _of_poses(episode)
     found += [
         f"camera {camera} shows nothing: one colour in every picture"
-        for camera, pictures in episode.pictures.items()
+        for camera, pictures in episode.images.items()
         if (pictures == pictures[0, 0, 0]).all()
     ]
     found += _of_subgoals(episode)

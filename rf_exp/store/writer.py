@@ -22,7 +22,7 @@ from rf_exp.types import CONTROL_HZ, Episode
 
 PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-CACHED = ("qpos", "qvel", "action", "executed", "poses", "subgoal", "judged", "pictures", "certificates")
+CACHED = ("qpos", "qvel", "action", "executed", "poses", "subgoal", "judged", "images", "certificates")
 
 
 class Store(Reader):

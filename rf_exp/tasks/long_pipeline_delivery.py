@@ -26,7 +26,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """From where the shoe is now: each arm lays it within reach of the next one and makes room."""
+    """From where the shoe is now: each arm lays it within reach of the next one and yields."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     subgoals: list[Subgoal] = []

@@ -20,7 +20,7 @@ def places(scene: Scene, task: Task) -> dict[str, Matrix]:
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
-    """The giver lays the shoe midway and makes room; the taker brings it to the goal."""
+    """The giver lays the shoe midway and yields; the taker brings it to the goal."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
     give = (

@@ -66,7 +66,7 @@ class ObjectSpec:
 
 @dataclass(frozen=True)
 class CameraSpec:
-    """A pinhole camera. With `mount: wrist` it rides on the hand of its agent instead."""
+    """A pinhole camera, fixed in the world or, with `mount: wrist`, eye in hand: on that of its agent."""
 
     eye_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -89,7 +89,7 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Changes of what is seen, of the rest pose and of weights, drawn from the episode's seed."""
+    """Changes of what is seen, of the rest posture and of weights, drawn from the episode's seed."""
 
     rest_qpos_rad: float = 0.02  # standard deviation on each joint
     light: float = 0.1  # half range of the relative brightness

@@ -20,14 +20,14 @@ class Episode:
     qpos: NDArray[np.float32]  # (T, N, 9) measured
     qvel: NDArray[np.float32]  # (T, N, 9)
     action: NDArray[np.float32]  # (T, N, 8) joint targets rad + gripper command, as intended
-    pictures: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
+    images: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
     certificate: Mapping[str, object] = field(default_factory=dict)  # JSON: checks and results, subgoals
     executed: NDArray[np.float32] | None = None  # (T, N, 8) what the arms were told; None: `action`
     poses: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     # object -> (T, 7) position in m and quaternion w, x, y, z, world frame
     subgoal: NDArray[np.int16] | None = None  # (T, N) each agent's, an index of certificate["subgoals"]
     judged: Judged | None = None
-    images: Mapping[str, NDArray] = field(default_factory=dict)
+    extras: Mapping[str, NDArray] = field(default_factory=dict)
     # depth_<camera> -> (T, H, W) u16 mm, segmentation_<camera> -> (T, H, W) u8; those that were asked for
 
     @property

@@ -55,8 +55,8 @@ class Segment:
     primitive: str  # move approach close lift carry lower open retreat press strike
     qpos: NDArray[np.float64]  # (T, 7) rad: the target at each control step; the start is not in it
     gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
-    carries: str | None = None  # object that moves with the gripper
-    tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of what is carried
+    attached: str | None = None  # object that moves with the gripper
+    tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of the attached object
     touches: frozenset[str] = frozenset()  # objects the gripper may touch here
     joined: str | None = None  # segments of several agents with one label run in lockstep
 

@@ -61,7 +61,7 @@ class World(Protocol):
         """Apply (N, 8) joint targets + gripper command for one control step."""
         ...
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) of the present step; of these cameras, or of all."""
         ...
 

@@ -209,8 +209,8 @@ def running(food):
             qpos[k, :7] = paths[k][trailing, :7]
             begin = 0
             for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-                if begin < position <= end and segment.carries:
-                    held[k] = segment.carries
+                if begin < position <= end and segment.attached:
+                    held[k] = segment.attached
                 begin = end
         return replace(scene, step=scene.step + step, qpos=qpos, poses=poses, held=tuple(held), **changes)
 

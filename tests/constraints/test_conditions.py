@@ -63,7 +63,7 @@ def test_a_zone_is_closed_until_another_agent_is_done(food) -> None:
     (found,) = open_at_last.check(
         open_at_last.paths(trajectories, scene), Schedule(np.hstack(late), 0)
     ).violations
-    assert found.cause == "space" and found.agents == (1,) and "enters the zone" in found.sentence
+    assert found.cause == "space" and found.agents == (1,) and "enters the keep-out zone" in found.sentence
     closed = checker(food, "Agent_1 must stay out of {zone}.")
     assert isinstance(closed.schedule(closed.paths(trajectories, scene)), Schedule)
     assert violations(closed, trajectories, scene, timed)
@@ -88,7 +88,7 @@ def test_a_thing_that_lies_in_a_zone_closes_it(food) -> None:
     for name, closed in (("pot", False), ("steak", True)):
         watched = checker(food, f"Agent_1 must stay out of {{zone}} while the {name} is in it.")
         found = violations(watched, trajectories, scene, timed)
-        assert any("enters the zone" in each.sentence for each in found) is closed
+        assert any("enters the keep-out zone" in each.sentence for each in found) is closed
 
 
 def test_a_measured_arm_in_a_closed_zone_is_seen(food) -> None:

@@ -238,9 +238,9 @@ def test_the_height_is_that_of_what_they_carry_together():
     task = replace(BAR, objects={**BAR.objects, "blue": real("stack_cube").objects["blue"]})
     together = lifting((0.15, 0.15), joined=None, task=task)
     first, second = together.trajectories
-    other = replace(first.segments[0], carries="blue", qpos=first.segments[0].qpos[::-1], joined=None)
+    other = replace(first.segments[0], attached="blue", qpos=first.segments[0].qpos[::-1], joined=None)
     short = {"qpos": other.qpos[-1:], "gripper": other.gripper[-1:]}
-    back = replace(other, carries=None, tcp_from_object=None, **short)
+    back = replace(other, attached=None, tcp_from_object=None, **short)
     alone = replace(first, start_qpos=first.segments[0].qpos[-1], segments=(other, back, *first.segments))
     paths = replace(together.paths, trajectories=(alone, second))
     timed = schedule((alone, second))

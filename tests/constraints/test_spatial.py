@@ -133,11 +133,11 @@ def test_a_zone_is_kept_or_entered():
     empty = StayOut(1, (0.5, 0.5, 0.0), (0.7, 0.7, 0.5)).planned(plan)
     assert empty.ok and empty.value > 0.2
     assert empty.sentence.startswith(
-        "Agent_1 stays out of the zone (0.5, 0.5, 0.0) to (0.7, 0.7, 0.5) (panda_"
+        "Agent_1 stays out of the keep-out zone (0.5, 0.5, 0.0) to (0.7, 0.7, 0.5) (panda_"
     )
     crossed = StayOut(1, (-0.1, -0.05, 0.0), (0.1, 0.2, 0.6)).planned(plan)
     assert not crossed.ok and 0 < crossed.time_s < 1
-    assert f"Agent_1 at {crossed.time_s:.2f} s enters the zone" in crossed.sentence
+    assert f"Agent_1 at {crossed.time_s:.2f} s enters the keep-out zone" in crossed.sentence
     here = plan.planning_scene.arms[0].tcp(REST)[:3, 3]
     zone = StayOut(1, tuple((here - 0.05).tolist()), tuple((here + 0.05).tolist()))
     measured = zone.measured(scene, plan)
@@ -202,7 +202,7 @@ def test_what_an_arm_holds_is_part_of_it():
         planning_scene = PlanningScene(FOOD, start)
         steak = planning_scene.arms[0].tcp(qpos[0]) @ grip
         scene = replace(start, qpos=qpos, held=("steak", None), poses={**start.poses, "steak": steak})
-        loaded = planning_scene.arm(1, qpos[0], carries="steak", tcp_from_object=grip, touches=())
+        loaded = planning_scene.arm(1, qpos[0], attached="steak", tcp_from_object=grip, touches=())
         exact, bare = nearest(loaded, planning_scene.arm(2, qpos[1])), planning_scene.arm(1, qpos[0])
         alone = nearest(bare, planning_scene.arm(2, qpos[1]))
         assert exact is not None and alone is not None

@@ -266,7 +266,7 @@ def test_reason_a_parked_arm_blocks_the_way(blocker):
     assert answer.sentence == (
         f"where Agent_{blocker} stands before and after its motion blocks Agent_{other} 0.70 s along its own "
         f"way, to carry thing1 (move); timing cannot help, Agent_{other} needs another path "
-        f"or Agent_{blocker} must make room"
+        f"or Agent_{blocker} must yield"
     )
 
 
@@ -319,7 +319,7 @@ def test_reason_out_of_budget():
     answer = schedule(trajectories, diagrams, budget=1)
     assert isinstance(answer, Violation)
     assert answer.sentence == (
-        "no schedule was found within the search budget; plan fewer subgoals at once or in turns"
+        "no schedule was found within the search budget; plan fewer subgoals at once or one after the other"
     )
 
 

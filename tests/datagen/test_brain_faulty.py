@@ -82,7 +82,7 @@ REASONS = {
     "lost_synchronisation": "contradict one another",
     "impossible_deadline": "cannot be done within 0.1 s",
     "unreachable_target": "does not reach that high",
-    "forbidden_zone": "enters the zone",
+    "forbidden_zone": "enters the keep-out zone",
     "missing_subgoal": "its subgoals: none",
 }
 

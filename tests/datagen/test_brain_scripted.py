@@ -10,6 +10,7 @@ from rf_exp.coordination import sequential
 from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
 from rf_exp.robots import Panda
 from rf_exp.statements import Before, Deadline, KeepLevel, Proposal, Step, Together
 from rf_exp.tasks import RETRACTED_QPOS
@@ -152,6 +153,26 @@ def test_who_is_in_the_way_draws_aside(scene, proposal, row, found, expected):
     violation = planned(proposal, scene, row)
     assert (violation.check, violation.cause, violation.agents) == found
     assert leaving(PHOTO, scene, violation) == expected
+
+
+def test_a_refusal_says_which_part_by_how_much_and_what_was_tried():
+    violation = planned(only(GRASP, Subgoal(4, "hold")), OVER_THE_GRIP, SPATIAL)
+    part, other = violation.parts
+    assert part.startswith("panda_") and other.startswith("panda_") and other.endswith(" of Agent_4")
+    assert violation.value < violation.bound == AGENT_MARGIN_M and violation.unit == "m"
+    assert violation.sentence == (
+        f"Agent_1 cannot grasp camera at left: Agent_4 is in the way (its {part} comes within "
+        f"{violation.value * 100:.1f} cm of {other}; at least {AGENT_MARGIN_M * 100:.1f} cm); paths were "
+        "tried round the other arms, then round the other arms, with Agent_2, Agent_3 retracted first"
+    )
+    stuck = planned(only(Subgoal(4, "home")), IN_THE_CAMERA)
+    fingers = PlanningScene(PHOTO, IN_THE_CAMERA).arm(4, IN_THE_CAMERA.qpos[3, :ARM_JOINTS], touches=())
+    gap = nearest(fingers, PlanningScene(PHOTO, IN_THE_CAMERA).standing(["camera"]))
+    assert gap is not None and (stuck.value, stuck.parts) == (gap.distance_m, (gap.a, "camera"))
+    assert f"no free path (where it stands its {gap.a} comes within" in stuck.sentence
+    assert len(stuck.tried) == 3
+    circle = planned(Proposal((Subgoal(1, "home"), Subgoal(2, "home")), CIRCLE))
+    assert circle.tried == ()  # another way round the arms does not help
 
 
 def test_who_carries_something_with_another_stays_and_so_does_who_is_aside_already():

@@ -113,7 +113,7 @@ TWO_GOALS = Trajectory(
     (
         segment(GRASP, "approach", 30, touches=frozenset({"cube"})),
         segment(GRASP, "close", 8, touches=frozenset({"cube"})),
-        segment(LIFT, "lift", 30, carries="cube", touches=frozenset({"cube"})),
+        segment(LIFT, "lift", 30, attached="cube", touches=frozenset({"cube"})),
     ),
 )
 RESTING = Trajectory(2, np.zeros(7), 1.0, ())

@@ -9,6 +9,7 @@ from rf_exp.datagen.motion import Unreachable, plan_motion
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.datagen.yielding import Yielding, ways
 from rf_exp.robots import Panda, limits_rad
 from rf_exp.statements import Proposal
 from rf_exp.tasks import REST_QPOS, RETRACTED_QPOS
@@ -19,7 +20,7 @@ from tests.scenes import start_scene
 LIMITS = JointLimits()
 
 
-def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle_too=False):
+def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yielding=None):
     blocked = Obstacles(task, scene, row or ConstraintSet("full"), proposal).blocked(avoid_arms=avoid_arms)
     return plan_motion(
         task,
@@ -28,7 +29,7 @@ def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), idle
         blocked=blocked,
         limits=LIMITS,
         lockstep=lockstep,
-        idle_too=idle_too,
+        yielding=yielding or Yielding(),
         rng=np.random.default_rng(0),
     )
 
@@ -52,11 +53,13 @@ def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
             assert np.abs(joints[knot + 1] - joints[knot]).max() <= step * 1.1
 
 
-def test_who_has_nothing_to_do_goes_out_of_the_way_first_unless_it_holds_something(place_food):
+def test_who_has_nothing_to_do_yields_first_unless_it_holds_something(place_food):
     scene = start_scene(place_food, 0)
     proposal = Proposal((Subgoal(1, "grasp", "steak", "center"),), ())
     for held, length in ((None, 1), ("lid", 0)):
-        trajectories, _ = plan(place_food, proposal, replace(scene, held=(None, held)), idle_too=True)
+        holding = replace(scene, held=(None, held))
+        last = ways(proposal, holding, ConstraintSet("full"))[-1]
+        trajectories, _ = plan(place_food, proposal, holding, yielding=last.yielding)
         segments = trajectories[1].segments
         assert [(each.subgoal.verb, each.primitive) for each in segments] == [("aside", "move")] * length
         for segment in segments:

@@ -23,13 +23,13 @@ def derivatives(start, timed):
 @given(st.integers(0, 10_000), st.integers(2, 4))
 def test_timed_motion_keeps_the_limits(seed, corners):
     rng = np.random.default_rng(seed)
-    waypoints = np.cumsum(rng.uniform(-0.5, 0.5, (corners, 7)), axis=0)
-    points = blend(densify(waypoints), 0.15)
+    via = np.cumsum(rng.uniform(-0.5, 0.5, (corners, 7)), axis=0)
+    points = blend(densify(via), 0.15)
     timed = parameterise(points, LIMITS)
     velocity, acceleration = derivatives(points[0], timed)
     assert np.abs(velocity).max() <= LIMITS.velocity_rad_s * 1.01
     assert np.abs(acceleration).max() <= LIMITS.acceleration_rad_s2 * 1.01
-    np.testing.assert_allclose(timed[-1], waypoints[-1], atol=1e-9)
+    np.testing.assert_allclose(timed[-1], via[-1], atol=1e-9)
 
 
 def test_straight_line_takes_the_shortest_time():

@@ -17,7 +17,7 @@ def test_pictures_are_those_of_the_simulator() -> None:
     observed, _ = env.reset(seed=2)
     with Simulator(env.task, width_px=160, height_px=120) as world:
         world.reset(2)
-        for camera, picture in world.pictures().items():
+        for camera, picture in world.images().items():
             np.testing.assert_array_equal(observed[f"rgb_{camera}"], picture)
         for camera, depth_m in world.depth().items():
             np.testing.assert_array_equal(observed[f"depth_{camera}"], depth_m)

@@ -41,7 +41,7 @@ def test_the_gripper_touches_only_what_its_segment_names(lid_plan):
     assert not closer_than(body, planning_scene.standing(), 0.003).any()
     blind = replace(
         trajectories[1],
-        segments=tuple(replace(s, touches=frozenset(), carries=None) for s in trajectories[1].segments),
+        segments=tuple(replace(s, touches=frozenset(), attached=None) for s in trajectories[1].segments),
     )
     strict = PlanningScene(FOOD, scene, (trajectories[0], blind))
     found = nearest(strict.along(blind), strict.standing(["lid"]))
@@ -126,8 +126,8 @@ def test_the_distance_of_two_arms_names_their_links():
 
 def test_an_object_that_does_not_exist_is_named_with_those_that_do():
     scene = scene_of(FOOD)
-    stray = walk(1, [REST, REST + 0.1], carries="hat", tcp_from_object=np.eye(4))
-    with pytest.raises(ArgumentError, match=r"unknown carried object 'hat'; available: lid, pot, steak"):
+    stray = walk(1, [REST, REST + 0.1], attached="hat", tcp_from_object=np.eye(4))
+    with pytest.raises(ArgumentError, match=r"unknown attached object 'hat'; available: lid, pot, steak"):
         PlanningScene(FOOD, scene, (stray, idle(2)))
     with pytest.raises(ArgumentError, match=r"unknown object 'hat'; available: lid, pot, steak"):
         PlanningScene(FOOD, scene).standing(["hat"])
@@ -135,10 +135,10 @@ def test_an_object_that_does_not_exist_is_named_with_those_that_do():
 
 def test_carrying_without_a_grip_is_an_error_that_says_so():
     scene = scene_of(FOOD)
-    loose = walk(1, [REST, REST + 0.1], carries="steak")
+    loose = walk(1, [REST, REST + 0.1], attached="steak")
     with pytest.raises(
-        ArgumentError, match=r"agent 1, segment 'move' carries 'steak', but tcp_from_object is missing"
+        ArgumentError, match=r"agent 1, segment 'move' has 'steak' attached, but tcp_from_object is missing"
     ):
         PlanningScene(FOOD, scene, (loose, idle(2))).along(loose)
-    with pytest.raises(ArgumentError, match=r"agent 1 carries 'steak', but tcp_from_object is missing"):
-        PlanningScene(FOOD, scene).arm(1, REST, carries="steak")
+    with pytest.raises(ArgumentError, match=r"agent 1 has 'steak' attached, but tcp_from_object is missing"):
+        PlanningScene(FOOD, scene).arm(1, REST, attached="steak")

@@ -51,7 +51,7 @@ class Puppets:
         self._qpos[:, :7] += FOLLOWS * (action[:, :7] - self._qpos[:, :7])
         return self._scene()
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         return {}
 
     def _scene(self) -> Scene:

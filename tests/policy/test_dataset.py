@@ -73,12 +73,12 @@ def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, 
         qvel=delayed(made.qvel),
         action=meant,
         executed=executed,
-        pictures={name: frames[extra] for name, frames in made.pictures.items()},
+        images={name: frames[extra] for name, frames in made.images.items()},
         poses={name: values[extra] for name, values in made.poses.items()},
         subgoal=delayed(made.subgoal[..., None])[..., 0],
     )
     identity = {"task": "reach", "scene": scene_of(2)}
-    cameras = tuple(made.pictures)
+    cameras = tuple(made.images)
     path = tmp_path / "late.zarr"
     with Store.create(path, identity, 2, cameras, HEIGHT, WIDTH, tuple(made.poses), True) as store:
         store.append(episode)
@@ -102,7 +102,7 @@ def test_what_somebody_else_has_done_is_not_learned(policy_config: PolicyConfig,
     led.action[:lead, 0, 7] = np.where(np.arange(lead) < 4, -1, 1)  # the fingers held something and let go
     identity = {"task": "reach", "scene": scene_of(1)}
     path = tmp_path / "led.zarr"
-    with Store.create(path, identity, 1, tuple(made.pictures), HEIGHT, WIDTH, tuple(made.poses)) as store:
+    with Store.create(path, identity, 1, tuple(made.images), HEIGHT, WIDTH, tuple(made.poses)) as store:
         for episode in (make_episode(0, 1), led):
             store.append(episode)
     windows = Windows(Store.open(path), LOCAL, replace(policy_config, context=True), CPU)
@@ -119,7 +119,7 @@ def test_pictures_of_a_batch_are_unique_and_the_right_ones(store: Store, policy_
     assert len(batch.pictures) == 6 + 2  # frames 3..8 and the second episode's 0, 1
     height, width = policy_config.cropped(HEIGHT, WIDTH)
     top, left = (HEIGHT - height) // 2, (WIDTH - width) // 2
-    stored = np.asarray(store.pictures["agent1"][:])[:, top : top + height, left : left + width]
+    stored = np.asarray(store.images["agent1"][:])[:, top : top + height, left : left + width]
     frames = [[3, 4, 5], [4, 5, 6], [5, 6, 7], [6, 7, 8], [STEPS] * 3, [STEPS, STEPS, STEPS + 1]]
     assert np.array_equal(batch.pictures[batch.frames].numpy(), stored[np.array(frames)])
 

@@ -87,7 +87,7 @@ def test_still_moments_are_left_out(make_store, told) -> None:
 
 
 def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
-    episode = replace(make_episode(0, 1), poses={}, pictures={})
+    episode = replace(make_episode(0, 1), poses={}, images={})
     for name, made_of, expected in (
         ("bare", {"task": "reach"}, "where its arms stand"),
         (

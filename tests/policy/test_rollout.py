@@ -54,7 +54,7 @@ class Table:
         self.qpos[:, :7] = action[:, :7]
         return self.scene()
 
-    def pictures(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         self.pictures_taken.append(len(self.actions))
         height, width = self.size
         seen = [picture(self.blocks[0]), *map(picture, self.blocks)]
@@ -137,15 +137,15 @@ def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
     alone, runner = (
         make_runner(view, observation_steps=1, action_steps=3, **how) for how in ({}, {"ensemble": decay})
     )
-    first = alone(world.reset(0), world.pictures())
-    np.testing.assert_allclose(runner(world.reset(0), world.pictures()), first)
+    first = alone(world.reset(0), world.images())
+    np.testing.assert_allclose(runner(world.reset(0), world.images()), first)
     chunks: list[NDArray[np.float64]] = []
     whole = runner._commands
     runner._commands = lambda actions: chunks.append(whole(actions)) or chunks[-1]
     runner.reset(0)
     scene, expected = world.reset(0), []
     for step in range(9):
-        runner.think(scene, world.pictures())
+        runner.think(scene, world.images())
         if step % 3 == 0:
             same = [chunk[step - 3 * k :][:3] for k, chunk in enumerate(chunks) if step - 3 * k < len(chunk)]
             weights = np.exp(-decay * np.arange(len(same)))
@@ -173,7 +173,7 @@ def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_runner) -> None:
 
     runner._commands = chunk
     scene = world.reset(0)
-    told = [runner(replace(scene, step=step), world.pictures())[:, 7].tolist() for step in range(4)]
+    told = [runner(replace(scene, step=step), world.images())[:, 7].tolist() for step in range(4)]
     # The weights are 1, 0.61, 0.37, 0.22, oldest first: only three that say "close" outweigh the first.
     assert told == [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]
 

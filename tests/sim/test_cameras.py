@@ -36,7 +36,7 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
 
 def test_every_camera_gives_a_picture_of_its_own(simulator: Simulator) -> None:
     simulator.reset(0)
-    pictures = simulator.pictures()
+    pictures = simulator.images()
     assert tuple(pictures) == simulator.cameras == tuple(simulator.task.cameras)
     for name, picture in pictures.items():
         assert picture.shape == (240, 320, 3) and picture.dtype == np.uint8
@@ -59,7 +59,7 @@ def test_other_seeds_give_other_pictures(simulator: Simulator) -> None:
     seen = set()
     for seed in range(5):
         simulator.reset(seed)
-        seen |= {picture.tobytes() for picture in simulator.pictures().values()}
+        seen |= {picture.tobytes() for picture in simulator.images().values()}
     assert len(seen) == 5 * len(simulator.cameras)
 
 
@@ -148,7 +148,7 @@ def test_a_wrist_camera_rides_on_its_hand(lift_barrier: Task) -> None:
     cameras = {**lift_barrier.cameras, "agent1": CameraSpec(fov_deg=75, mount="wrist")}
     with Simulator(replace(lift_barrier, cameras=cameras)) as simulator:
         start = simulator.reset(0)
-        before, picture = simulator.camera_models(), simulator.pictures()["agent1"]
+        before, picture = simulator.camera_models(), simulator.images()["agent1"]
         fingers = simulator.segmentation()["agent1"]
         assert np.isin(fingers, simulator.bodies()["agent1"]).sum() > 500
         tcp = Panda(lift_barrier.robots[0].world_from_base).tcp(start.qpos[0])
@@ -160,7 +160,7 @@ def test_a_wrist_camera_rides_on_its_hand(lift_barrier: Task) -> None:
         for _ in range(15):
             simulator.step(action)
         after = simulator.camera_models()
-        moved = np.abs(simulator.pictures()["agent1"].astype(int) - picture).mean()
+        moved = np.abs(simulator.images()["agent1"].astype(int) - picture).mean()
     assert moved > 5
     turn = before["agent1"].world_from_camera[:3, :3].T @ after["agent1"].world_from_camera[:3, :3]
     assert np.arccos((np.trace(turn) - 1) / 2) == pytest.approx(0.3, abs=5e-3)
@@ -183,7 +183,7 @@ def test_light_meshes_look_practically_like_the_full_ones(
         monkeypatch.setattr(agent, "light_urdf", lambda urdf=urdf: urdf)
         with Simulator(lift_barrier) as simulator:
             simulator.reset(0)
-            pictures.append(simulator.pictures())
+            pictures.append(simulator.images())
     light, full = pictures
     for camera in light:
         difference = np.abs(light[camera].astype(int) - full[camera])

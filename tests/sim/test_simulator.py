@@ -38,7 +38,7 @@ def digest(simulator: Simulator, scene: Scene) -> str:
     for array in (scene.qpos, scene.qvel, *scene.poses.values()):
         sha.update(np.ascontiguousarray(array).tobytes())
     sha.update(repr((scene.speeds, scene.held, scene.arm_contacts)).encode())
-    for picture in simulator.pictures().values() if simulator.cameras else ():
+    for picture in simulator.images().values() if simulator.cameras else ():
         sha.update(np.ascontiguousarray(picture).tobytes())
     return sha.hexdigest()
 
@@ -226,7 +226,7 @@ def test_pictures_of_a_simulator_without_rendering_are_refused(lift_barrier: Tas
     with Simulator(lift_barrier, render=False) as simulator:
         assert simulator.cameras == () and simulator.camera_models() == {}
         with pytest.raises(ArgumentError) as error:
-            simulator.pictures()
+            simulator.images()
     assert str(error.value) == "a simulator made with render=False draws no pictures; expected render=True"
 
 

@@ -81,7 +81,7 @@ def test_demonstrations_with_more_cameras_will_do(command, tmp_path: Path) -> No
     again = command(*seen, "demos=2", "cameras=local", f"out={tmp_path / 'whole'}")
     assert again.returncode == 0
     with Store.open(whole) as store:
-        assert len(store) == 2 and store.pictures["global"].shape[0] == store.steps
+        assert len(store) == 2 and store.images["global"].shape[0] == store.steps
     refused = command(*seen, "cameras=all", f"out={tmp_path / 'some'}")
     assert refused.returncode == 1 and "cameras" in refused.stderr
 

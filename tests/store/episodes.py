@@ -26,7 +26,7 @@ def make_episode(seed: int, steps: int = 7, cameras: tuple[str, ...] = CAMERAS) 
         qpos=rng.normal(size=(steps, AGENTS, 9)).astype(np.float32),
         qvel=np.zeros((steps, AGENTS, 9), np.float32),  # all zeros must be told from a lost file
         action=rng.normal(size=(steps, AGENTS, 8)).astype(np.float32),
-        pictures={c: rng.integers(0, 256, (steps, HEIGHT, WIDTH, 3), np.uint8) for c in cameras},
+        images={c: rng.integers(0, 256, (steps, HEIGHT, WIDTH, 3), np.uint8) for c in cameras},
         certificate={"checks": ["ValidateScheduling"], "seed": seed},
         executed=rng.normal(size=(steps, AGENTS, 8)).astype(np.float32),
         poses={name: rng.normal(size=(steps, 7)).astype(np.float32) for name in OBJECTS},
@@ -48,6 +48,6 @@ def assert_same(got: Episode, expected: Episode) -> None:
     assert set(got.poses) == set(expected.poses)
     for name, poses in expected.poses.items():
         np.testing.assert_array_equal(got.poses[name], poses, strict=True)
-    assert set(got.pictures) == set(expected.pictures)
-    for camera, frames in expected.pictures.items():
-        np.testing.assert_array_equal(got.pictures[camera], frames, strict=True)
+    assert set(got.images) == set(expected.images)
+    for camera, frames in expected.images.items():
+        np.testing.assert_array_equal(got.images[camera], frames, strict=True)

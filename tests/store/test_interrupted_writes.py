@@ -57,7 +57,7 @@ def test_interrupted_append_is_cut_off(
     reader = Store.open(path)
     assert len(reader) == 1 + committed
     assert_same(reader.episode(0), make_episode(0))
-    assert reader.pictures["global"].shape[0] == reader.steps  # surplus rows do not show
+    assert reader.images["global"].shape[0] == reader.steps  # surplus rows do not show
     if committed:
         return
     with Store.open(path, writable=True) as writer:

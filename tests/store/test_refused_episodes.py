@@ -32,7 +32,7 @@ def test_an_episode_with_other_arrays_is_refused(
     [
         ({"task": "take_photo"}, r"of seed 5 is of task 'take_photo'; .* holds 'lift_barrier'"),
         ({"seed": 0}, "of seed 0 is stored already"),
-        ({"pictures": {}}, r"has pictures of \[\]; .* expects \['agent1', 'agent2', 'global'\]"),
+        ({"images": {}}, r"has images of \[\]; .* expects \['agent1', 'agent2', 'global'\]"),
         (
             {"action": np.zeros((7, 2, 9), np.float32)},
             r"data/action of the episode of seed 5 is float32 \(7, 2, 9\); expected float32 \(7, 2, 8\)",

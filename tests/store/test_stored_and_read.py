@@ -66,8 +66,8 @@ def test_round_trip(
     assert store.certificates == [dict(episode.certificate) for episode in episodes]
     np.testing.assert_array_equal(store.action, np.concatenate([e.action for e in episodes]))
     for camera in cameras:
-        whole = np.concatenate([episode.pictures[camera] for episode in episodes])
-        np.testing.assert_array_equal(store.pictures[camera][:], whole)
+        whole = np.concatenate([episode.images[camera] for episode in episodes])
+        np.testing.assert_array_equal(store.images[camera][:], whole)
     for index, episode in enumerate(episodes):
         assert_same(store.episode(index), episode)
     assert_same(store.episode(-1), episodes[-1])
@@ -104,7 +104,7 @@ def test_digest_is_of_the_content(tmp_path: Path) -> None:
     episodes = [make_episode(seed) for seed in range(3)]
     digest = Store.open(make_store(tmp_path / "a.zarr", episodes)).digest()
     assert digest == Store.open(make_store(tmp_path / "b.zarr", episodes)).digest()
-    frames = {**episodes[2].pictures, "agent2": episodes[2].pictures["agent2"] ^ 1}
-    changed = [*episodes[:2], replace(episodes[2], pictures=frames)]
+    frames = {**episodes[2].images, "agent2": episodes[2].images["agent2"] ^ 1}
+    changed = [*episodes[:2], replace(episodes[2], images=frames)]
     assert digest != Store.open(make_store(tmp_path / "c.zarr", changed)).digest()
     assert digest != Store.open(make_store(tmp_path / "d.zarr", episodes[::-1])).digest()

@@ -31,7 +31,7 @@ class Contact:
         poses = [plan.scene.poses[name]]
         for trajectory in plan.trajectories:
             arm = plan.planning_scene.arms[trajectory.agent - 1]
-            carrying = [segment for segment in trajectory.segments if segment.carries == name]
+            carrying = [segment for segment in trajectory.segments if segment.attached == name]
             if trajectory.agent != self.segment.agent and carrying:
                 assert (
                     carrying[-1].tcp_from_object is not None

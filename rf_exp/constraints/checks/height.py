@@ -73,7 +73,8 @@ class ConsistentHeight:
     def _together(self, plan: Plan) -> list[str]:
         """The things that all of them carry in this plan."""
         carried = [
-            {segment.carries for segment in plan.trajectory(agent).segments} - {None} for agent in self.agents
+            {segment.attached for segment in plan.trajectory(agent).segments} - {None}
+            for agent in self.agents
         ]
         return sorted(name for name in set.intersection(*carried) if name)
 
@@ -113,7 +114,7 @@ def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
     for segment, start, stop in zip(
         trajectory.segments, trajectory.knots[:-1], trajectory.knots[1:], strict=True
     ):
-        if segment.carries == name:
+        if segment.attached == name:
             begin, end = start if begin is None else begin, stop
         elif begin is not None:
             break

@@ -105,7 +105,7 @@ class ValidateInteraction:
                     bound=bound_m,
                     time_s=plan.time_s(self.agent, end),
                     agents=self.agents,
-                    object=segment.carries,
+                    object=segment.attached,
                     aspect=f"{self.point} point of {self.object}",
                 )
         return worst

@@ -48,7 +48,7 @@ class Tilt:
             trajectory = plan.trajectory(agent)
             starts = trajectory.knots[:-1]
             for segment, start in zip(trajectory.segments, starts, strict=True):
-                if segment.carries != self.object:
+                if segment.attached != self.object:
                     continue
                 assert segment.tcp_from_object is not None  # PlanningScene.along has refused it otherwise
                 poses = plan.planning_scene.arms[agent - 1].tcp(segment.qpos) @ segment.tcp_from_object

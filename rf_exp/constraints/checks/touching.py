@@ -93,4 +93,4 @@ def with_load(
     scene, arm = planning_scene.scene, planning_scene.arms[agent - 1]
     qpos = scene.qpos[agent - 1]
     grip = None if load is None else inverse(arm.tcp(qpos)) @ scene.poses[load]
-    return planning_scene.arm(agent, qpos, carries=load, tcp_from_object=grip, touches=may_touch)
+    return planning_scene.arm(agent, qpos, attached=load, tcp_from_object=grip, touches=may_touch)

@@ -45,7 +45,7 @@ class Question:
 
     task: Task
     scene: Scene
-    pictures: Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3); empty without rendering
+    images: Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3); empty without rendering
     previous: tuple[Subgoal, ...] = ()  # subgoals that were completed
     feedback: tuple[Violation, ...] = ()  # what RoboChecker found wrong with the last proposal
 
@@ -225,7 +225,7 @@ def agent_number(name: str, task: Task) -> int:
 
 
 def most_subgoals(task: Task) -> int:
-    """Of one agent in one answer: to take each object, move it twice and let it go, and to make room."""
+    """Of one agent in one answer: to take each object, move it twice and let it go, and to yield."""
     return 4 * len(task.objects) + 2
 
 

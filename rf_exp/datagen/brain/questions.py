@@ -32,7 +32,7 @@ def messages(question: Question, sight: Sight | None) -> tuple[Message, Message]
         previous=listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
         feedback=listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
     )
-    pictures = {} if sight is None else sight.jpegs(question.pictures, len(task.agents))
+    pictures = {} if sight is None else sight.jpegs(question.images, len(task.agents))
     return Message("system", system), Message("user", text, pictures)
 
 

@@ -1,16 +1,16 @@
 """Motion: inverse kinematics, primitives, collision-free paths, timing."""
 
 from rf_exp.datagen.motion.disturb import disturb
-from rf_exp.datagen.motion.planner import Posture, plan_motion
-from rf_exp.datagen.motion.state import Blocked, Obstacle, State, Unreachable
+from rf_exp.datagen.motion.planner import plan_motion
+from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, name_of
 from rf_exp.datagen.motion.stop import come_to_rest, let_off
 from rf_exp.datagen.motion.verbs import Motion, Request, add_primitive
 
 __all__ = [
+    "Blockage",
     "Blocked",
     "Motion",
     "Obstacle",
-    "Posture",
     "Request",
     "State",
     "Unreachable",
@@ -18,5 +18,6 @@ __all__ = [
     "come_to_rest",
     "disturb",
     "let_off",
+    "name_of",
     "plan_motion",
 ]

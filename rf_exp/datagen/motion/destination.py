@@ -11,7 +11,7 @@ from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import Subgoal
 
-STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm gives way
+STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm is compliant
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
 _FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # from a face, z up, to a tool that works on it, z down
 _STRIKE_TURNS = 16

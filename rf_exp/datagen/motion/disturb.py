@@ -74,7 +74,7 @@ def _share(trajectory: Trajectory, calm_at: Collection[int]) -> NDArray[np.float
         span = slice(end - len(segment), end)
         if segment.joined is not None:
             part[span] = TOGETHER
-        elif segment.carries is not None:
+        elif segment.attached is not None:
             part[span] = CARRYING
         if segment.primitive in ("open", "close"):
             calm[span] = True

@@ -28,7 +28,7 @@ def find_path(
     *,
     iterations: int = 600,
 ) -> NDArray[np.float64] | None:
-    """Waypoints (K, 7) rad from start to goal, or None where none was found.
+    """Via points (K, 7) rad from start to goal, or None where none was found.
 
     RRT-Connect (Kuffner and LaValle 2000), then shortcuts. Deterministic for a given `rng`.
     """
@@ -88,7 +88,7 @@ def _trace(tree: tuple[list[NDArray[np.float64]], list[int]], index: int) -> lis
 
 
 def _shortcut(path: NDArray[np.float64], free: Free) -> NDArray[np.float64]:
-    """The path without the waypoints that a free straight line makes needless, the longest lines first."""
+    """The path without the via points that a free straight line makes needless, the longest lines first."""
     for span in range(len(path) - 1, 1, -1):
         for first in range(len(path) - span):
             if edge_free(path[first], path[first + span], free):

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Sequence
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.motion.verbs import Motion, Request, leave, lift_line, plan
+from rf_exp.datagen.yielding import Yielding
 from rf_exp.findings import Cause, Finding, agent_name
 from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
@@ -27,7 +27,6 @@ from rf_exp.types import (
 
 Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
-Posture = Literal["home", "aside"]
 Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
 
 
@@ -56,17 +55,14 @@ def plan_motion(
     limits: JointLimits,
     lockstep: Lockstep,
     order: Order = (),
-    make_room: Collection[int] = (),
-    back: Posture = "home",
-    idle_too: bool = False,
+    yielding: Yielding,
     rng: np.random.Generator,
 ) -> tuple[tuple[Trajectory, ...], State]:
     """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
 
     Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
-    `order` starts from where the earlier leaves the objects. Agents in `make_room` that have let go of
-    something and have nothing more to do go `back`, if a way is free. With `idle_too` those that have
-    nothing to do at all and hold nothing go aside first. Raises Unreachable.
+    `order` starts from where the earlier leaves the objects. Arms yield where a way is free. Raises
+    Unreachable.
     """
     arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     state = begin = present_state(task, scene, arms)
@@ -74,9 +70,8 @@ def plan_motion(
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
     add = partial(_add, segments)
 
-    for agent in task.agents if idle_too else ():
-        if not proposal.of(agent) and agent not in state.held:
-            state = add(_out_of_the_way(ask(Subgoal(agent, "aside")), state))
+    for agent in yielding.first:
+        state = add(_yield(ask(Subgoal(agent, "aside")), state))
     waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
     while any(waiting.values()):
         ready = [queue for queue in waiting.values() if queue and not _waits(queue[0], waiting, order)]
@@ -88,8 +83,8 @@ def plan_motion(
         subgoal = alone.pop(0)
         state = add(plan(ask(subgoal, alone), state))
         last = segments[subgoal.agent][-1:]
-        if not alone and subgoal.agent in make_room and last and last[0].primitive == "retreat":
-            state = add(_out_of_the_way(ask(Subgoal(subgoal.agent, back)), state))
+        if not alone and subgoal.agent in yielding.once_done and last and last[0].primitive == "retreat":
+            state = add(_yield(ask(Subgoal(subgoal.agent, yielding.to)), state))
     return tuple(
         Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(filter(len, segments[agent])))
         for agent in task.agents
@@ -111,8 +106,8 @@ def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
     return None
 
 
-def _out_of_the_way(request: Request, state: State) -> Motion:
-    """Home or aside where a way is free; otherwise nowhere."""
+def _yield(request: Request, state: State) -> Motion:
+    """To a posture that is in nobody's way, where a way is free; otherwise nowhere."""
     try:
         return leave(request, state)
     except Unreachable:

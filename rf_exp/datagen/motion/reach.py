@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.path import find_path
-from rf_exp.datagen.motion.state import Blocked, Obstacle, State, Unreachable, name_of
+from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import blend, densify, estimated_s, parameterise
 from rf_exp.datagen.motion.ways import Points, approaches, arrival, straight
 from rf_exp.findings import Cause, Finding
@@ -51,15 +51,16 @@ class Reach:
     ) -> Points:
         """Timed points (T, 7) to the first goal that can be reached, ending with a straight approach.
 
-        The approach comes along the tool's z axis from `standoff_m` away, or straight down. With `rise`
-        the motion begins straight up. All of it is one motion with rounded corners.
+        The approach comes from a pre-grasp pose, `standoff_m` back along the tool's z axis, or straight down
+        from as far above. With `rise` the motion begins straight up. All of it is one motion with rounded
+        corners.
         """
-        obstacles: dict[Obstacle, None] = {}  # what was in the way, in the order in which it was found
+        obstacles: dict[Obstacle, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
         for line in self._ways(agent, up[-1], tiers, standoff_m, down, onward):
             if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
-                obstacles[obstacle] = None
+                obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
                 continue
             path = self._path(agent, up[-1], line[0], state)
             if path is None:
@@ -72,12 +73,12 @@ class Reach:
                 if obstacle is None:
                     return parameterise(points, self.limits)
                 if radius_rad == BLEND_RAD[-1]:
-                    obstacles[obstacle] = None
+                    obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
         if not obstacles and not no_path:
             raise Unreachable(Cause.REACH, Finding.OUT_OF_REACH, (agent,), subgoals=(what,))
-        agents = agent, *(each for each in obstacles if isinstance(each, int))
-        blocked = {"subgoals": (what,), "obstacles": tuple(map(name_of, obstacles))}
-        raise Unreachable(Cause.SPACE, Finding.BLOCKED if obstacles else Finding.NO_PATH, agents, **blocked)
+        if obstacles:
+            raise obstructed(what, *obstacles.values())
+        raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
 
     def _ways(
         self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward | None
@@ -89,9 +90,9 @@ class Reach:
         last = []
         for tier in tiers:
             goals = np.stack(tier)
-            before = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
+            pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
             open_: list[tuple[float, int, Points]] = []  # s it takes, what comes next included
-            for number, way in enumerate(approaches(self.arms[agent], before, goals, start)):
+            for number, way in enumerate(approaches(self.arms[agent], pregrasps, goals, start)):
                 takes_s = estimated_s(way.effort_rad, self.limits)
                 while open_ and open_[0][0] <= takes_s:
                     yield heappop(open_)[2]
@@ -121,8 +122,17 @@ class Reach:
         """Timed points (T, 7) to joints (7,). Raises Unreachable."""
         path = self._path(agent, state.qpos[agent], goal, state)
         if path is None:
-            raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
+            blockage = self._at_an_end(agent, state.qpos[agent], goal, state)
+            raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), blockage, subgoals=(what,))
         return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
+
+    def _at_an_end(self, agent: int, start: Points, goal: Points, state: State) -> Blockage | None:
+        """What is in the way of a free path where it would begin or end; None: only somewhere between."""
+        held = frozenset({state.held[agent][0]}) if agent in state.held else frozenset()
+        for joints, where in ((start, "where it stands"), (goal, "where it is to go")):
+            if obstacle := self.blocked(agent, joints[None], state, held):
+                return Blockage(agent, joints[None], state, held, obstacle, where)
+        return None
 
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
         """Joint points (K, 7) of the straight TCP line from joints (7,) to a pose."""

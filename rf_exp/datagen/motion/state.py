@@ -16,12 +16,20 @@ Obstacle = int | str  # the number of an agent, or the name of a thing
 class Unreachable(Exception):
     """No motion carries out a subgoal.
 
-    `agents`: the one that cannot, then those that are in its way. `facts` are those of `Found` beside them.
+    `agents`: the one that cannot, then those that are in its way. `facts` are those of `Found` beside them;
+    `blockage` is where something is in the way.
     """
 
-    def __init__(self, cause: Cause, finding: Finding, agents: tuple[int, ...], **facts: Any) -> None:
+    def __init__(
+        self,
+        cause: Cause,
+        finding: Finding,
+        agents: tuple[int, ...],
+        blockage: "Blockage | None" = None,
+        **facts: Any,
+    ) -> None:
         super().__init__(finding)
-        self.cause, self.agents = cause, agents
+        self.cause, self.agents, self.blockage = cause, agents, blockage
         self.facts = {"finding": finding, **facts}
 
     def __str__(self) -> str:
@@ -61,6 +69,26 @@ class State:
     def without(self, agent: int) -> "State":
         """An agent has let go of what it held."""
         return replace(self, held={each: what for each, what in self.held.items() if each != agent})
+
+
+@dataclass(frozen=True, eq=False)
+class Blockage:
+    """A motion and what blocks it: enough to measure by how much, which only a refusal has to say."""
+
+    agent: int
+    points: NDArray[np.float64]  # (K, 7) rad
+    state: State
+    touches: frozenset[str]
+    obstacle: Obstacle
+    where: str = ""  # on the way, where that is known
+
+
+def obstructed(what: str, *blockages: Blockage) -> Unreachable:
+    """That a subgoal cannot be carried out for what is in the way; measured is the first of the blockages."""
+    first, obstacles = blockages[0], [each.obstacle for each in blockages]
+    agents = first.agent, *(each for each in obstacles if isinstance(each, int))
+    facts = {"subgoals": (what,), "obstacles": tuple(map(name_of, obstacles))}
+    return Unreachable(Cause.SPACE, Finding.BLOCKED, agents, first, **facts)
 
 
 class Blocked(Protocol):

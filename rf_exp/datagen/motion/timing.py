@@ -17,15 +17,15 @@ toppra.setup_logging("ERROR")
 SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
 
 
-def densify(waypoints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (M, D) about SPACING_RAD apart along the polyline of waypoints (K, D)."""
-    gaps = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
-    waypoints = waypoints[np.concatenate([[True], gaps > 1e-9])]
-    if len(waypoints) < 2:
-        return waypoints
-    s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(waypoints, axis=0)).max(axis=1))])
+def densify(via: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (M, D) about SPACING_RAD apart along the polyline of via points (K, D)."""
+    gaps = np.abs(np.diff(via, axis=0)).max(axis=1)
+    via = via[np.concatenate([[True], gaps > 1e-9])]
+    if len(via) < 2:
+        return via
+    s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(via, axis=0)).max(axis=1))])
     grid = np.linspace(0.0, s[-1], max(2, int(np.ceil(s[-1] / SPACING_RAD)) + 1))
-    return np.column_stack([np.interp(grid, s, joint) for joint in waypoints.T])
+    return np.column_stack([np.interp(grid, s, joint) for joint in via.T])
 
 
 def blend(points: NDArray[np.float64], radius_rad: float) -> NDArray[np.float64]:

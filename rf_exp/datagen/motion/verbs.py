@@ -14,13 +14,14 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.destination import ends, support
 from rf_exp.datagen.motion.reach import CLEARANCE_M, Onward, Reach, Tiers, above, turned
-from rf_exp.datagen.motion.state import State, Unreachable, name_of
+from rf_exp.datagen.motion.state import Blockage, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import estimated_s, parameterise
 from rf_exp.datagen.motion.ways import Points, effort_rad
+from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
 from rf_exp.statements import VERBS
-from rf_exp.tasks import RETRACTED_QPOS, Task
+from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
 
@@ -169,10 +170,10 @@ def press(request: Request, state: State) -> Motion:
 
 
 def leave(request: Request, state: State) -> Motion:
-    """Home or aside, on a free path."""
-    verb = request.subgoal.verb
-    rest = RETRACTED_QPOS if verb == "aside" else request.task.robots[request.agent - 1].rest_rad
-    points = request.reach.freely(request.agent, np.array(rest), state, f"go {verb}")
+    """To rest, or to the retracted posture, on a free path."""
+    posture = "aside" if request.subgoal.verb == "aside" else "home"
+    goal = posture_rad(posture, request.task, request.agent)
+    points = request.reach.freely(request.agent, goal, state, f"go {posture}")
     leaving, state = request.segment("move", points, state)
     return (leaving,), state
 
@@ -225,9 +226,7 @@ def lift_line(request: Request, state: State) -> Points:
     supports = request.task.objects[name].relative_to
     touches = frozenset({name, supports} if supports else {name})
     if obstacle := request.reach.blocked(agent, line, state, touches):
-        agents = (agent, obstacle) if isinstance(obstacle, int) else (agent,)
-        blocked = {"subgoals": (subgoal.text,), "obstacles": (name_of(obstacle),)}
-        raise Unreachable(Cause.SPACE, Finding.BLOCKED, agents, **blocked)
+        raise obstructed(subgoal.text, Blockage(agent, line, state, touches, obstacle))
     return line
 
 

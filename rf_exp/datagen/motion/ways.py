@@ -40,15 +40,17 @@ def effort_rad(points: Points) -> float:
 
 
 def approaches(
-    arm: Panda, before: NDArray[np.float64], goals: NDArray[np.float64], start: NDArray[np.float64]
+    arm: Panda, pregrasps: NDArray[np.float64], goals: NDArray[np.float64], start: NDArray[np.float64]
 ) -> Iterator[Approach]:
-    """Straight motions from poses `before` (G, 4, 4) to `goals`; the cheapest from joints `start` (7,) first.
+    """Straight motions from pre-grasp poses (G, 4, 4) to `goals`; the cheapest from `start` (7,) rad first.
+
+    Of what is put down or struck, the pre-grasp pose is the one above the place.
 
     The arm has a joint to spare, so one pose has many postures; some lead through stretched arms, where a
     short line takes long.
     """
     turns = _turns(arm, goals)  # (G, R)
-    first, last = (arm.postures(poses[:, None], turns) for poses in (before, goals))  # (G, R, branches, 7)
+    first, last = (arm.postures(poses[:, None], turns) for poses in (pregrasps, goals))  # (G, R, branches, 7)
     cost = _cost(start, first) + np.min([_on(first, np.roll(last, k, axis=1)) for k in NEXT], axis=0)
     taken: list[tuple[int, int, int]] = []
     for flat in np.argsort(cost, axis=None, kind="stable"):
@@ -61,7 +63,7 @@ def approaches(
             continue
         taken.append((goal, turn, branch))
         fine = turns[goal, turn] + FINE_RAD
-        postures = arm.postures(before[goal], fine)[:, branch]
+        postures = arm.postures(pregrasps[goal], fine)[:, branch]
         on = [_cost(postures, last[goal, turn, each]) for each in (branch, OTHER_SIGN[branch])]
         begin = postures[np.argmin(_cost(start, postures) + np.min(on, axis=0))]
         if not np.isfinite(begin).all():
