@@ -4,9 +4,10 @@ The paper's division of labour, carried over to policies: subgoals and their ord
 motion from what was learned. Plans are made from the true scene, at the start and whenever one is carried
 out, so an architecture that is told of them (`separate_coordinated`) knows more than its cameras show.
 
-Each arm is followed along its planned path: it is where the path comes closest to its joints, never behind
-where it was, and only where the path's gripper is as the arm's own was told to be. An arm that stands where
-the plan lets it wait may go on once the others are where the plan has them by then.
+Each arm is followed along its planned path: it is where the path comes closest to its hand, whatever its
+other joints do, never behind where it was, and only where the path's gripper is as the arm's own was told to
+be. An arm that stands where the plan lets it wait may go on once the others are where the plan has them by
+then.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,13 +18,18 @@ from numpy.typing import NDArray
 from rf_exp.datagen.brain import Question
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
+from rf_exp.robots import Panda
 from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
 
-COORDINATOR_VERSION = 4  # of what it decides
+COORDINATOR_VERSION = 5  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
 REACHED_STEPS = 3  # this near to the end of a segment an arm has come to its end
 SLACK_STEPS = 5  # that others may lack of where the plan has them
 AGAIN_STEPS = 20  # until RoboBrain is asked again when it had no plan
+NEAREST_M = 5e-4  # positions of a path this much farther than the nearest one are as near
+HAND_M = 0.1 * np.array(
+    [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+)  # points of a hand, in its TCP's frame
 
 
 class Coordinator:
@@ -34,6 +40,7 @@ class Coordinator:
     ) -> None:
         """`names` of the subgoals of each agent, in the order of their numbers, where policies know them."""
         self._task, self._planner = settings.task, Planner(settings, settings.make_brain(seed))
+        self._arms = [Panda(robot.world_from_base) for robot in settings.task.robots]
         self._rng = np.random.default_rng([seed, 1])  # as generation plans
         self._subgoals, self._names = Subgoals(len(settings.task.agents)), names
         self._done: tuple[Subgoal, ...] = ()
@@ -52,6 +59,9 @@ class Coordinator:
             return
         self._plan, self._positions = made, made.schedule.positions
         self._paths = [trajectory.path() for trajectory in made.trajectories]
+        self._hands = [
+            hand(arm, path[:, :ARM_JOINTS]) for arm, path in zip(self._arms, self._paths, strict=True)
+        ]
         self._knots = [np.array(trajectory.knots) for trajectory in made.trajectories]
         doing = self._subgoals.of_plan(made.trajectories, made.schedule)
         self._numbers = []  # of each agent, by where it is on its path: what it does next
@@ -91,8 +101,9 @@ class Coordinator:
             return at + int(np.argmax(alike))
         if not alike.all():  # a gripper has to change before its arm gets on with what is behind that
             ahead = ahead[: int(np.argmin(alike))]
-        off = np.abs(ahead[:, :ARM_JOINTS] - qpos).max(axis=1)
-        near = at + int(np.flatnonzero(off <= off.min() + 1e-3)[-1])
+        away = self._hands[k][at : at + len(ahead)] - hand(self._arms[k], qpos)
+        off_m = np.linalg.norm(away, axis=-1).mean(axis=-1)
+        near = at + int(np.flatnonzero(off_m <= off_m.min() + NEAREST_M)[-1])
         end = int(knots[np.searchsorted(knots, near)])
         return end if end - near <= REACHED_STEPS and end < at + len(ahead) else near
 
@@ -109,3 +120,9 @@ class Coordinator:
         needed = self._positions[leaves - 1] - SLACK_STEPS
         others = np.arange(len(needed)) != k
         return bool((self._at >= needed)[others].all())
+
+
+def hand(arm: Panda, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 4, 3) m, in the world: the points of an arm's hand that tell where it is and how it is turned."""
+    tcp = arm.tcp(qpos)
+    return HAND_M @ tcp[..., :3, :3].swapaxes(-1, -2) + tcp[..., None, :3, 3]
