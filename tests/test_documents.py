@@ -7,7 +7,8 @@ None is carried out to its end here: some take days, a GPU or a cluster. What ea
   that are not installed (Slurm, Ray) are left out of it.
 - other modules, benchmarks, examples: run up to where their own parser has understood the arguments; with
   none, to their help.
-- `make`: a dry run. `pip`: the extra exists. `rerun`: the subcommand and the options are in its help.
+- `make`: a dry run. `pip`: the extra exists. `rerun`, `dask`, `ray`: the subcommand and the options are in
+  its help.
 - `export`, `ssh` and `eval` are not looked into.
 
 Beside that, elsewhere: the examples and the tutorial run in short (tests/envs, tests/library,
@@ -41,14 +42,15 @@ from tests.conftest import CONF
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
-PROGRAMS = ("python", "make", "pip", "rerun", "rf-exp", "mkdocs", "export", "ssh", "eval")
+OTHERS = ("rerun", "dask", "ray")
+PROGRAMS = ("python", "make", "pip", "rf-exp", "mkdocs", "export", "ssh", "eval", *OTHERS)
 HYDRA = {"rf_exp.run": "config", "rf_exp.gallery": "config", "rf_exp.demonstration": "demonstration"}
 pytestmark = pytest.mark.slow
 
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SHELL = ("sh", "bash")
 INLINE = re.compile(r"`([^`\n]+)`")
-EXTRA = re.compile(r"\[(\w+)\]")
+EXTRAS = re.compile(r"\[([\w,-]+)\]")
 
 
 def blocks(text: str, languages: tuple[str, ...]) -> list[str]:
@@ -180,14 +182,15 @@ def test_make_has_the_target(line: str) -> None:
 @pytest.mark.parametrize("line", of("pip"))
 def test_pip_is_asked_for_extras_that_there_are(line: str) -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
-    assert set(EXTRA.findall(line)) <= set(extras)
+    assert {extra for found in EXTRAS.findall(line) for extra in found.split(",")} <= set(extras)
 
 
-@pytest.mark.parametrize("line", of("rerun"))
-def test_rerun_has_the_subcommand_and_the_options(line: str) -> None:
+@pytest.mark.parametrize("line", [line for name in OTHERS for line in of(name)])
+def test_a_program_has_the_subcommand_and_the_options(line: str) -> None:
     said = words(line)[1:]
-    subcommand = [each for each in said[:2] if re.fullmatch("[a-z]+", each)]
-    rerun = Path(sys.executable).with_name("rerun")
-    done = subprocess.run([rerun, *subcommand, "--help"], capture_output=True, text=True)
+    subcommand = [each for each in said[:2] if re.fullmatch("[a-z-]+", each) and not each.startswith("-")]
+    command = [Path(sys.executable).with_name(program(line)), *subcommand, "--help"]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert [each for each in said if each.startswith("--") and each not in done.stdout] == []
+    options = [each.partition("=")[0] for each in said if each.startswith("--")]
+    assert [each for each in options if each not in done.stdout] == []

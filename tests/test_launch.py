@@ -151,7 +151,7 @@ def test_who_stops_early_leaves_no_process(cluster, tmp_path, monkeypatch) -> No
         worker, child = map(int, (tmp_path / "pids").read_text().split())
         assert alive(worker) and alive(child)
         made.close()
-        assert until(lambda: not alive(worker) and not alive(child), 10.0)
+        assert until(lambda: not alive(worker) and not alive(child), 60.0)
 
 
 @pytest.mark.parametrize(
