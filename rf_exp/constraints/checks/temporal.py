@@ -221,17 +221,17 @@ def _handover(plan: Plan, i: int, j: int) -> tuple[int, int, tuple[int, int]]:
     close to it.
     """
     diagram = plan.paths.diagrams[i, j]  # (P_i, P_j)
+    at_i, at_j = np.nonzero(diagram)
     (comes_i, leaves_i), (comes_j, leaves_j) = (
-        [np.searchsorted(plan.positions(agent), range(count), side) for side in ("left", "right")]
-        for agent, count in zip((i, j), diagram.shape, strict=True)
+        [np.searchsorted(plan.positions(agent), range(count), side)[at] for side in ("left", "right")]
+        for agent, count, at in zip((i, j), diagram.shape, (at_i, at_j), strict=True)
     )
-    i_first = np.where(diagram, comes_j - leaves_i[:, None] + 1, 0)
-    j_first = np.where(diagram, comes_i[:, None] - leaves_j + 1, 0)
-    apart = np.where(diagram, np.maximum(i_first, j_first), len(plan.schedule) + 1)
-    at_i, at_j = np.unravel_index(apart.argmin(), diagram.shape)
-    if i_first[at_i, at_j] > 0:
-        return int(apart.min()), int(comes_j[at_j]), (i, j)
-    return int(apart.min()), int(comes_i[at_i]), (j, i)
+    i_first, j_first = comes_j - leaves_i + 1, comes_i - leaves_j + 1  # steps between; one is negative
+    apart = np.maximum(i_first, j_first)
+    nearest = int(apart.argmin())
+    if i_first[nearest] > 0:
+        return int(apart[nearest]), int(comes_j[nearest]), (i, j)
+    return int(apart[nearest]), int(comes_i[nearest]), (j, i)
 
 
 def _about(step: Step) -> str:
