@@ -87,7 +87,7 @@ def train(folder: Path, data: Any, batch_size: int) -> float:
     loss, _ = policy.forward(before(batch))
     loss.backward()
     optimizer.step()
-    return float(loss)
+    return float(loss.detach())
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """How often plans of the library succeed in ManiSkill's own two-robot tasks, by ManiSkill's criterion.
 
-    python benchmarks/library.py [--scenes 100] [--tasks TwoRobotPickCube-v1,...] [--slow]
+    python benchmarks/library.py [--scenes 100] [--seed 0] [--tasks TwoRobotPickCube-v1,...] [--slow]
 
-The scenes are those of consecutive seeds from 0, all counted; a scene is a success when the last
+The scenes are those of consecutive seeds from `--seed`, all counted; a scene is a success when the last
 `info["success"]` of its environment says so. Nothing is planned a second time. The jobs are those of
 examples/library/two_robots.py. With `--slow` arms move within the limits of our demonstrations, 0.9 rad/s
 and 0.9 rad/s2. A table; the last line is JSON: for each task the rate with Wilson's 95 % interval, how many
@@ -28,10 +28,10 @@ EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "library" / "two_ro
 OWN_LIMIT = 100  # control steps, of ManiSkill's registration of both
 
 
-def measured(example: dict[str, Any], name: str, scenes: int, slow: bool) -> dict[str, Any]:
+def measured(example: dict[str, Any], name: str, seeds: range, slow: bool) -> dict[str, Any]:
     """What became of the scenes of a task."""
     env, steps, reasons, seconds = example["make"](name), [], Counter[str](), []
-    for seed in range(scenes):
+    for seed in seeds:
         began = time.process_time()
         ended = example["play"](
             env, seed, example["JOBS"][name], JointLimits() if slow else example["LIMITS"]
@@ -46,9 +46,10 @@ def measured(example: dict[str, Any], name: str, scenes: int, slow: bool) -> dic
     env.close()
     for reason, count in reasons.most_common():
         print(f"{name}: {count} x {reason}")
-    rate = wilson(len(steps), scenes)
+    rate = wilson(len(steps), len(seeds))
     return {
-        "scenes": scenes,
+        "first_seed": seeds.start,
+        "scenes": len(seeds),
         "success": len(steps),
         "low": round(rate.low, 3),
         "high": round(rate.high, 3),
@@ -65,14 +66,15 @@ def main() -> None:
     )
     example = runpy.run_path(str(EXAMPLE))
     parser.add_argument("--scenes", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0, help="of the first scene")
     parser.add_argument("--tasks", default=",".join(example["JOBS"]))
     parser.add_argument("--slow", action="store_true")
     given = parser.parse_args()
-    found = {}
+    found, seeds = {}, range(given.seed, given.seed + given.scenes)
     for name in given.tasks.split(","):
         if name not in example["JOBS"]:
             raise choices("task", name, example["JOBS"])
-        found[name] = measured(example, name, given.scenes, given.slow)
+        found[name] = measured(example, name, seeds, given.slow)
     print("| task | success | 95 % | within 100 steps | steps | longest | core s an episode |")
     print("|---|---|---|---|---|---|---|")
     for name, row in found.items():

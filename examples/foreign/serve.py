@@ -42,6 +42,7 @@ def main() -> None:
             socket.send(traceback.format_exc())  # as openpi tells of an error
             socket.close(1011)
 
+    make_policy(given.factory, given.options)  # what is slow or wrong about it shows before anybody waits
     options = {"max_size": None, "compression": None, "ping_interval": None}
     with serve(converse, given.host, given.port, **options) as server:
         print(f"{given.factory} at ws://{given.host}:{server.socket.getsockname()[1]}", flush=True)

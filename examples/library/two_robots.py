@@ -14,7 +14,9 @@ import mani_skill.envs  # noqa: F401  registers the environments
 
 from rf_exp.library import Execution, InteractionPoint, JointLimits, NoPlan, Workcell, transform
 
-LIMITS = JointLimits(velocity_rad_s=2.1, acceleration_rad_s2=7.5)  # within those of a Panda
+LIMITS = JointLimits(
+    velocity_rad_s=2.1, acceleration_rad_s2=7.5
+)  # Franka's of the slowest joints: docs/library.md
 TURNS = "Agent_1 and Agent_2 may share the same space one after the other."
 
 

@@ -50,23 +50,27 @@ class Way:
 
     def __str__(self) -> str:
         """As a refusal says what was tried."""
-        first = ", ".join(map(agent_name, self.yielding.first))
         paths = f"{'round' if self.avoid_arms else 'regardless of'} the other arms"
-        return f"{paths}, with {first} retracted first" if first else paths
+        first = ", ".join(map(agent_name, self.yielding.first))
+        retracted = [f"{first} first"] * bool(first) + ["who is done"] * (self.yielding.to == "aside")
+        return f"{paths}, with {' and '.join(retracted)} retracted" if retracted else paths
 
 
 def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Sequence[Way]:
     """The ways to plan a proposal, the best first."""
     agents = range(1, len(scene.held) + 1)
     done = _once_done(proposal, agents, constraint_set)
-    idle = tuple(agent for agent in agents if not proposal.of(agent) and scene.held[agent - 1] is None)
+    free = tuple(agent for agent in agents if scene.held[agent - 1] is None)
+    idle = tuple(agent for agent in free if not proposal.of(agent))
     if not constraint_set.spatial:
         return [Way(False, Yielding(once_done=done))]
+    here, begins = Yielding(once_done=done), proposal.subgoals[0].agent
+    waiting = tuple(agent for agent in free if agent != begins)
+    farther = [Yielding(some, done, "aside") for some in dict.fromkeys((idle, waiting))]
     if not constraint_set.temporal:
-        return [Way(True, Yielding(once_done=done)), Way(True, Yielding(idle, done))]
+        return [Way(True, each) for each in dict.fromkeys((here, Yielding(idle, done), *farther))]
     # Who knows when arms move may pass one before it is in the way, and may send it farther off.
-    here = Yielding(once_done=done)
-    return [Way(False, here), Way(True, here), Way(False, Yielding(idle, done, "aside"))]
+    return [Way(False, here), Way(True, here), *(Way(False, each) for each in farther)]
 
 
 def _once_done(proposal: Proposal, agents: Sequence[int], constraint_set: ConstraintSet) -> frozenset[int]:
