@@ -52,8 +52,9 @@ class Way:
         """As a refusal says what was tried."""
         paths = f"{'round' if self.avoid_arms else 'regardless of'} the other arms"
         first = ", ".join(map(agent_name, self.yielding.first))
-        retracted = [f"{first} first"] * bool(first) + ["who is done"] * (self.yielding.to == "aside")
-        return f"{paths}, with {' and '.join(retracted)} retracted" if retracted else paths
+        retracted = [f"with {first} retracted first"] if first else []
+        retracted += ["each retracted once done"] if self.yielding.to == "aside" else []
+        return ", ".join([paths, *retracted])
 
 
 def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Sequence[Way]:
@@ -65,7 +66,8 @@ def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Seq
     if not constraint_set.spatial:
         return [Way(False, Yielding(once_done=done))]
     here, begins = Yielding(once_done=done), proposal.subgoals[0].agent
-    waiting = tuple(agent for agent in free if agent != begins)
+    still = {subgoal.agent for subgoal in proposal.subgoals if subgoal.verb == "hold"}
+    waiting = tuple(agent for agent in free if agent != begins and agent not in still)
     farther = [Yielding(some, done, "aside") for some in dict.fromkeys((idle, waiting))]
     if not constraint_set.temporal:
         return [Way(True, each) for each in dict.fromkeys((here, Yielding(idle, done), *farther))]

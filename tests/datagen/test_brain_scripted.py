@@ -163,7 +163,8 @@ def test_a_refusal_says_which_part_by_how_much_and_what_was_tried():
     assert violation.sentence == (
         f"Agent_1 cannot grasp camera at left: Agent_4 is in the way (its {part} comes within "
         f"{violation.value * 100:.1f} cm of {other}; at least {AGENT_MARGIN_M * 100:.1f} cm); paths were "
-        "tried round the other arms, then round the other arms, with Agent_2, Agent_3 retracted first"
+        "tried round the other arms, then round the other arms, with Agent_2, Agent_3 retracted first, "
+        "then round the other arms, with Agent_2, Agent_3 retracted first, each retracted once done"
     )
     stuck = planned(only(Subgoal(4, "home")), IN_THE_CAMERA)
     fingers = PlanningScene(PHOTO, IN_THE_CAMERA).arm(4, IN_THE_CAMERA.qpos[3, :ARM_JOINTS], touches=())

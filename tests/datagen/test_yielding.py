@@ -21,7 +21,15 @@ IDLE = 2, 4  # nothing is asked of them and they hold nothing
     [
         (False, False, [Way(False)]),
         (False, True, [Way(False, Yielding(once_done=SHARING))]),
-        (True, False, [Way(True, Yielding((), ALL)), Way(True, Yielding(IDLE, ALL))]),
+        (
+            True,
+            False,
+            [
+                Way(True, Yielding((), ALL)),
+                Way(True, Yielding(IDLE, ALL)),
+                Way(True, Yielding(IDLE, ALL, "aside")),
+            ],
+        ),
         (
             True,
             True,
@@ -35,3 +43,23 @@ IDLE = 2, 4  # nothing is asked of them and they hold nothing
 )
 def test_ways_go_from_nobody_who_yields_first_to_all_who_can(spatial, temporal, expected):
     assert list(ways(PROPOSAL, SCENE, ConstraintSet("row", spatial=spatial, temporal=temporal))) == expected
+
+
+def test_at_last_whoever_does_not_begin_and_holds_nothing_yields() -> None:
+    """Also one that has something to do later: where it waits for that it may be in the way."""
+    proposal = Proposal((Subgoal(1, "home"), Subgoal(2, "home")), ())
+    *others, last = ways(proposal, SCENE, ConstraintSet("full"))
+    assert last == Way(False, Yielding((2, 4), ALL, "aside"))
+    assert others[-1] == Way(False, Yielding((4,), ALL, "aside"))
+
+
+def test_who_is_told_to_hold_still_does() -> None:
+    proposal = Proposal((Subgoal(1, "home"), Subgoal(2, "hold")), ())
+    assert all(2 not in way.yielding.first for way in ways(proposal, SCENE, ConstraintSet("full")))
+
+
+def test_no_way_is_tried_twice() -> None:
+    proposal = Proposal(tuple(Subgoal(agent, "home") for agent in (1, 2, 3, 4)), ())
+    for temporal in (True, False):
+        found = list(ways(proposal, SCENE, ConstraintSet("row", temporal=temporal)))
+        assert len(found) == len(set(found))
