@@ -141,8 +141,18 @@ def test_a_job_that_always_loses_its_worker_is_given_up(tmp_path: Path) -> None:
         list(results(launch("loky"), [partial(dies, None)], 1, tmp_path))
 
 
+@pytest.fixture(params=["heard", "ignored"])
+def interrupts(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Ctrl-C as this process was told it, or ignored, as in the background of a shell's script."""
+    told = signal.getsignal(signal.SIGINT)
+    if request.param == "ignored":
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    yield
+    signal.signal(signal.SIGINT, told)
+
+
 @pytest.mark.parametrize("cluster", [loky, *CLUSTERS[2:]])  # Dask lets a job that has begun go on
-def test_who_stops_early_leaves_no_process(cluster, tmp_path, monkeypatch) -> None:
+def test_who_stops_early_leaves_no_process(cluster, tmp_path, monkeypatch, interrupts) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
     with cluster(tmp_path) as to:
         made = results(to, [process, partial(stays, tmp_path / "pids")], 2, tmp_path)
@@ -151,7 +161,7 @@ def test_who_stops_early_leaves_no_process(cluster, tmp_path, monkeypatch) -> No
         worker, child = map(int, (tmp_path / "pids").read_text().split())
         assert alive(worker) and alive(child)
         made.close()
-        assert until(lambda: not alive(worker) and not alive(child), 60.0)
+        assert until(lambda: not alive(worker) and not alive(child), 30.0)
 
 
 @pytest.mark.parametrize(
