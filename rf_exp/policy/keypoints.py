@@ -12,9 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.coordination import may_go
 from rf_exp.policy.grippers import changes
-from rf_exp.policy.moments import by_episode
 from rf_exp.policy.observation import Senses, others, widths, world_from_tcp
 from rf_exp.policy.view import Stream
 from rf_exp.tasks import CameraSpec
@@ -31,9 +29,7 @@ HEADING = 6  # cosine and sine of one, two and four times the heading of the fin
 
 @dataclass(frozen=True)
 class Keypoints:
-    """M keypoints in each of T frames of a stream, each as P points of HAND.
-
-    NaN where one is past, and all own ones while their agent waits, where the policy says who does.
+    """M keypoints in each of T frames of a stream, each as P points of HAND. NaN where one is past.
 
     Of several cameras, side by side, all keypoints in the first, then in the second, ...
     """
@@ -50,15 +46,12 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
     """
     cameras = [_camera(store, name) for name in stream.cameras]
     found = []
-    for qpos, action, executed in by_episode(store):
-        columns, goes = [], may_go(qpos, action, executed)
+    for qpos, action in zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True):
+        columns = []
         for agent in stream.agents:
             tcp = world_from_tcp(senses, agent, qpos)
             changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
-            own = _own(tcp, changed, senses.keys)
-            # Who waits looks for nothing; what it is to grasp may not even be there yet.
-            waits = ~goes[:, agent - 1] if senses.subgoals else np.zeros(len(tcp), bool)
-            columns += [np.where(waits[:, None, None], np.nan, column) for column in own]
+            columns += _own(tcp, changed, senses.keys)
         columns += [world_from_tcp(senses, agent, qpos) for agent in others(senses, stream)]
         found.append(np.stack(columns, axis=1))
     hands = np.concatenate(found)[kept]  # (T, M, 4, 4)

@@ -22,11 +22,9 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.coordination import may_go
 from rf_exp.policy.eyes import CELL, Eyes
 from rf_exp.policy.hands import followed, with_hands
 from rf_exp.policy.keypoints import HAND, keypoints
-from rf_exp.policy.moments import by_episode
 from rf_exp.policy.observation import Senses, senses_of, tcp_poses
 from rf_exp.robots import limits_rad, tcp_pose
 from rf_exp.sim.simulator import CameraModel
@@ -103,22 +101,6 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
                     seen = camera.intrinsics @ apply(inverse(camera.world_from_camera), world)
                     pixel = seen[:2] / seen[2] / (WIDTH, HEIGHT)
                     np.testing.assert_allclose(found.pixels[frame, mine], pixel, atol=1e-4)
-
-
-def test_who_waits_has_nothing_to_look_for(make_store, seeing: PolicyConfig) -> None:
-    """Where policies tell who waits: their own keypoints alone, and in those frames alone."""
-    store: Store = make_store(2, 3)
-    (stream,) = (view := View("agent1", (Stream("agent1", (1,)),))).streams
-    plain, phased = (
-        keypoints(store, stream, senses_of(replace(seeing, phases=said), store, view), slice(None)).points
-        for said in (False, True)
-    )
-    waits = ~np.concatenate([may_go(*each) for each in by_episode(store)])[:, 0]
-    assert waits.any() and not waits.all()
-    own = 2 * len(HAND)  # the closing of its gripper, and the end
-    assert np.isnan(phased[waits, :own]).all()
-    assert np.array_equal(phased[~waits], plain[~waits], equal_nan=True)
-    assert np.array_equal(phased[:, own:], plain[:, own:])
 
 
 def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: PolicyConfig) -> None:
