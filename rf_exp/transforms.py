@@ -90,6 +90,11 @@ def apply(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+def placed(poses: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (K, 3) in the frames of poses (..., 4, 4), outside of them: (..., K, 3)."""
+    return points @ poses[..., :3, :3].swapaxes(-1, -2) + poses[..., None, :3, 3]
+
+
 def wrapped_rad(angles: ArrayLike) -> NDArray[np.float64]:
     """Angles (...) brought into [-pi, pi)."""
     return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi

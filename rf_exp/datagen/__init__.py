@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         State,
         Unreachable,
         add_primitive,
+        as_commanded,
         come_to_rest,
         let_off,
     )
@@ -39,6 +40,7 @@ else:
                 "State",
                 "Unreachable",
                 "add_primitive",
+                "as_commanded",
                 "come_to_rest",
                 "let_off",
             ),
@@ -67,6 +69,7 @@ __all__ = [
     "Trace",
     "Unreachable",
     "add_primitive",
+    "as_commanded",
     "brain",
     "come_to_rest",
     "generate",

@@ -19,6 +19,7 @@ from rf_exp.datagen.brain import Question
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.robots import Panda
+from rf_exp.transforms import placed
 from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
 
 COORDINATOR_VERSION = 5  # of what it decides
@@ -128,5 +129,4 @@ class Coordinator:
 
 def hand(arm: Panda, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., 4, 3) m, in the world: the points of an arm's hand that tell where it is and how it is turned."""
-    tcp = arm.tcp(qpos)
-    return HAND_M @ tcp[..., :3, :3].swapaxes(-1, -2) + tcp[..., None, :3, 3]
+    return placed(arm.tcp(qpos), HAND_M)

@@ -16,7 +16,7 @@ from rf_exp.coordination import actions, intended
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.log import EpisodeLog, Frame
-from rf_exp.datagen.motion import come_to_rest, disturb, let_off
+from rf_exp.datagen.motion import as_commanded, come_to_rest, disturb, let_off
 from rf_exp.datagen.observer import NullObserver, Observer
 from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Planned, Planner, Settings
@@ -25,7 +25,7 @@ from rf_exp.findings import CheckName, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
 from rf_exp.tasks import Ledger, SuccessEvaluator
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Episode, Scene, SeeingWorld, Subgoal
+from rf_exp.types import CONTROL_DT_S, Episode, Scene, SeeingWorld, Subgoal
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
@@ -137,7 +137,8 @@ class _Making:
     # -- planning --------------------------------------------------------------------------------
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Planned | Violation | None:
-        scene = self._as_commanded(self._looked_at(question.scene))
+        last = self._log.frames[-1].executed if self._log.frames else None
+        scene = as_commanded(self._looked_at(question.scene), last)
         plan = self._planner.plan(
             question, scene, rng, self._bumps if self._settings.disturbance_rad else None
         )
@@ -183,16 +184,6 @@ class _Making:
             return scene
         planning_scene = PlanningScene(settings.task, scene)
         return replace(scene, seen=look(self._world.depth(), self._world.camera_models(), planning_scene))
-
-    def _as_commanded(self, scene: Scene) -> Scene:
-        """The scene with the arms where they were last sent.
-
-        They trail their targets a little; motion that began at the measured joints would jerk back.
-        """
-        if not self._log.frames:
-            return scene
-        command = self._log.frames[-1].executed
-        return replace(scene, qpos=np.hstack([command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
 
     # -- execution -------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapely import MultiPoint
 
 from rf_exp.coordination import actions
-from rf_exp.datagen import Planned, Planner, Settings, come_to_rest, let_off
+from rf_exp.datagen import Planned, Planner, Settings, as_commanded, come_to_rest, let_off
 from rf_exp.datagen.brain import Question
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.findings import CheckName, Violation, agent_name
@@ -22,7 +22,7 @@ from rf_exp.statements import Proposal, Statement, read, read_subgoal
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset, InteractionPoint, Part
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, ConstraintSet, JointLimits, Scene, Subgoal
+from rf_exp.types import ConstraintSet, JointLimits, Scene, Subgoal
 
 FULL = ConstraintSet("full")
 SETTLE_STEPS = 20  # that arms hold still after a plan: what was put down may need a moment
@@ -152,7 +152,7 @@ class Workcell:
         """
         proposal = self._proposal(subgoals, constraints)
         planner = Planner(self._settings, Said(proposal).make(self.task, self._settings.constraint_set, seed))
-        scene = self._as_commanded(self.scene())
+        scene = as_commanded(self.scene(), self._command)
         made = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
         if made is None:
             raise ArgumentError("there are no subgoals; expected one for some agent")
@@ -209,12 +209,6 @@ class Workcell:
             read(each, words) if isinstance(each, str) else each.known_in(words) for each in constraints
         ]
         return Proposal(tuple(found), tuple(stated))
-
-    def _as_commanded(self, scene: Scene) -> Scene:
-        """The scene with the arms where they were last sent: they trail their targets a little."""
-        if self._command is None:
-            return scene
-        return replace(scene, qpos=np.hstack([self._command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
 
     def _stop(self, commands: NDArray[np.float64], now: int, violation: Violation) -> None:
         """Everybody comes to rest along the plan; arms that have hit something then no longer push."""

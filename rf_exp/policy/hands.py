@@ -51,6 +51,8 @@ def _nearest(arm: Panda, poses: NDArray[np.float64], joints: NDArray[np.float64]
     best, away = joints.copy(), np.full(len(joints), np.inf)
     for turns in TURNS_RAD:
         far = np.flatnonzero(away > CLOSE_RAD)
+        if not len(far):
+            break
         found = arm.postures(poses[far, None], best[far, -1:] + turns)
         found = found.reshape(len(far), len(turns) * BRANCHES, ARM_JOINTS)
         apart = np.nan_to_num(np.abs(found - joints[far, None]).max(axis=-1), nan=np.inf)

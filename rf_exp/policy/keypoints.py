@@ -16,7 +16,7 @@ from rf_exp.policy.grippers import changes
 from rf_exp.policy.observation import Senses, others, widths, world_from_tcp
 from rf_exp.policy.view import Stream
 from rf_exp.tasks import CameraSpec
-from rf_exp.transforms import apply, inverse, planar
+from rf_exp.transforms import apply, inverse, placed, planar
 from rf_exp.types import ARM_JOINTS, CameraModel
 
 if TYPE_CHECKING:
@@ -55,8 +55,7 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
         columns += [world_from_tcp(senses, agent, qpos) for agent in others(senses, stream)]
         found.append(np.stack(columns, axis=1))
     hands = np.concatenate(found)[kept]  # (T, M, 4, 4)
-    world = np.array(HAND) @ hands[..., :3, :3].swapaxes(-1, -2) + hands[..., None, :3, 3]
-    world = world.reshape(len(hands), -1, 3)
+    world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
     to_base = inverse(planar(*senses.bases[stream.agents[0] - 1]))
     fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
     heading = np.arctan2(fingers[..., 1], fingers[..., 0])

@@ -3,7 +3,7 @@
 from rf_exp.datagen.motion.disturb import disturb
 from rf_exp.datagen.motion.planner import plan_motion
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, name_of
-from rf_exp.datagen.motion.stop import come_to_rest, let_off
+from rf_exp.datagen.motion.stop import as_commanded, come_to_rest, let_off
 from rf_exp.datagen.motion.verbs import Motion, Request, add_primitive
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "State",
     "Unreachable",
     "add_primitive",
+    "as_commanded",
     "come_to_rest",
     "disturb",
     "let_off",

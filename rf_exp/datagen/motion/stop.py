@@ -1,20 +1,31 @@
-"""Stopping in the middle of a plan: the clock of the schedule slows down until nobody moves.
+"""Between plans: stopping amid one, and where the next begins.
 
-All arms slow down together, so they pass only through configurations that the schedule has them pass
-through, and keep clear of one another as planned.
+To stop, the clock of the schedule slows down until nobody moves. All arms slow down together, so they pass
+only through configurations that the schedule has them pass through, and keep clear of one another as planned.
 """
 
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from rf_exp.datagen.motion.timing import parameterise
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, JointLimits
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, JointLimits, Scene
 
 SLOWEST = 1e-3  # of the planned pace: less than this is rest
 _PACES = 65  # tried for each control step, from standing still to the pace of the step before
+
+
+def as_commanded(scene: Scene, command: NDArray[np.float64] | None) -> Scene:
+    """The scene with the arms where `command` (N, 8) has sent them last; as it is where there was none.
+
+    They trail their targets a little; motion that began at the measured joints would jerk back.
+    """
+    if command is None:
+        return scene
+    return replace(scene, qpos=np.hstack([command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
 
 
 def come_to_rest(commands: NDArray[np.float64], now: int, limits: JointLimits) -> NDArray[np.float64]:
