@@ -136,6 +136,7 @@ class Windows:
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
         self.pixels = self.points = self.headings = torch.empty(0)  # of keypoints, see `Keypoints`
         self.doing = torch.empty(0)  # (S * T, N) the subgoals of the other agents
+        self.goes: NDArray[np.int64] = np.arange(0)  # windows in which an own agent may go on
         if config.encoder == "heatmaps" and config.observation == "pictures":
             found = [keypoints(store, stream, senses, kept) for stream in view.streams]
             self.pixels = self._stack([each.pixels for each in found])
@@ -144,6 +145,9 @@ class Windows:
             doing = numbers[kept]
             watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
             self.doing = self._stack([doing[:, columns] for columns in watched])
+            free = np.concatenate([may_go(*each) for each in by_episode(store)])[kept]
+            own = [free[:, np.array(stream.agents) - 1].any(axis=1) for stream in view.streams]
+            self.goes = np.flatnonzero(np.concatenate(own))
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
         return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(self._device)
@@ -231,6 +235,14 @@ class Windows:
             self._actions(windows),
             features,
         )
+
+    def going(self, windows: NDArray[np.int64], part: float, rng: np.random.Generator) -> NDArray[np.int64]:
+        """Windows (B,), that part of them replaced by some in which an own agent may go on.
+
+        In a long task an agent waits most of the time, for what is not there yet: there is nothing to see.
+        """
+        drawn = rng.choice(self.goes, round(part * len(windows))) if len(self.goes) else self.goes
+        return np.concatenate([drawn, windows[len(drawn) :]])
 
     def marked(
         self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None

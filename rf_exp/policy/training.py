@@ -195,6 +195,8 @@ class Training:
         generator = torch.Generator(self._device).manual_seed(int(noise_seed))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
             if seeing:
+                if config.eyes_going:
+                    windows = self._windows.going(windows, config.eyes_going, rng)
                 loss = self.policy.eyes_loss(*self._windows.marked(windows, config.eyes_shift_px, rng))
             else:
                 batch = self._windows.batch(windows, rng)

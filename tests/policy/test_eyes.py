@@ -22,9 +22,11 @@ from rf_exp.policy import (
     train,
     views,
 )
+from rf_exp.policy.coordination import may_go
 from rf_exp.policy.eyes import CELL, Eyes
 from rf_exp.policy.hands import followed, with_hands
 from rf_exp.policy.keypoints import HAND, keypoints
+from rf_exp.policy.moments import by_episode
 from rf_exp.policy.observation import Senses, senses_of, tcp_poses
 from rf_exp.robots import limits_rad, tcp_pose
 from rf_exp.sim.simulator import CameraModel
@@ -54,7 +56,7 @@ def seeing(policy_config: PolicyConfig) -> PolicyConfig:
 
 @pytest.fixture
 def phases(train_config: TrainConfig) -> TrainConfig:
-    return replace(train_config, eyes_steps=3, draft_steps=3, steps=3)
+    return replace(train_config, eyes_steps=3, eyes_going=0.5, draft_steps=3, steps=3)
 
 
 def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
@@ -223,6 +225,27 @@ def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyCon
     for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
         rows, columns = np.mgrid[8 : HEIGHT - 8, 8 : WIDTH - 8]
         assert torch.equal(after[rows + down, columns + right], before[rows, columns])
+
+
+def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
+    make_store, seeing: PolicyConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As large a part of them as is said; the rest are those that were to come, in their order."""
+    store: Store = make_store(2, 3)
+    action, executed = np.array(store.action), np.array(store.executed)
+    first, last = store.by_episode(np.arange(store.steps))[1][[0, -10]]
+    action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 is sent nowhere
+    monkeypatch.setitem(vars(store), "action", action)
+    monkeypatch.setitem(vars(store), "executed", executed)
+    view = View("agent1", (Stream("agent1", (1,)),))
+    windows = Windows(store, view, replace(seeing, drop_idle=False), CPU)
+    every = np.arange(store.steps)
+    drawn = windows.going(every, 0.75, np.random.default_rng(0))
+    part = round(0.75 * store.steps)
+    assert np.array_equal(drawn[part:], every[part:])
+    free = np.concatenate([may_go(*episode) for episode in by_episode(store)])[:, 0]
+    assert set(drawn[:part]) <= set(np.flatnonzero(free)) and not free.all()
+    assert len(set(drawn[:part])) > 0.5 * free.sum()
 
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
