@@ -4,8 +4,9 @@
 
 Trains the eyes of every agent's own camera on the first episodes of a store and looks at the rest: the
 distance between where an own gripper changes next (or the episode ends, or another arm is) and where the eyes
-say so, at every frame before that in which it is in the picture and the agent may go on. The last line is JSON: by agent median and
-90th percentile in mm for each keypoint, milliseconds a picture, and CPU seconds of training.
+say so, at every frame before that in which it is in the picture and the agent may go on. The last line is
+JSON: by agent median and 90th percentile in mm for each keypoint, milliseconds a picture, and CPU seconds of
+training.
 """
 
 import argparse
@@ -13,7 +14,6 @@ import json
 import time
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from rf_exp.policy import PolicyConfig, TrainConfig, Training, Windows, views
@@ -46,7 +46,7 @@ def main() -> None:
     recipe = TrainConfig(
         epochs=None,
         eyes_steps=given.steps,
-        eyes_going=given.going,
+        going=given.going,
         steps=1,
         warmup_steps=50,
         batch_size=given.batch,

@@ -130,12 +130,12 @@ class TrainConfig:
     epochs: int | None = 300
     steps: int | None = None
     batch_size: int = 128  # windows
+    going: float = 0.0  # part of them that is drawn from those in which an own agent may go on
     run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
     noise_draws: int = 1  # for each window in a batch
     eyes_rate: float = 1.0  # learning rate of the heat maps, as a multiple of the others'
     eyes_shift_px: int = 0  # by which the pictures for the heat maps are shifted at most, either way
     eyes_steps: int = 0  # before all others, of the heat maps alone, which then stay as they are
-    eyes_going: float = 0.0  # part of their pictures that is drawn from those in which an own agent may go on
     draft_steps: int = 0  # before the others, of the draft alone
     learning_rate: float = 1e-4
     betas: tuple[float, float] = (0.95, 0.999)
@@ -163,7 +163,7 @@ class TrainConfig:
         for name in ("weight_decay", "proprio_noise", *counts):
             _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")
         _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
-        _require(0 <= self.eyes_going <= 1, "eyes_going", self.eyes_going, "a number from 0 to 1")
+        _require(0 <= self.going <= 1, "going", self.going, "a number from 0 to 1")
         _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")
         _one_of(self, "device", ("auto", "cpu", "cuda"))
 
@@ -171,4 +171,4 @@ class TrainConfig:
     def identity(self) -> dict[str, Any]:
         """The fields that decide what comes out, but for those that came later, where they change nothing."""
         decides = {name: value for name, value in asdict(self).items() if name not in HOW}
-        return without(decides, eyes_going=0.0)
+        return without(decides, going=0.0)

@@ -89,9 +89,12 @@ class Windows:
         senses = self.senses = senses_of(config, store, view)
         # Who is not told of subgoals may learn from a store that does not say.
         numbers = numbered(store)[0] if senses.subgoals else store.subgoal[:].astype(np.int64)
-        self._feel(store, view, kept, numbers)
+        free = np.concatenate([may_go(*each) for each in by_episode(store)])
+        self._feel(store, view, kept, numbers, free)
         self._see(store, view, kept, numbers)
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
+        # Windows in which an own agent may go on.
+        self.goes = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
         late = np.concatenate([hesitates(*each[1:]) for each in by_episode(store)])[kept]
         self._going = [  # of each agent of a stream
             Going(np.concatenate([late[:, agents[row]] for agents in columns]))
@@ -99,7 +102,14 @@ class Windows:
         ]
         self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
 
-    def _feel(self, store: "Store", view: View, kept: Kept, numbers: NDArray[np.int64]) -> None:
+    def _feel(
+        self,
+        store: "Store",
+        view: View,
+        kept: Kept,
+        numbers: NDArray[np.int64],
+        free: NDArray[np.bool_],
+    ) -> None:
         """Proprioception, commands, and the context: grippers, subgoals, true poses, as the senses say."""
         senses = self.senses
         qpos, action = store.qpos[kept], store.action[kept]
@@ -117,7 +127,6 @@ class Windows:
             episodes = zip(*map(store.by_episode, told_and_done), strict=True)
             memory = np.concatenate([remembered(*each) for each in episodes])
         if senses.subgoals:
-            free = np.concatenate([may_go(*each) for each in by_episode(store)])
             memory = np.concatenate([memory, told(numbers, free, senses.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
         self.context = self._stack(
@@ -136,7 +145,6 @@ class Windows:
             self._pictures = self._stack(pictures)  # (S * T, H, W, 3) uint8
         self.pixels = self.points = self.headings = torch.empty(0)  # of keypoints, see `Keypoints`
         self.doing = torch.empty(0)  # (S * T, N) the subgoals of the other agents
-        self.goes: NDArray[np.int64] = np.arange(0)  # windows in which an own agent may go on
         if config.encoder == "heatmaps" and config.observation == "pictures":
             found = [keypoints(store, stream, senses, kept) for stream in view.streams]
             self.pixels = self._stack([each.pixels for each in found])
@@ -145,9 +153,6 @@ class Windows:
             doing = numbers[kept]
             watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
             self.doing = self._stack([doing[:, columns] for columns in watched])
-            free = np.concatenate([may_go(*each) for each in by_episode(store)])[kept]
-            own = [free[:, np.array(stream.agents) - 1].any(axis=1) for stream in view.streams]
-            self.goes = np.flatnonzero(np.concatenate(own))
 
     def _stack(self, arrays: list[NDArray]) -> Tensor:
         return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(self._device)
@@ -236,13 +241,22 @@ class Windows:
             features,
         )
 
-    def going(self, windows: NDArray[np.int64], part: float, rng: np.random.Generator) -> NDArray[np.int64]:
+    def going(
+        self, windows: NDArray[np.int64], part: float, rng: np.random.Generator
+    ) -> tuple[NDArray[np.int64], Tensor]:
         """Windows (B,), that part of them replaced by some in which an own agent may go on.
 
-        In a long task an agent waits most of the time, for what is not there yet: there is nothing to see.
+        And how much each of them counts (B,), where what is learned is how often something is so.
+        In a long task an agent waits most of the time, for what is not there yet.
         """
-        drawn = rng.choice(self.goes, round(part * len(windows))) if len(self.goes) else self.goes
-        return np.concatenate([drawn, windows[len(drawn) :]])
+        if not part or not len(self.goes):
+            return windows, torch.ones(len(windows), device=self._device)
+        drawn = rng.choice(self.goes, round(part * len(windows)))
+        chosen = np.concatenate([drawn, windows[len(drawn) :]])
+        part = len(drawn) / len(windows)
+        free = np.isin(chosen, self.goes)
+        weights = 1 / (1 - part + part * free * len(self) / len(self.goes))
+        return chosen, torch.from_numpy(weights.astype(np.float32)).to(self._device)
 
     def marked(
         self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None

@@ -145,10 +145,12 @@ class DiffusionPolicy(nn.Module):
         assert isinstance(self.encoder, Eyes)
         self.encoder.fit(pixels, points)
 
-    def draft_loss(self, batch: Batch, generator: torch.Generator, proprio_noise: float = 0.0) -> Tensor:
+    def draft_loss(
+        self, batch: Batch, weights: Tensor, generator: torch.Generator, proprio_noise: float = 0.0
+    ) -> Tensor:
         """Mean absolute error of the draft, which is learned before the U-Net and then stays as it is.
 
-        And the cross entropy of the phase, where it is predicted.
+        And the cross entropy of the phase, where it is predicted: windows count by their weights (B,) there.
         """
         assert self.draft is not None
         draft = self.draft(self._observed(batch, generator, proprio_noise))
@@ -159,8 +161,9 @@ class DiffusionPolicy(nn.Module):
         found = self.phase(self._observed(unknown, generator, proprio_noise)).float()
         found = found.unflatten(1, (self._agents, -1)).flatten(0, 1)
         phase = batch.context[:, -1, -self._told :].reshape(found.shape)
-        subgoal = functional.cross_entropy(found[:, :-1], phase[:, :-1])
-        return loss + subgoal + functional.binary_cross_entropy_with_logits(found[:, -1], phase[:, -1])
+        subgoal = functional.cross_entropy(found[:, :-1], phase[:, :-1], reduction="none")
+        free = functional.binary_cross_entropy_with_logits(found[:, -1], phase[:, -1], reduction="none")
+        return loss + (weights.repeat_interleave(self._agents) * (subgoal + free)).mean()
 
     def _without_phase(self, context: Tensor) -> Tensor:
         return functional.pad(context[..., : -self._told], (0, self._told))

@@ -194,16 +194,15 @@ class Training:
         noise_seed = np.random.SeedSequence([config.seed, NOISE, self.step]).generate_state(1)[0]
         generator = torch.Generator(self._device).manual_seed(int(noise_seed))
         with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
+            windows, weights = self._windows.going(windows, config.going, rng)
             if seeing:
-                if config.eyes_going:
-                    windows = self._windows.going(windows, config.eyes_going, rng)
                 loss = self.policy.eyes_loss(*self._windows.marked(windows, config.eyes_shift_px, rng))
             else:
                 batch = self._windows.batch(windows, rng)
                 if self.step < config.eyes_steps + config.draft_steps:
                     with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
                         torch.manual_seed(int(noise_seed))
-                        loss = self.policy.draft_loss(batch, generator, config.proprio_noise)
+                        loss = self.policy.draft_loss(batch, weights, generator, config.proprio_noise)
                 else:
                     loss = self.policy.loss(batch, generator, config.noise_draws, config.proprio_noise)
         for group in self._optimiser.param_groups:

@@ -56,7 +56,7 @@ def seeing(policy_config: PolicyConfig) -> PolicyConfig:
 
 @pytest.fixture
 def phases(train_config: TrainConfig) -> TrainConfig:
-    return replace(train_config, eyes_steps=3, eyes_going=0.5, draft_steps=3, steps=3)
+    return replace(train_config, eyes_steps=3, going=0.5, draft_steps=3, steps=3)
 
 
 def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
@@ -230,7 +230,10 @@ def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyCon
 def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     make_store, seeing: PolicyConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As large a part of them as is said; the rest are those that were to come, in their order."""
+    """As large a part of them as is said; the rest are those that were to come, in their order.
+
+    Counted by their weights they are as all windows are.
+    """
     store: Store = make_store(2, 3)
     action, executed = np.array(store.action), np.array(store.executed)
     first, last = store.by_episode(np.arange(store.steps))[1][[0, -10]]
@@ -239,13 +242,16 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     monkeypatch.setitem(vars(store), "executed", executed)
     view = View("agent1", (Stream("agent1", (1,)),))
     windows = Windows(store, view, replace(seeing, drop_idle=False), CPU)
-    every = np.arange(store.steps)
-    drawn = windows.going(every, 0.75, np.random.default_rng(0))
-    part = round(0.75 * store.steps)
+    every = np.random.default_rng(1).integers(0, store.steps, 8000)
+    assert np.array_equal(windows.going(every, 0.0, np.random.default_rng(0))[0], every)
+    drawn, weights = windows.going(every, 0.75, np.random.default_rng(0))
+    part = 6000
     assert np.array_equal(drawn[part:], every[part:])
     free = np.concatenate([may_go(*episode) for episode in by_episode(store)])[:, 0]
     assert set(drawn[:part]) <= set(np.flatnonzero(free)) and not free.all()
-    assert len(set(drawn[:part])) > 0.5 * free.sum()
+    assert len(set(drawn[:part])) == free.sum()
+    assert (weights * torch.from_numpy(free[drawn])).mean() == pytest.approx(free.mean(), rel=0.1)
+    assert weights.mean() == pytest.approx(1.0, rel=0.1)
 
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
