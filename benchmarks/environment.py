@@ -73,7 +73,7 @@ def steps_ms(name: str, clock: Clock, repeats: int, options: dict[str, Any]) -> 
                 environment.step(told[face])
                 rest_ms = 1e3 * (time.perf_counter() - began) - clock.ms
                 times_ms[face, :, repeat, k] = clock.ms, rest_ms
-        assert several.core.success, f"{name}: played again, the episode does not succeed"
+        assert several.core.episode.success, f"{name}: played again, the episode does not succeed"
     single.close()
     several.close()
     return times_ms.min(axis=2).mean(axis=2)

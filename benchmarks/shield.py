@@ -38,7 +38,7 @@ class Player(PolicyRunner):
     """One agent that plays commands (T, 8) back, chunk by chunk, and stands still before and behind them."""
 
     def __init__(self, agent: int, commands: NDArray[np.float64], chunk: int, late: int) -> None:
-        self._commands, self._chunk, self._late = commands, chunk, late
+        self._commands, self._chunk, self._late, self._done = commands, chunk, late, -late
         super().__init__(View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),)), np.array([FASTEST_RAD]))
 
     def reset(self, seed: int) -> None:

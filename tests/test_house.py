@@ -1,7 +1,7 @@
 """How the house is laid out: what may be imported from where, and how long and alike things may be."""
 
 import ast
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -98,6 +98,62 @@ def test_nothing_is_too_long_to_be_read_at_once() -> None:
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
                 long += [f"{named(path)}: {node.name}: {lines} lines"] * (lines > LONGEST_FUNCTION)
     assert not long, "\n".join(long)
+
+
+BIRTHPLACES = {"__init__", "__post_init__", "__new__"}
+CLASSES: dict[str, list[ast.ClassDef]] = defaultdict(list)  # of the package, by name
+for _path in HOUSE:
+    for _node in ast.walk(SOURCES[_path]):
+        if isinstance(_node, ast.ClassDef):
+            CLASSES[_node.name].append(_node)
+
+
+def assigned(method: ast.FunctionDef) -> set[str]:
+    """The attributes of itself to which a method gives a value."""
+    if not method.args.args or any(ast.unparse(each) == "staticmethod" for each in method.decorator_list):
+        return set()
+    promised = {
+        each.target for each in ast.walk(method) if isinstance(each, ast.AnnAssign) and not each.value
+    }
+    return {
+        each.attr
+        for each in ast.walk(method)
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and each not in promised
+        if ast.unparse(each.value) == method.args.args[0].arg
+    }
+
+
+def born(cls: ast.ClassDef) -> set[str]:
+    """The attributes that every object of a class has from the start, by itself or by those it descends from."""
+    fields = any("dataclass" in ast.unparse(each) for each in cls.decorator_list)
+    names: set[str] = set()
+    for node in cls.body:
+        if isinstance(node, ast.AnnAssign) and (fields or node.value):
+            names.add(ast.unparse(node.target))
+        elif isinstance(node, ast.Assign):
+            names |= {ast.unparse(each) for each in node.targets}
+        elif isinstance(node, ast.FunctionDef):
+            names |= assigned(node) if node.name in BIRTHPLACES else {node.name}  # a property, with a setter
+    for base in cls.bases:
+        name = ast.unparse(base).split("[")[0].rsplit(".")[-1]
+        for parent in CLASSES.get(name, []):
+            names |= born(parent) if parent is not cls else set()
+    return names
+
+
+def test_no_attribute_is_born_outside_of_init() -> None:
+    """What an object is made of is read in one place, and nothing is missing before a method was called.
+
+    What a method builds anew, such as the state of an episode, is an object of its own, held in one attribute.
+    """
+    late = [
+        f"{cls.name}.{method.name} is the first to set self.{name} (line {method.lineno}); set it in __init__"
+        for cls in (cls for same in CLASSES.values() for cls in same)
+        for method in cls.body
+        if isinstance(method, ast.FunctionDef) and method.name not in BIRTHPLACES
+        for name in sorted(assigned(method) - born(cls))
+    ]
+    assert not late, "\n".join(late)
 
 
 def test_files_of_tests_are_short_and_none_is_called_as_another() -> None:

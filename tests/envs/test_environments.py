@@ -27,7 +27,7 @@ BUTTON = ROOT / "tests/tutorial/conf/task/push_button.yaml"
 
 def held(env: CentralEnv) -> NDArray[np.float32]:
     """The action that keeps the arms where they are."""
-    qpos = env.core.scene.qpos
+    qpos = env.core.episode.scene.qpos
     return np.column_stack([qpos[:, :7], np.ones(len(qpos))]).astype(np.float32)
 
 
@@ -144,10 +144,10 @@ def test_arms_that_are_driven_into_one_another_are_violations(overlaps: bool) ->
     target[:, :7] = (0.0, 1.2, 0.0, -0.6, 0.0, 1.8, 0.8)  # outstretched towards the other arm
     for _ in range(60):
         core.step(target)
-        seen += monitor(core.scene) is not None
-        touched += any(force_n > 1.0 for *_, force_n in core.scene.arm_contacts)
+        seen += monitor(core.episode.scene) is not None
+        touched += any(force_n > 1.0 for *_, force_n in core.episode.scene.arm_contacts)
     assert 0 < touched <= seen
-    info = core.info()
+    info = core.episode.info()
     assert info["violations"] == (seen if overlaps else touched)
     assert "Agent_1" in info["violation"] and "Agent_2" in info["violation"]
     core.close()

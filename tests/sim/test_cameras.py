@@ -115,7 +115,7 @@ def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator:
     assert {agent for step in reached for agent, _ in moments.found[step]} == set(simulator.task.agents)
     fingers = [
         [link.entity.per_scene_id for link in robot.links if link.name.endswith(tuple(GRIPPER))]
-        for robot in simulator._robots
+        for robot in simulator._loaded.robots
     ]
     assert all(len(links) == len(GRIPPER) for links in fingers)
     hidden = []
