@@ -1,7 +1,7 @@
 """How the house is laid out: what may be imported from where, and how long and alike things may be."""
 
 import ast
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +15,8 @@ SOURCES = {
 }
 PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}
 HOUSE = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
+CLASSES = [node for path in HOUSE for node in ast.walk(SOURCES[path]) if isinstance(node, ast.ClassDef)]
+BIRTHPLACES = {"__init__", "__post_init__", "__new__"}
 LONGEST_FUNCTION, LONGEST_MODULE = 49, 299  # lines
 LONGEST_TESTS = 400  # lines of a file
 
@@ -100,14 +102,6 @@ def test_nothing_is_too_long_to_be_read_at_once() -> None:
     assert not long, "\n".join(long)
 
 
-BIRTHPLACES = {"__init__", "__post_init__", "__new__"}
-CLASSES: dict[str, list[ast.ClassDef]] = defaultdict(list)  # of the package, by name
-for _path in HOUSE:
-    for _node in ast.walk(SOURCES[_path]):
-        if isinstance(_node, ast.ClassDef):
-            CLASSES[_node.name].append(_node)
-
-
 def assigned(method: ast.FunctionDef) -> set[str]:
     """The attributes of itself to which a method gives a value."""
     if not method.args.args or any(ast.unparse(each) == "staticmethod" for each in method.decorator_list):
@@ -124,7 +118,7 @@ def assigned(method: ast.FunctionDef) -> set[str]:
 
 
 def born(cls: ast.ClassDef) -> set[str]:
-    """The attributes that every object of a class has from the start, by itself or by those it descends from."""
+    """The attributes that every object of a class has from the start, also by those that it descends from."""
     fields = any("dataclass" in ast.unparse(each) for each in cls.decorator_list)
     names: set[str] = set()
     for node in cls.body:
@@ -134,21 +128,20 @@ def born(cls: ast.ClassDef) -> set[str]:
             names |= {ast.unparse(each) for each in node.targets}
         elif isinstance(node, ast.FunctionDef):
             names |= assigned(node) if node.name in BIRTHPLACES else {node.name}  # a property, with a setter
-    for base in cls.bases:
-        name = ast.unparse(base).split("[")[0].rsplit(".")[-1]
-        for parent in CLASSES.get(name, []):
-            names |= born(parent) if parent is not cls else set()
+    bases = {ast.unparse(base).split("[")[0].rsplit(".")[-1] for base in cls.bases}
+    for parent in CLASSES:
+        names |= born(parent) if parent.name in bases - {cls.name} else set()
     return names
 
 
 def test_no_attribute_is_born_outside_of_init() -> None:
     """What an object is made of is read in one place, and nothing is missing before a method was called.
 
-    What a method builds anew, such as the state of an episode, is an object of its own, held in one attribute.
+    What a method makes anew, such as the state of an episode, is an object of its own, in one attribute.
     """
     late = [
         f"{cls.name}.{method.name} is the first to set self.{name} (line {method.lineno}); set it in __init__"
-        for cls in (cls for same in CLASSES.values() for cls in same)
+        for cls in CLASSES
         for method in cls.body
         if isinstance(method, ast.FunctionDef) and method.name not in BIRTHPLACES
         for name in sorted(assigned(method) - born(cls))
