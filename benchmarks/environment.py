@@ -25,7 +25,7 @@ from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs import Observations, parallel_env
 from rf_exp.envs.registration import configured, environment_id, find_task
 from rf_exp.sim import Simulator
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 
 SEED = 0
 FACES = ("gymnasium", "pettingzoo")
@@ -51,8 +51,8 @@ class Clock:
 
 def expert(name: str) -> NDArray[np.float32]:
     """(T, N, 8) the commands of the expert in the scene of the seed."""
-    settings = Settings(find_task(name), ConstraintSet("full"), ScriptedSpec())
-    episode = make_episode(settings, Pictures(render=False), SEED).episode
+    settings = Settings.configured(find_task(name), ConstraintSet("full"), ScriptedSpec())
+    episode = make_episode(settings, NO_PICTURES, SEED).episode
     assert episode is not None, f"the expert fails in {name}, seed {SEED}"
     return episode.commanded
 

@@ -23,7 +23,7 @@ from rf_exp.types import ConstraintSet
 
 
 def measured(task: Task, seeds: int) -> dict[str, float]:
-    settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     took_s, steps = [], []
     with Simulator(task, render=False) as simulator:
         for seed in range(-1, seeds):  # the first of all fills caches

@@ -1,11 +1,11 @@
 """Everything in conf/ composes and becomes a valid experiment; `all` means all there is."""
 
+from dataclasses import replace
 from itertools import product
 
 import pytest
 
 from rf_exp.command import CONF
-from rf_exp.tasks import Randomisation
 from tests.conftest import experiment
 
 GROUPS = {
@@ -47,5 +47,6 @@ def test_the_paper_profile_has_the_papers_settings():
 
 
 def test_a_task_may_randomise_other_than_the_experiment_key_by_key():
+    (usual,) = experiment().tasks
     (task,) = experiment("+task.lift_barrier.randomisation.heavy=0.5", "randomisation.light=0.3").tasks
-    assert task.randomisation == Randomisation(heavy=0.5, light=0.3)
+    assert task.randomisation == replace(usual.randomisation, heavy=0.5, light=0.3)

@@ -18,7 +18,7 @@ from rf_exp.envs.core import EpisodeCore
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.robots import limits_rad
 from rf_exp.tasks import CONFIGURED, Task
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.conftest import TASKS, experiment, read_task
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +41,7 @@ def test_the_tasks_are_those_of_the_command(name: str) -> None:
 @pytest.mark.slow
 def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Task) -> None:
     episode = make_episode(
-        Settings(task, ConstraintSet("full"), ScriptedSpec()), Pictures(render=False), 3
+        Settings.configured(task, ConstraintSet("full"), ScriptedSpec()), NO_PICTURES, 3
     ).episode
     assert episode is not None
     env = CentralEnv(task)

@@ -15,7 +15,7 @@ from rf_exp.policy import Decision, Shield, rollout
 from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import ConstraintSet, Pictures, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.types import NO_PICTURES, ConstraintSet, Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import TASKS, read_task
 from tests.constraints.robots import REACHING, REST, scene_of
 from tests.policy.scripted import FASTEST_RAD, Predict, Puppets, Scripted
@@ -304,7 +304,7 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
     found: dict[bool, Rollout] = {}
     travelled: dict[bool, NDArray[np.float64]] = {}
     for shielded in (False, True):
-        world = shared_simulator(task, Pictures(render=False))
+        world = shared_simulator(task, NO_PICTURES)
         start = world.reset(3)
         runners = [Scripted(agent, wild(task, agent)) for agent in task.agents]
         told: list[RolloutStep] = []
@@ -337,15 +337,15 @@ def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
     from rf_exp.sim import shared_simulator
 
     task = read_task(name)
-    settings = Settings(task, ConstraintSet("full"), read_brain({"name": "scripted"}))
-    episode = make_episode(settings, Pictures(render=False), 0).episode
+    settings = Settings.configured(task, ConstraintSet("full"), read_brain({"name": "scripted"}))
+    episode = make_episode(settings, NO_PICTURES, 0).episode
     assert episode is not None
 
     def shown(agent: int) -> Predict:
         commands = episode.action[:, agent - 1].astype(float)
         return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
 
-    world = shared_simulator(task, Pictures(render=False))
+    world = shared_simulator(task, NO_PICTURES)
     start = world.reset(0)
     runners = [Scripted(agent, shown(agent)) for agent in task.agents]
     result = rollout(

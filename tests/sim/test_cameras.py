@@ -105,7 +105,7 @@ class Moments(NullObserver):
 def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator: Simulator) -> None:
     for seed in range(5):
         moments = Moments()
-        settings = Settings(simulator.task, ConstraintSet("full"), ScriptedSpec())
+        settings = Settings.configured(simulator.task, ConstraintSet("full"), ScriptedSpec())
         if EpisodeMaker(settings, Limited(simulator), ScriptedBrain(), moments).make(seed).success:
             break
     else:
