@@ -106,7 +106,7 @@ def test_arms_that_would_meet_keep_the_margin_and_one_waits() -> None:
     assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
     assert arrived(world, 1, REACHING) and not withheld(told, 1)  # it was there first
     assert len(withheld(told, 2)) == result.interventions > 0
-    assert {step.withheld[2] for step in told if step.withheld} <= {"waits for agent 1", "draws back"}
+    assert {step.withheld[2] for step in told if step.withheld} <= {"waits for agent 1", "retracts"}
 
 
 def test_who_waited_goes_on_once_the_way_is_free() -> None:
@@ -157,7 +157,7 @@ def test_after_its_chunk_an_arm_stands_where_it_ends() -> None:
 
 
 def test_nobody_waits_for_ever() -> None:
-    """Each has to pass where the other one stands: one draws back in the end, and both get by."""
+    """Each has to pass where the other one stands: one retracts in the end, and both get by."""
     for near, far in ((LEFT, RIGHT), (RIGHT, LEFT)):
         plans = [to(*[near] * 6, far)] * 2
         plain, _, _ = run(PAIR, plans, 100, shielded=False)
@@ -165,7 +165,7 @@ def test_nobody_waits_for_ever() -> None:
         world, told, _ = run(PAIR, plans, 200)
         assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
         assert arrived(world, 1, far) and arrived(world, 2, far)
-        back = [step.scene.step for step in told if "draws back" in (step.withheld or {}).values()]
+        back = [step.scene.step for step in told if "retracts" in (step.withheld or {}).values()]
         assert 0 < len(back) <= BACK_STEPS
 
 
