@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.ablation.statistics import wilson
+from rf_exp.ablation import wilson
 from rf_exp.errors import choices
 from rf_exp.library import JointLimits, NoPlan
 from rf_exp.tasks import default_of

@@ -13,12 +13,11 @@ import time
 
 import numpy as np
 
+from rf_exp.datagen import Planned, Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedSpec
-from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.errors import choices
 from rf_exp.sim import Simulator
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import CONFIGURED, read_task
+from rf_exp.tasks import CONFIGURED, Task, read_task
 from rf_exp.types import ConstraintSet
 
 

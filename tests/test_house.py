@@ -67,6 +67,18 @@ def test_outside_of_a_room_only_its_public_names_are_imported() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_tests_and_benchmarks_look_inside_only_for_what_is_inside() -> None:
+    """What a room gives to all is imported from the room, so that it may move within it."""
+    paths = [path for folder in ("tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
+    wrong = []
+    for path in paths:
+        for name in imported(ast.parse(path.read_text("utf-8"))):
+            room, given = ROOT / "rf_exp" / name.split(".")[1], name.split(".")[-1]
+            if not is_public(name, path) and given in public_names(room):
+                wrong.append(f"{named(path)}: {name} is given by {named(room)}; import it from there")
+    assert not wrong, "\n".join(wrong)
+
+
 @pytest.mark.parametrize("package", [each for each in PACKAGES if public_names(each)], ids=named)
 def test_a_package_gives_what_it_says(package: Path) -> None:
     """And what it imports once it is asked for is, for the type checker, what it imports at once."""

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.datagen.motion import Unreachable, plan_motion
+from rf_exp.datagen import Unreachable
+from rf_exp.datagen.motion import plan_motion
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
