@@ -13,7 +13,10 @@ Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by i
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is)."""
+    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is).
+
+    All of them for who names no row: the library has no configuration.
+    """
 
     name: str
     logical: bool = True
