@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.envs import Observations, parallel_env
-from rf_exp.envs.registration import configured, environment_id, find_task
+from rf_exp.envs import Observations, environment_id, parallel_env
+from rf_exp.envs.registration import configured, find_task
 from rf_exp.sim import Simulator
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 
 SEED = 0
 FACES = ("gymnasium", "pettingzoo")
@@ -51,8 +51,8 @@ class Clock:
 
 def expert(name: str) -> NDArray[np.float32]:
     """(T, N, 8) the commands of the expert in the scene of the seed."""
-    settings = Settings(find_task(name), ConstraintSet("full"), ScriptedSpec())
-    episode = make_episode(settings, Pictures(render=False), SEED).episode
+    settings = Settings.configured(find_task(name), ConstraintSet("full"), ScriptedSpec())
+    episode = make_episode(settings, NO_PICTURES, SEED).episode
     assert episode is not None, f"the expert fails in {name}, seed {SEED}"
     return episode.commanded
 
@@ -73,7 +73,7 @@ def steps_ms(name: str, clock: Clock, repeats: int, options: dict[str, Any]) -> 
                 environment.step(told[face])
                 rest_ms = 1e3 * (time.perf_counter() - began) - clock.ms
                 times_ms[face, :, repeat, k] = clock.ms, rest_ms
-        assert several.core.success, f"{name}: played again, the episode does not succeed"
+        assert several.core.episode.success, f"{name}: played again, the episode does not succeed"
     single.close()
     several.close()
     return times_ms.min(axis=2).mean(axis=2)

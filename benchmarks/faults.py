@@ -33,10 +33,10 @@ from rf_exp.findings import Violation
 from rf_exp.processes import in_order
 from rf_exp.sim import shared_simulator
 from rf_exp.tasks import Task, load_task
-from rf_exp.types import CameraModel, ConstraintSet, Pictures, Scene, SeeingWorld
+from rf_exp.types import NO_PICTURES, CameraModel, ConstraintSet, Scene, SeeingWorld
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
-FULL, BLIND = ConstraintSet("full"), Pictures(render=False)
+FULL, BLIND = ConstraintSet("full"), NO_PICTURES
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class FirstJudgement(NullObserver):
 
 
 def clean(task: Task, seed: int) -> Clean:
-    settings, began = Settings(task, FULL, ScriptedSpec()), time.perf_counter()
+    settings, began = Settings.configured(task, FULL, ScriptedSpec()), time.perf_counter()
     try:
         EpisodeMaker(
             settings, shared_simulator(task, BLIND), settings.make_brain(seed), FirstJudgement()
@@ -151,7 +151,7 @@ def faulty(task: Task, fault: str, seed: int) -> Faulty:
     brain = spec.make(task, FULL, seed)
     world = Watched(shared_simulator(task, BLIND), brain)
     observer = FirstRejection(world, brain)
-    outcome = EpisodeMaker(Settings(task, FULL, spec), world, brain, observer).make(seed)
+    outcome = EpisodeMaker(Settings.configured(task, FULL, spec), world, brain, observer).make(seed)
     found = observer.violation
     return Faulty(
         task.name,
@@ -185,7 +185,7 @@ class Surveyor:
 
 def room_for(task: Task) -> set[str]:
     """The faults that apply somewhere in a sound episode of a task."""
-    settings = Settings(task, FULL, ScriptedSpec())
+    settings = Settings.configured(task, FULL, ScriptedSpec())
     brain = Surveyor(settings.make_brain(0))
     EpisodeMaker(settings, shared_simulator(task, BLIND), brain).make(0)
     return brain.room

@@ -17,7 +17,7 @@ from omegaconf import OmegaConf
 from rf_exp.datagen import Settings, generate, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.tasks import load_task
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet, Pictures
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 
@@ -44,14 +44,16 @@ def main() -> None:
     given = parser.parse_args()
     node = OmegaConf.to_object(OmegaConf.load(CONF / f"{given.task}.yaml"))
     assert isinstance(node, dict)
-    settings = Settings(load_task(given.task, node[given.task]), ConstraintSet("full"), ScriptedSpec())
+    settings = Settings.configured(
+        load_task(given.task, node[given.task]), ConstraintSet("full"), ScriptedSpec()
+    )
     width, height = given.size
     found = {
         f"{what}_{workers}": round(per_hour(settings, pictures, given.episodes, workers))
         for workers in (1, given.workers)
         for what, pictures in (
-            ("states", Pictures(render=False)),
-            ("pictures", Pictures(width, height)),
+            ("states", NO_PICTURES),
+            ("pictures", Pictures(width, height, render=True, cameras="all")),
         )
     }
     ratios = {

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.ablation.statistics import wilson
+from rf_exp.ablation import wilson
 from rf_exp.errors import choices
 from rf_exp.library import JointLimits, NoPlan
+from rf_exp.tasks import default_of
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "library" / "two_robots.py"
 OWN_LIMIT = 100  # control steps, of ManiSkill's registration of both
@@ -31,11 +32,10 @@ OWN_LIMIT = 100  # control steps, of ManiSkill's registration of both
 def measured(example: dict[str, Any], name: str, seeds: range, slow: bool) -> dict[str, Any]:
     """What became of the scenes of a task."""
     env, steps, reasons, seconds = example["make"](name), [], Counter[str](), []
+    limits = JointLimits(**default_of("limits")) if slow else example["LIMITS"]
     for seed in seeds:
         began = time.process_time()
-        ended = example["play"](
-            env, seed, example["JOBS"][name], JointLimits() if slow else example["LIMITS"]
-        )
+        ended = example["play"](env, seed, example["JOBS"][name], limits)
         seconds.append(time.process_time() - began)
         if isinstance(ended, NoPlan):
             reasons[str(ended)] += 1

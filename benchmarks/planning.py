@@ -13,17 +13,16 @@ import time
 
 import numpy as np
 
+from rf_exp.datagen import Planned, Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedSpec
-from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.errors import choices
 from rf_exp.sim import Simulator
-from rf_exp.tasks import Task
-from rf_exp.tasks.configuration import CONFIGURED, read_task
+from rf_exp.tasks import CONFIGURED, Task, read_task
 from rf_exp.types import ConstraintSet
 
 
 def measured(task: Task, seeds: int) -> dict[str, float]:
-    settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
     took_s, steps = [], []
     with Simulator(task, render=False) as simulator:
         for seed in range(-1, seeds):  # the first of all fills caches

@@ -25,7 +25,7 @@ from rf_exp.processes import in_order
 from rf_exp.sim import shared_simulator
 from rf_exp.store import Store
 from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
-from rf_exp.types import Pictures
+from rf_exp.types import NO_PICTURES
 
 
 class Played(NamedTuple):
@@ -40,7 +40,7 @@ class Played(NamedTuple):
 
 def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> Played:
     """Plays an episode with states (T, N, 9) and actions (T, N, 8)."""
-    world = shared_simulator(task, Pictures(render=False))
+    world = shared_simulator(task, NO_PICTURES)
     pairs, may_touch = (
         tuple(combinations(task.agents, 2)),
         dict.fromkeys(task.agents, frozenset(task.objects)),

@@ -16,7 +16,7 @@ import numpy as np
 
 from rf_exp.coordination import schedule
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, closer_than
-from rf_exp.tasks import CameraSpec, RobotSpec, Task
+from rf_exp.tasks import CameraSpec, Randomisation, RobotSpec, Task
 from rf_exp.types import GRIPPER_OPEN, Scene, Schedule, Segment, Subgoal, Trajectory
 
 BASES = ((0.0, -0.75, 90.0), (0.0, 0.75, -90.0), (0.75, 0.0, 180.0), (-0.75, 0.0, 0.0))  # m, m, deg
@@ -28,7 +28,8 @@ HOME = (0.0, -0.7, 0.0, -2.5, 0.0, 1.8, np.pi / 4)  # rad, drawn back: four at r
 
 def team(count: int) -> tuple[Task, Scene]:
     cameras = {"global": CameraSpec(), **{f"agent{k}": CameraSpec() for k in range(1, count + 1)}}
-    task = Task("team", "", "", "", tuple(RobotSpec(*base) for base in BASES[:count]), {}, cameras, {})
+    robots, still = tuple(RobotSpec(*base) for base in BASES[:count]), Randomisation(0.0, 0.0, 0.0, 0.0)
+    task = Task("team", "", "", "", robots, {}, cameras, {}, still)
     qpos = np.tile([*HOME, 0.04, 0.04], (count, 1))
     return task, Scene(0, qpos, 0 * qpos, {}, {}, (None,) * count)
 

@@ -28,7 +28,7 @@ from rf_exp.processes import Overdue, in_order
 from rf_exp.sim import shared_simulator
 from rf_exp.store import Store
 from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
-from rf_exp.types import Episode, Pictures, Rollout, Scene
+from rf_exp.types import NO_PICTURES, Episode, Rollout, Scene
 
 FASTEST_RAD = 0.05  # a control step; demonstrations are slower
 SLOWER = 2  # times as long as the demonstration, a rollout may take
@@ -38,7 +38,7 @@ class Player(PolicyRunner):
     """One agent that plays commands (T, 8) back, chunk by chunk, and stands still before and behind them."""
 
     def __init__(self, agent: int, commands: NDArray[np.float64], chunk: int, late: int) -> None:
-        self._commands, self._chunk, self._late = commands, chunk, late
+        self._commands, self._chunk, self._late, self._done = commands, chunk, late, -late
         super().__init__(View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),)), np.array([FASTEST_RAD]))
 
     def reset(self, seed: int) -> None:
@@ -80,7 +80,7 @@ def play(task: Task, episode: Episode, chunk: int, late: int) -> tuple[Both, lis
     times_s: list[float] = []
     found: Both = {}
     for shielded in (False, True):
-        world = shared_simulator(task, Pictures(render=False))
+        world = shared_simulator(task, NO_PICTURES)
         start = world.reset(episode.seed)
         runners = [
             Player(agent, commands[:, agent - 1], chunk, delay)

@@ -45,13 +45,13 @@ from rf_exp.statements import (
     Together,
 )
 from rf_exp.tasks import Task, load_task
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"
 FULL, LOGICAL, BLIND = (
     ConstraintSet("full"),
     ConstraintSet("logical", spatial=False, temporal=False),
-    Pictures(render=False),
+    NO_PICTURES,
 )
 
 
@@ -105,7 +105,7 @@ def checks(task: Task, proposal: Proposal, length_s: float, rng: np.random.Gener
 
 def episode(task: Task, seed: int) -> dict[str, Any]:
     """Kind of check -> how many verdicts, formulas, violations and disagreements; and the two times."""
-    settings = Settings(task, FULL if seed % 2 == 0 else LOGICAL, ScriptedSpec())
+    settings = Settings.configured(task, FULL if seed % 2 == 0 else LOGICAL, ScriptedSpec())
     trace, began, rng = Trace(), time.process_time(), np.random.default_rng([seed, 3])
     EpisodeMaker(settings, shared_simulator(task, BLIND), settings.make_brain(seed), trace).make(seed)
     made_s, kinds, differ = time.process_time() - began, defaultdict(lambda: [0, 0, 0, 0]), []

@@ -13,7 +13,7 @@ import gymnasium
 import rf_exp.envs  # registers the tasks
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 
 
 def main() -> None:
@@ -22,9 +22,9 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=3)
     given = parser.parse_args()
     env = gymnasium.make(rf_exp.envs.environment_id(given.task))
-    settings = Settings(env.get_wrapper_attr("task"), ConstraintSet("full"), ScriptedSpec())
+    settings = Settings.configured(env.get_wrapper_attr("task"), ConstraintSet("full"), ScriptedSpec())
     for seed in range(given.episodes):
-        episode = make_episode(settings, Pictures(render=False), seed).episode
+        episode = make_episode(settings, NO_PICTURES, seed).episode
         if episode is None:
             print(f"scene {seed}: the expert does not succeed")
             continue

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import Task, labelled
 from rf_exp.transforms import position_and_quaternion
-from rf_exp.types import CameraChoice, Pictures, Scene
+from rf_exp.types import CameraChoice, Pictures, Scene, camera_names
 
 State = Literal["full", "joints", "none"]
 
@@ -42,7 +42,7 @@ class Observations:
     def __post_init__(self) -> None:
         if self.state not in get_args(State):
             raise choices("state", self.state, get_args(State))
-        Pictures(self.width, self.height, cameras=self.cameras)  # looks at its arguments
+        Pictures(self.width, self.height, self.draws, self.cameras)  # looks at its arguments
         if self.state == "none" and not (self.draws or self.language):
             raise ArgumentError(
                 "nothing is observed; expected state, pictures, depth, segmentation or language"
@@ -76,7 +76,7 @@ class Eyes:
 
     def __init__(self, seen: Observations, world: Shown) -> None:
         self._seen, self._world, self._task = seen, world, world.task
-        self._cameras = Pictures(cameras=seen.cameras).of(len(world.task.agents))
+        self._cameras = camera_names(seen.cameras, len(world.task.agents))
         self._poses = [(f"pose_{name}", name) for name in world.task.objects]
 
     def __call__(self, scene: Scene) -> Observation:

@@ -26,19 +26,10 @@ class Progress:
         self._done = self._at_start = done
         self._began = self._said = time.perf_counter()
         self._note, self._told = "", -1  # what was said last, so that nothing is said twice
-        self._bar: Bar | None = None
+        self._bar = _bar(title, total, done) if sys.stdout.isatty() else None
 
     def __enter__(self) -> Self:
-        if sys.stdout.isatty():
-            columns = (
-                TextColumn("{task.description}", markup=False),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TextColumn("{task.fields[note]}", markup=False),
-                TimeRemainingColumn(),
-            )
-            self._bar = Bar(*columns, console=console)
-            self._task = self._bar.add_task(self._title, total=self._total, completed=self._done, note="")
+        if self._bar is not None:
             self._bar.start()
         return self
 
@@ -57,7 +48,7 @@ class Progress:
         self._note = note or self._note
         if self._bar is not None:
             text = f"{self._rate():.3g} {self._unit}/s  {self._note}"
-            self._bar.update(self._task, completed=self._done, total=self._total, note=text)
+            self._bar.update(self._bar.task_ids[0], completed=self._done, total=self._total, note=text)
         elif time.perf_counter() - self._said > LINE_EVERY_S:
             self._say()
 
@@ -73,3 +64,17 @@ class Progress:
             console.print(
                 f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}"
             )
+
+
+def _bar(title: str, total: int, done: int) -> Bar:
+    """A bar for a terminal, of one task; not shown before it is started."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[note]}", markup=False),
+        TimeRemainingColumn(),
+    )
+    bar = Bar(*columns, console=console)
+    bar.add_task(title, total=total, completed=done, note="")
+    return bar

@@ -79,7 +79,7 @@ def of(task: Task, constraints: list[ConstraintSet]) -> Digests:
     with Simulator(task, render=False) as world:
         for row in constraints:
             watching = Watching(task)
-            settings = Settings(task, row, ScriptedSpec())
+            settings = Settings.configured(task, row, ScriptedSpec())
             EpisodeMaker(settings, world, settings.make_brain(SEED), watching).make(SEED)
             found["rows"][row.name] = watching.digests()
     return found

@@ -16,7 +16,10 @@ def start_scene(task: Task, seed: int) -> Scene:
 
 def rejection(task: Task, fault: str) -> Violation:
     """What RoboChecker finds wrong with the plan of seed 0 that has a fault in it, before anything moves."""
-    settings, scene = Settings(task, ConstraintSet("full"), FaultySpec(fault)), start_scene(task, 0)
+    settings, scene = (
+        Settings.configured(task, ConstraintSet("full"), FaultySpec(fault)),
+        start_scene(task, 0),
+    )
     planner = Planner(settings, settings.make_brain(0))
     found = planner.plan(Question(task, scene, {}), scene, np.random.default_rng(0))
     assert isinstance(found, Violation)

@@ -17,7 +17,7 @@ from rf_exp.datagen.brain import FaultySpec, ScriptedSpec
 from rf_exp.demonstration.__main__ import demonstrate, main
 from rf_exp.demonstration.notes import phases
 from rf_exp.statements import Proposal
-from rf_exp.types import ConstraintSet, Pictures, Schedule
+from rf_exp.types import NO_PICTURES, ConstraintSet, Schedule
 from tests.conftest import read_task
 from tests.scenes import start_scene
 from tests.viz.recorded import TWO
@@ -30,8 +30,8 @@ LIFT = read_task("lift_barrier")
 def page(tmp_path_factory) -> Path:
     """Lift Barrier without pictures, by a brain that errs once."""
     folder = tmp_path_factory.mktemp("demonstrations")
-    settings = Settings(LIFT, FULL, FaultySpec("wrong_direction"))
-    outcome = demonstrate(settings, Pictures(render=False), 0, folder)
+    settings = Settings.configured(LIFT, FULL, FaultySpec("wrong_direction"))
+    outcome = demonstrate(settings, NO_PICTURES, 0, folder)
     assert outcome.success
     return folder / "lift_barrier-0.md"
 
@@ -75,8 +75,8 @@ def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
 
 def test_what_a_set_switches_off_is_marked_and_no_part_of_the_check_code(tmp_path, page):
     logical = ConstraintSet("logical", spatial=False, temporal=False)
-    settings = Settings(LIFT, logical, ScriptedSpec())
-    assert demonstrate(settings, Pictures(render=False), 0, tmp_path).success
+    settings = Settings.configured(LIFT, logical, ScriptedSpec())
+    assert demonstrate(settings, NO_PICTURES, 0, tmp_path).success
     shown = (tmp_path / "lift_barrier-0.md").read_text()
     assert "`logical` switches temporal and spatial constraints off" in shown
     marked = dict.fromkeys(("logical", "temporal", "spatial"), 0)

@@ -106,7 +106,9 @@ def test_wrong_arguments_exit_with_2(command, argument: str, message: str, tmp_p
 @pytest.mark.slow
 def test_words_belong_to_their_step(place_food: Task) -> None:
     with Simulator(place_food, width_px=64, height_px=48) as world:
-        performance, _ = perform(Settings(place_food, ConstraintSet("full"), ScriptedSpec()), world, 0)
+        performance, _ = perform(
+            Settings.configured(place_food, ConstraintSet("full"), ScriptedSpec()), world, 0
+        )
         assert performance is not None
         start, middle, end = performance.stills
         assert [still.title for still in performance.stills] == ["start", "middle", "end"]

@@ -15,6 +15,8 @@ SOURCES = {
 }
 PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}
 HOUSE = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
+CLASSES = [node for path in HOUSE for node in ast.walk(SOURCES[path]) if isinstance(node, ast.ClassDef)]
+BIRTHPLACES = {"__init__", "__post_init__", "__new__"}
 LONGEST_FUNCTION, LONGEST_MODULE = 49, 299  # lines
 LONGEST_TESTS = 400  # lines of a file
 
@@ -65,6 +67,18 @@ def test_outside_of_a_room_only_its_public_names_are_imported() -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def test_tests_and_benchmarks_look_inside_only_for_what_is_inside() -> None:
+    """What a room gives to all is imported from the room, so that it may move within it."""
+    paths = [path for folder in ("tests", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]
+    wrong = []
+    for path in paths:
+        for name in imported(ast.parse(path.read_text("utf-8"))):
+            room, given = ROOT / "rf_exp" / name.split(".")[1], name.split(".")[-1]
+            if not is_public(name, path) and given in public_names(room):
+                wrong.append(f"{named(path)}: {name} is given by {named(room)}; import it from there")
+    assert not wrong, "\n".join(wrong)
+
+
 @pytest.mark.parametrize("package", [each for each in PACKAGES if public_names(each)], ids=named)
 def test_a_package_gives_what_it_says(package: Path) -> None:
     """And what it imports once it is asked for is, for the type checker, what it imports at once."""
@@ -98,6 +112,53 @@ def test_nothing_is_too_long_to_be_read_at_once() -> None:
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
                 long += [f"{named(path)}: {node.name}: {lines} lines"] * (lines > LONGEST_FUNCTION)
     assert not long, "\n".join(long)
+
+
+def assigned(method: ast.FunctionDef) -> set[str]:
+    """The attributes of itself to which a method gives a value."""
+    if not method.args.args or any(ast.unparse(each) == "staticmethod" for each in method.decorator_list):
+        return set()
+    promised = {
+        each.target for each in ast.walk(method) if isinstance(each, ast.AnnAssign) and not each.value
+    }
+    return {
+        each.attr
+        for each in ast.walk(method)
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and each not in promised
+        if ast.unparse(each.value) == method.args.args[0].arg
+    }
+
+
+def born(cls: ast.ClassDef) -> set[str]:
+    """The attributes that every object of a class has from the start, also by those that it descends from."""
+    fields = any("dataclass" in ast.unparse(each) for each in cls.decorator_list)
+    names: set[str] = set()
+    for node in cls.body:
+        if isinstance(node, ast.AnnAssign) and (fields or node.value):
+            names.add(ast.unparse(node.target))
+        elif isinstance(node, ast.Assign):
+            names |= {ast.unparse(each) for each in node.targets}
+        elif isinstance(node, ast.FunctionDef):
+            names |= assigned(node) if node.name in BIRTHPLACES else {node.name}  # a property, with a setter
+    bases = {ast.unparse(base).split("[")[0].rsplit(".")[-1] for base in cls.bases}
+    for parent in CLASSES:
+        names |= born(parent) if parent.name in bases - {cls.name} else set()
+    return names
+
+
+def test_no_attribute_is_born_outside_of_init() -> None:
+    """What an object is made of is read in one place, and nothing is missing before a method was called.
+
+    What a method makes anew, such as the state of an episode, is an object of its own, in one attribute.
+    """
+    late = [
+        f"{cls.name}.{method.name} is the first to set self.{name} (line {method.lineno}); set it in __init__"
+        for cls in CLASSES
+        for method in cls.body
+        if isinstance(method, ast.FunctionDef) and method.name not in BIRTHPLACES
+        for name in sorted(assigned(method) - born(cls))
+    ]
+    assert not late, "\n".join(late)
 
 
 def test_files_of_tests_are_short_and_none_is_called_as_another() -> None:

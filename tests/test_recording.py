@@ -44,7 +44,7 @@ def episode(tmp_path_factory) -> tuple[Content, Witness, Outcome]:
     task = read_task("place_food")
     with Simulator(task, render=False) as world, Witness(path, task, world, "Place Food") as recorder:
         recorder.plans = []
-        settings = Settings(task, FULL, FaultySpec("wrong_direction"))
+        settings = Settings.configured(task, FULL, FaultySpec("wrong_direction"))
         outcome = EpisodeMaker(settings, world, settings.make_brain(0), recorder).make(0)
         made_up = {
             "value": 0.2,
@@ -159,7 +159,7 @@ def test_what_the_cameras_saw_is_shown_where_spatial_constraints_ask_them(tmp_pa
     with Simulator(task) as world:
         seen = look(world.depth(), world.camera_models(), PlanningScene(task, world.reset(0)))
         with EpisodeRecorder(path, task, world, "Pick Meat") as recorder:
-            settings = Settings(task, FULL, ScriptedSpec(), occupancy="depth")
+            settings = Settings.configured(task, FULL, ScriptedSpec(), occupancy="depth")
             assert EpisodeMaker(settings, Limited(world), settings.make_brain(0), recorder).make(0).success
     content = Content(path)
     first = content.column("/world/occupancy/cameras", "Boxes3D:centers")[0]

@@ -31,7 +31,7 @@ def picture(name: str, **options: str) -> np.ndarray:
         objects={name: ObjectSpec(name, yaw_deg=(YAW_DEG, YAW_DEG), options=options)},
         cameras={"global": camera, "agent1": camera},
         success={},
-        randomisation=Randomisation(0.0, 0.0, 0.0),
+        randomisation=Randomisation(0.0, 0.0, 0.0, 0.0),
     )
     with Simulator(task) as simulator:
         image = simulator.images()["global"]

@@ -12,9 +12,7 @@ from rf_exp.datagen.planning import Settings
 from rf_exp.findings import Account
 from rf_exp.processes import Overdue, in_order
 from rf_exp.sim import Limited, depth_and_segmentation, shared_simulator
-from rf_exp.types import Extras, Pictures
-
-NOTHING = Extras()
+from rf_exp.types import NO_EXTRAS, Extras, Pictures
 
 
 def make_episode(
@@ -24,7 +22,7 @@ def make_episode(
     cameras: Sequence[str] | None = None,
     lead: Iterable[NDArray[np.float64]] = (),
     known: Sequence[Iterable[str]] = (),
-    extras: Extras = NOTHING,
+    extras: Extras = NO_EXTRAS,
 ) -> Outcome:
     """One episode in this process, seen by these cameras, or those that `pictures` says.
 

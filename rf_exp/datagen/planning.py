@@ -1,7 +1,8 @@
 """A checked plan: RoboBrain proposes, primitives move, RoboChecker schedules and checks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal
-from rf_exp.tasks import Task
+from rf_exp.tasks import Task, default_of
 from rf_exp.types import (
     CONTROL_DT_S,
     CONTROL_HZ,
@@ -39,11 +40,11 @@ class Settings:
     task: Task
     constraint_set: ConstraintSet
     brain: BrainSpec
-    limits: JointLimits = field(default_factory=JointLimits)
-    attempts: int = 4
-    occupancy: Occupancy = "state"
-    disturbance_rad: float = 0.0  # of executed motion; see motion/disturb.py
-    delay_s: float = 0.0  # how late an arm may be without meeting another; where disturbed, it pauses as long
+    limits: JointLimits
+    attempts: int
+    occupancy: Occupancy
+    disturbance_rad: float  # of executed motion; see motion/disturb.py
+    delay_s: float  # how late an arm may be without meeting another; where disturbed, it pauses as long
 
     def __post_init__(self) -> None:
         if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
@@ -54,6 +55,20 @@ class Settings:
             raise ArgumentError(f"delay_s is {self.delay_s}; expected 0 to {LONGEST_DELAY_S} s")
         if self.attempts < 1:
             raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
+
+    @classmethod
+    def configured(
+        cls, task: Task, constraint_set: ConstraintSet, brain: BrainSpec, **changes: Any
+    ) -> "Settings":
+        """As conf/config.yaml says, but for `changes`; undisturbed, as only recipes of policies disturb."""
+        said = {
+            "limits": JointLimits(**default_of("limits")),
+            "attempts": default_of("attempts"),
+            "occupancy": default_of("occupancy"),
+            "disturbance_rad": 0.0,
+            "delay_s": 0.0,
+        }
+        return cls(task, constraint_set, brain, **(said | changes))
 
     def make_brain(self, seed: int) -> Brain:
         """The brain for one episode."""

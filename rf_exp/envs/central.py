@@ -51,10 +51,10 @@ class CentralEnv(Face, gymnasium.Env[Observation, NDArray[np.floating]]):
         """
         super().reset(seed=seed)
         self.core.reset(seed, self.np_random)
-        return self.core.observe(), self.core.info()
+        return self.core.observe(), self.core.episode.info()
 
     def step(self, action: NDArray[np.floating]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One control step, 50 ms: observation, reward, terminated, truncated, info."""
-        core = self.core
-        core.step(action)
-        return core.observe(), core.reward, core.success, core.truncated, core.info()
+        self.core.step(action)
+        now = self.core.episode
+        return self.core.observe(), now.reward, now.success, now.truncated, now.info()

@@ -63,18 +63,14 @@ class EpisodeCore:
         self._monitor = _monitor(self.task, overlaps)
         space = action_space(len(self.task.agents))
         self._low, self._high = space.low, space.high
-        self._judge: SuccessEvaluator | None = None  # of the episode, while there is one
+        self._episode: Episode | None = None  # until the first reset
 
     def reset(self, seed: int | None, rng: np.random.Generator) -> None:
         """Begins the episode of a seed; without one it is drawn, below those that evaluation begins with."""
         if self._world is None:
             raise ResetNeeded("the environment is closed; make another one")
-        self.seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
-        self.scene = self._world.reset(self.seed)
-        self._judge = SuccessEvaluator(self.task, self.scene)
-        self.success = self.success_paper = self.truncated = False
-        self.violations = 0
-        self._see(self.scene)
+        seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
+        self._episode = Episode(self.task, seed, self._world.reset(seed), self._monitor)
 
     def step(self, action: ArrayLike) -> None:
         """One control step (50 ms): (N, 8) joint targets in rad, grippers; clipped to the action space.
@@ -82,49 +78,30 @@ class EpisodeCore:
         Raises ArgumentError for another shape and for values that are not finite, ResetNeeded where there
         is no episode.
         """
-        if self._world is None or self._judge is None or self.success or self.truncated:
+        episode = self._episode
+        if self._world is None or episode is None or episode.success or episode.truncated:
             raise ResetNeeded(
                 "no episode is under way; call reset() before the first step, and after the last"
             )
         command = shaped(action, self._low.shape, "action").clip(self._low, self._high)
-        self._see(self._world.step(command.astype(float)))  # which refuses what is not finite
-
-    def _see(self, scene: Scene) -> None:
-        assert self._judge is not None
-        self.scene, self._verdict = scene, self._judge(scene)
-        self.success = self._verdict.success
-        self.success_paper |= self._verdict.success_paper
-        self.truncated = not self.success and scene.step >= self.task.step_limit
-        found = self._monitor(scene)
-        self._violation = found.sentence if found is not None else ""
-        self.violations += found is not None
+        episode.see(self._world.step(command.astype(float)))  # which refuses what is not finite
 
     @property
-    def reward(self) -> float:
-        """1 in the step that ends in success by the strict criterion, otherwise 0."""
-        return float(self.success)
+    def episode(self) -> "Episode":
+        """The episode that is under way, or has ended. Raises ResetNeeded before the first."""
+        if self._episode is None:
+            raise ResetNeeded("there is no episode yet; call reset() first")
+        return self._episode
 
     def observe(self) -> Observation:
         """What there is to see now, in new arrays."""
-        return self._eyes(self.scene)
-
-    def info(self) -> dict[str, Any]:
-        """What is known about the episode until now; new dictionaries with each call."""
-        return {
-            "seed": self.seed,
-            "success": self.success,  # by the strict criterion
-            "success_paper": self.success_paper,  # by the paper's, at some step until now
-            "conditions": dict(self._verdict.evidence),  # of the strict one, as they are now
-            "measured": {name: found.value for name, found in self._verdict.measured.items()},
-            "violation": self._violation,  # of this step, in words
-            "violations": self.violations,  # steps until now with one
-        }
+        return self._eyes(self.episode.scene)
 
     def render(self) -> NDArray[np.uint8]:
         """(H, W, 3) RGB of the camera `global`. Raises ArgumentError without `render_mode`."""
         if self._render_mode is None:
             raise ArgumentError("render() was called without a render_mode; expected render_mode='rgb_array'")
-        if self._world is None or self._judge is None:
+        if self._world is None or self._episode is None:
             raise ResetNeeded("there is no episode to show; call reset() first")
         return self._world.images(["global"])["global"]
 
@@ -133,6 +110,50 @@ class EpisodeCore:
         if self._world is not None:
             self._world.close()
         self._world = None
+
+
+class Episode:
+    """How far one episode is, and how it is judged."""
+
+    def __init__(self, task: Task, seed: int, start: Scene, monitor: Callable[[Scene], Any]) -> None:
+        self.seed = seed
+        self._judge, self._monitor, self._step_limit = SuccessEvaluator(task, start), monitor, task.step_limit
+        self.scene, self._verdict, self._violation = start, self._judge(start), monitor(start)
+        self._success_paper = self._verdict.success_paper
+        self._violations = int(self._violation is not None)
+
+    def see(self, scene: Scene) -> None:
+        """The next control step has been made."""
+        self.scene, self._verdict, self._violation = scene, self._judge(scene), self._monitor(scene)
+        self._success_paper |= self._verdict.success_paper
+        self._violations += self._violation is not None
+
+    @property
+    def success(self) -> bool:
+        """Whether it has ended with success, by the strict criterion."""
+        return self._verdict.success
+
+    @property
+    def truncated(self) -> bool:
+        """Whether it has ended because it was too long."""
+        return not self.success and self.scene.step >= self._step_limit
+
+    @property
+    def reward(self) -> float:
+        """1 in the step that ends in success, otherwise 0."""
+        return float(self.success)
+
+    def info(self) -> dict[str, Any]:
+        """What is known about it until now; new dictionaries with each call."""
+        return {
+            "seed": self.seed,
+            "success": self.success,  # by the strict criterion
+            "success_paper": self._success_paper,  # by the paper's, at some step until now
+            "conditions": dict(self._verdict.evidence),  # of the strict one, as they are now
+            "measured": {name: found.value for name, found in self._verdict.measured.items()},
+            "violation": "" if self._violation is None else self._violation.sentence,  # of this step
+            "violations": self._violations,  # steps until now with one
+        }
 
 
 class Face:

@@ -15,7 +15,7 @@ from rf_exp.robots import limits_rad
 from rf_exp.sim import FAR_M
 from rf_exp.tasks import FINGERS_OPEN_M, Task, labels
 from rf_exp.transforms import position_and_quaternion
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Pictures, Scene
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, camera_names
 
 OVERSHOOT = 0.1  # rad, m: so far beyond its limit a joint may be measured that something pushes
 
@@ -34,7 +34,7 @@ def action_space(agents: int | None = None) -> spaces.Box:
 def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Dict:
     """The space of what one controller of all arms sees, or one agent."""
     rows = () if agent is not None and seen.state == "joints" else (len(task.agents),)
-    cameras = Pictures(cameras=seen.cameras).of(1 if agent is not None else len(task.agents))
+    cameras = camera_names(seen.cameras, 1 if agent is not None else len(task.agents))
     names = [name.replace("agent1", "local") for name in cameras] if agent is not None else cameras
     shown: dict[str, spaces.Space] = {}
     if seen.state != "none":

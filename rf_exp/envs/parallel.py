@@ -76,27 +76,28 @@ class ParallelArmsEnv(Face, ParallelEnv[str, Observation, NDArray[np.float32]]):
 
         Raises ArgumentError unless there is an action for each agent.
         """
-        agents, core = self.possible_agents, self.core
+        agents = self.possible_agents
         if self.agents and actions.keys() != self._own.keys():
             raise ArgumentError(f"actions of {sorted(actions)}; expected one of each of {agents}")
         try:
-            core.step([actions[name] for name in self.agents])
+            self.core.step([actions[name] for name in self.agents])
         except ArgumentError:
             for name in agents:  # the one that is wrong
                 shaped(actions[name], (SIZE,), f"action of {name}")
             raise
-        if core.success or core.truncated:
+        now = self.core.episode
+        if now.success or now.truncated:
             self.agents = []
-        ended = (dict.fromkeys(agents, core.success), dict.fromkeys(agents, core.truncated))
-        return self._observed(), dict.fromkeys(agents, core.reward), *ended, self._infos()
+        ended = (dict.fromkeys(agents, now.success), dict.fromkeys(agents, now.truncated))
+        return self._observed(), dict.fromkeys(agents, now.reward), *ended, self._infos()
 
     def _observed(self) -> Of:
         whole = self.core.observe()
         return {name: own(whole) for name, own in self._own.items()}
 
     def _infos(self) -> Of:
-        return {name: self.core.info() for name in self.possible_agents}
+        return {name: self.core.episode.info() for name in self.possible_agents}
 
     def state(self) -> NDArray[np.float32]:
         """All joints, velocities and poses of objects, whatever is observed: for a critic of all agents."""
-        return state_vector(self.core.scene)
+        return state_vector(self.core.episode.scene)

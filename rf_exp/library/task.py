@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task
+from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
 from rf_exp.types import Scene
@@ -55,6 +55,7 @@ class ReadTask(Task):
                 camera: CameraSpec() for camera in ("global", *(f"agent{k + 1}" for k in range(len(robots))))
             },
             success={},
+            randomisation=Randomisation(0.0, 0.0, 0.0, 0.0),  # its environment draws the scenes
             assets=assets,
             spots=spots,
         )

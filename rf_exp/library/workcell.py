@@ -122,7 +122,8 @@ class Workcell:
         self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), {})
         below = _below(self.task, self.scene())
         self.task = ReadTask.of(name, robots, assets, dict(places or {}), below)
-        self._settings = Settings(self.task, constraint_set, Said(Proposal((), ())), limits or JointLimits())
+        changes = {} if limits is None else {"limits": limits}
+        self._settings = Settings.configured(self.task, constraint_set, Said(Proposal((), ())), **changes)
         self._command: NDArray[np.float64] | None = None  # (N, 8) what the arms were last told
         self._last: Stepped | None = None
 

@@ -15,10 +15,14 @@ if TYPE_CHECKING:
     from rf_exp.policy.dataset import Batch, Windows
     from rf_exp.policy.diffusion import DiffusionPolicy
     from rf_exp.policy.diffusion_runner import DiffusionRunner, load_runners
-    from rf_exp.policy.foreign.factory import make_policy
-    from rf_exp.policy.foreign.runner import foreign_runners
-    from rf_exp.policy.foreign.spec import Foreign, foreign_policy
-    from rf_exp.policy.foreign.wire import pack, unpack
+    from rf_exp.policy.foreign import (
+        Foreign,
+        foreign_policy,
+        foreign_runners,
+        make_policy,
+        pack,
+        unpack,
+    )
     from rf_exp.policy.rollouts import rollout
     from rf_exp.policy.runner import PolicyRunner
     from rf_exp.policy.saved import CURVES, MODEL, device_of, expect_policy, load_policy, made_of
@@ -35,10 +39,14 @@ else:
             "dataset": ("Batch", "Windows"),
             "diffusion": ("DiffusionPolicy",),
             "diffusion_runner": ("DiffusionRunner", "load_runners"),
-            "foreign.factory": ("make_policy",),
-            "foreign.runner": ("foreign_runners",),
-            "foreign.spec": ("Foreign", "foreign_policy"),
-            "foreign.wire": ("pack", "unpack"),
+            "foreign": (
+                "Foreign",
+                "foreign_policy",
+                "foreign_runners",
+                "make_policy",
+                "pack",
+                "unpack",
+            ),
             "rollouts": ("rollout",),
             "runner": ("PolicyRunner",),
             "saved": ("CURVES", "MODEL", "device_of", "expect_policy", "load_policy", "made_of"),

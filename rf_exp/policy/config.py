@@ -1,7 +1,8 @@
 """What a policy is and how it is trained, as frozen values that check themselves.
 
 Defaults are the paper's (section 4, supplementary "Implementation details") where it states them and
-the authors' release where it does not. `conf/policy/` holds the recipes.
+the authors' release where it does not. `conf/policy/` holds the recipes; `paper.yaml`
+says the same. They stand here as well since what was stored before a field came is read without it.
 """
 
 from dataclasses import asdict, dataclass

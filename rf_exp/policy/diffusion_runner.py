@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,21 @@ from rf_exp.types import ARM_JOINTS, Scene, Sight
 WAIT_STEPS = 4  # after which one who waits looks again
 
 
+@dataclass
+class _Recent:
+    """The last observations of an episode, and what else the next prediction depends on."""
+
+    features: deque[torch.Tensor]  # of (S, F)
+    proprio: deque[torch.Tensor]  # of (S, P)
+    context: deque[torch.Tensor]  # of (S, C)
+    patience: Patience
+    generators: list[torch.Generator]  # of the streams
+    memory: Memory | None = None  # of the grippers, once it knows how many there are
+    widths: NDArray[np.floating] = field(default_factory=lambda: np.zeros(0))  # of all, as measured last
+    # control step, commands (T, agents, 8)
+    predicted: list[tuple[int, NDArray[np.float64]]] = field(default_factory=list)
+
+
 class DiffusionRunner(PolicyRunner):
     """One policy acting through all streams of its view, batched: each stream is a row.
 
@@ -40,18 +56,17 @@ class DiffusionRunner(PolicyRunner):
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
         of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
         super().__init__(view, np.tile(of_stream, len(view.streams)))
+        self._recent = self._nothing_yet(0)
 
     def reset(self, seed: int) -> None:
         """Forget the last episode. All noise of the next comes from its seed and the agents."""
         super().reset(seed)
-        self._features: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, F)
-        self._proprio: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, P)
-        self._context: deque[torch.Tensor] = deque(maxlen=self._config.observation_steps)  # of (S, C)
-        self._patience = Patience(self._config.patience)
-        self._memory: Memory | None = None  # of the grippers, once it knows how many there are
-        self._predicted: list[tuple[int, NDArray[np.float64]]] = []  # control step, commands (T, agents, 8)
-        self._widths = np.zeros(0)  # of the grippers of all agents, as measured last
-        self._generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
+        self._recent = self._nothing_yet(seed)
+
+    def _nothing_yet(self, seed: int) -> _Recent:
+        features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
+        generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
+        return _Recent(features, proprio, context, Patience(self._config.patience), generators)
 
     @property
     def looks(self) -> bool:
@@ -61,33 +76,36 @@ class DiffusionRunner(PolicyRunner):
     @property
     def _observes(self) -> bool:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
-        return not self._features or self._kept or len(self._targets) < self._config.observation_steps
+        runs_out = len(self.state.targets) < self._config.observation_steps
+        return not self._recent.features or self.state.kept or runs_out
 
     def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
         """Commands (agents of the view, 8), as `PolicyRunner` gives them; remembers those of the grippers."""
         commands = super().act(decision)
-        if self._memory is not None:
+        recent = self._recent
+        if recent.memory is not None:
             grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
-            self._memory.told(grippers, self._widths)
+            recent.memory.told(grippers, recent.widths)
         return commands
 
     @torch.inference_mode()
     def observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
         """Keep what belongs to the next prediction."""
-        if self._memory is None:
-            self._memory = Memory(len(scene.qpos))
-        self._widths = widths(scene.qpos)
+        recent = self._recent
+        if recent.memory is None:
+            recent.memory = Memory(len(scene.qpos))
+        recent.widths = widths(scene.qpos)
         if not self._observes:
             return
-        streams, memory = self.view.streams, self._memory.vector
+        streams, memory = self.view.streams, recent.memory.vector
         if self.senses.subgoals:
             said = np.zeros(len(memory), int), np.ones(len(memory), bool)  # until it says so itself
             if self.view.coordinated:
-                if self.coordinated is None:
+                if self.state.coordinated is None:
                     raise StageError(
                         f"policy {self.view.name!r} has learned with a coordinator; there is none here"
                     )
-                said = self.coordinated
+                said = self.state.coordinated
             memory = np.concatenate([memory, told(*said, self.senses.subgoals)], axis=-1)
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
@@ -102,12 +120,12 @@ class DiffusionRunner(PolicyRunner):
             seen = torch.from_numpy(np.stack([self._picture(pictures, stream) for stream in streams]))
             features, places = self._policy.look(seen.to(self._device))
             if places is not None:
-                self.seen = tuple(self._sights(places.cpu().double().numpy(), self._memory.changes))
+                self.state.seen = tuple(self._sights(places.cpu().double().numpy(), recent.memory.changes))
         # Before an episode's start its first frame repeats, as in training.
-        for _ in range(1 if self._features else self._config.observation_steps):
-            self._features.append(features)
-            self._proprio.append(proprio)
-            self._context.append(torch.from_numpy(known).to(self._device))
+        for _ in range(1 if recent.features else self._config.observation_steps):
+            recent.features.append(features)
+            recent.proprio.append(proprio)
+            recent.context.append(torch.from_numpy(known).to(self._device))
 
     def _sights(self, places: NDArray[np.float64], changes: NDArray[np.int64]) -> Iterator[Sight]:
         """What heat maps see at (S, M, 2), but for what is past."""
@@ -127,39 +145,40 @@ class DiffusionRunner(PolicyRunner):
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
         """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
-        assert self._memory is not None
+        recent, targets, coordinated = self._recent, self.state.targets, self.state.coordinated
+        assert recent.memory is not None
         features, proprio, known = (
-            torch.stack([*each], dim=1) for each in (self._features, self._proprio, self._context)
+            torch.stack([*each], dim=1) for each in (recent.features, recent.proprio, recent.context)
         )
         agents = np.array(self.view.agents) - 1
         free = np.ones(len(agents), dtype=bool)
         chances = self._policy.chances(features, proprio, known)
         if chances is not None:
-            numbers, free = self._patience(chances.flatten(0, 1).cpu().double().numpy())
+            numbers, free = recent.patience(chances.flatten(0, 1).cpu().double().numpy())
             phase = (
                 torch.from_numpy(each).to(known.device).unflatten(0, (len(known), -1))
                 for each in (numbers, free)
             )
             known = self._policy.in_phase(known, *phase)
-        opened = self._memory.opened[agents]
+        opened = recent.memory.opened[agents]
         waits = ~free
-        if self.view.coordinated and self.coordinated is not None:
-            waits = ~self.coordinated[1][agents]
+        if self.view.coordinated and coordinated is not None:
+            waits = ~coordinated[1][agents]
         if size := self.senses.told:
             numbers = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
             doing = numbers[:, :-1].argmax(dim=1).tolist()
-            self.phases = {
+            self.state.phases = {
                 agent: (number, not waiting)
                 for agent, number, waiting in zip(self.view.agents, doing, waits.tolist(), strict=True)
             }
         if waits.all():
-            stay = np.column_stack([self._targets.last, np.where(opened, 1.0, -1.0)])
+            stay = np.column_stack([targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        actions = self._policy.act(features, proprio, known, self._generators).cpu().double().numpy()
+        actions = self._policy.act(features, proprio, known, recent.generators).cpu().double().numpy()
         actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         stays = waits | self._goes_nowhere(actions, scene.qpos[agents, :ARM_JOINTS], opened)
         chunk = self._chunk(actions, scene.step, waits)
-        chunk[:, stays, :ARM_JOINTS] = self._targets.last[stays]
+        chunk[:, stays, :ARM_JOINTS] = targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
         return chunk[:WAIT_STEPS] if waits.any() else chunk
 
@@ -172,11 +191,12 @@ class DiffusionRunner(PolicyRunner):
         steps, decay = self._config.action_steps, self._config.ensemble
         if decay is None:
             return self._commands(actions[:, :steps])
-        known = [] if waits.any() else [(at, of) for at, of in self._predicted if at + len(of) > now]
-        self._predicted = [*known, (now, self._commands(actions))]
+        recent = self._recent
+        known = [] if waits.any() else [(at, of) for at, of in recent.predicted if at + len(of) > now]
+        recent.predicted = [*known, (now, self._commands(actions))]
         rows = []
         for step in range(now, now + steps):
-            same = np.stack([of[step - at] for at, of in self._predicted if step - at < len(of)])
+            same = np.stack([of[step - at] for at, of in recent.predicted if step - at < len(of)])
             rows.append(np.average(same, axis=0, weights=np.exp(-decay * np.arange(len(same)))))
         chunk = np.stack(rows)
         if self._config.binary_grippers:  # a mean of the two is neither

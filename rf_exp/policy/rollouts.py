@@ -85,7 +85,7 @@ def _act(
     pictures = world.images(wanted) if wanted else {}
     coordinated = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
     for runner in runners:
-        runner.coordinated = coordinated
+        runner.state.coordinated = coordinated
         runner.think(scene, pictures)
     decision = None
     if shield is not None:
@@ -103,10 +103,11 @@ def _step(
     violation: Violation | None,
     decision: Decision | None,
 ) -> RolloutStep:
-    predicted = {agent: chunk for runner in runners for agent, chunk in runner.predicted.items()}
+    states = [runner.state for runner in runners]
+    predicted = {agent: chunk for state in states for agent, chunk in state.predicted.items()}
     withheld = None if decision is None else decision.withheld
-    seen = tuple(sight for runner in runners for sight in runner.seen)
-    phases = {agent: said for runner in runners for agent, said in runner.phases.items()}
+    seen = tuple(sight for state in states for sight in state.seen)
+    phases = {agent: said for state in states for agent, said in state.phases.items()}
     return RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, seen, phases)
 
 

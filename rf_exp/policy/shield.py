@@ -14,7 +14,7 @@ Arms that hold one thing wait together.
 
 An arm that waits keeps the targets it has not been given, and goes on with them when it may. It slows down
 on its way, no faster than `SLOWING_RAD_S2`, where there is room for that, and stops at once where not. After
-`PATIENCE_STEPS` its policy predicts anew from what it sees now; after as many again it draws back along the
+`PATIENCE_STEPS` its policy predicts anew from what it sees now; after as many again it retracts along the
 way that it came, one arm at a time, and predicts anew there. So two arms never wait for one another for
 ever, unless both ways back are closed by a third one.
 
@@ -42,7 +42,7 @@ from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
 SHIELD_VERSION = "1"  # of what it decides
 PATIENCE_STEPS = 20  # of waiting, until something else is tried
-BACK_STEPS = 20  # of its own way that an arm draws back at most
+BACK_STEPS = 20  # of its own way that an arm retracts at most
 SLOWING_RAD_S2 = 7.5  # what the maker allows the slowest joint of a Panda
 
 
@@ -87,7 +87,7 @@ class Shield:
             else:
                 commands[row] = outlook.ahead[agent][0]
                 if agent in self._back:
-                    withheld[agent] = "draws back"
+                    withheld[agent] = "retracts"
         self._remember(scene, outlook, commands, waits)
         for agent in reversed(self._task.agents):
             if self._moves_on(agent, agent in waits):
@@ -169,7 +169,7 @@ class Shield:
         self._given, self._strides_rad = commands, moved
 
     def _moves_on(self, agent: int, waits: bool) -> bool:
-        """Whether an agent is to predict anew. Ends and begins its drawing back."""
+        """Whether an agent is to predict anew. Ends and begins its retracting."""
         if agent in self._back:
             self._waited[agent] += waits
             if len(self._back[agent]) and self._waited[agent] < PATIENCE_STEPS:

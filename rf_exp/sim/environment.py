@@ -15,13 +15,14 @@ import torch
 from mani_skill.agents.multi_agent import MultiAgent
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.structs.actor import Actor
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
 from rf_exp.sim import objects
 from rf_exp.sim.agent import UID
 from rf_exp.sim.room import build_room, light_room
-from rf_exp.tasks import Start, Task
+from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import CONTROL_HZ
 
@@ -72,7 +73,8 @@ class TableEnv(BaseEnv):
     def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render_backend: str) -> None:
         _freeze_modules()
         self.task = task
-        self.start: Start
+        # Of the seed that was reset last; ManiSkill resets once before anybody asks it to.
+        self.start, self.actors = task.start(0), dict[str, Actor]()
         self._assets = {name: (task.asset(name), objects.surfaces(task.asset(name))) for name in task.objects}
         self._size_px = (width_px, height_px)
         super().__init__(

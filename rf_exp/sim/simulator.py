@@ -1,22 +1,19 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 import sapien
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError, choices
-from rf_exp.sim.agent import GRIPPER_M
-from rf_exp.sim.contacts import Contacts
-from rf_exp.sim.environment import PHYSICS_HZ, TableEnv, hand_from_camera
+from rf_exp.errors import ArgumentError
+from rf_exp.sim.environment import TableEnv, hand_from_camera
+from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, CameraModel, Scene
+from rf_exp.types import ARM_JOINTS, CameraModel, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
 GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
@@ -41,81 +38,35 @@ class Simulator:
         self._env = TableEnv(
             task, width_px=width_px, height_px=height_px, render_backend=_renderer()[0] if render else "none"
         )
-        self.reset(0)
+        self._loaded = self._load(0)
 
     def reset(self, seed: int) -> Scene:
         """Begin the episode of a seed: a pure function of task and seed, whatever ran before."""
+        self._loaded = self._load(seed)
+        return self._loaded.scene({})
+
+    def _load(self, seed: int) -> LoadedScene:
         if not 0 <= seed <= LARGEST_SEED:
             raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
         self._env.reset(seed=int(seed))
-        self._robots = [arm.robot._objs[0] for arm in self._env.arms]
-        self._joints = [robot.active_joints for robot in self._robots]
-        self._bodies = {name: actor._objs[0] for name, actor in self._env.actors.items()}
-        self._contacts = Contacts(self._robots, self._bodies)
-        self._command = np.hstack([self._env.start.qpos[:, :ARM_JOINTS], np.ones((len(self._robots), 1))])
-        self._physics: Any = self._env.scene.px
-        sensors: dict[str, Any] = self._env._sensors
-        self._cameras = (
-            {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
-            if self._render
-            else {}
-        )
-        self._drawn_at = -1
-        self._poses = self._measured_poses()
-        self._step = 0
-        return self._scene({})
+        return LoadedScene(self._env, draws=self._render)
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         """Apply (N, 8) joint targets in rad and gripper commands in [-1, 1] for one control step."""
         action = np.asarray(action, dtype=float)
-        if action.shape != self._command.shape or not np.isfinite(action).all():
+        expected = (len(self.task.robots), ARM_JOINTS + 1)
+        if action.shape != expected or not np.isfinite(action).all():
             raise ArgumentError(
                 f"action of shape {action.shape}"
                 f"{'' if np.isfinite(action).all() else ' with values that are not finite'}; "
-                f"expected finite numbers of shape {self._command.shape}: joint targets in rad, gripper"
+                f"expected finite numbers of shape {expected}: joint targets in rad, gripper"
             )
-        self._command = action.copy()
-        low, high = GRIPPER_M
-        fingers = low + (np.clip(action[:, ARM_JOINTS], -1.0, 1.0) + 1) / 2 * (high - low)
-        targets = np.column_stack([action[:, :ARM_JOINTS], fingers, fingers])
-        for joints, row in zip(self._joints, targets.tolist(), strict=True):
-            for joint, value in zip(joints, row, strict=True):
-                joint.set_drive_target(value)
-        pressed: dict[tuple[int, int], float] = {}
-        for _ in range(PHYSICS_HZ // CONTROL_HZ):
-            self._physics.step()
-            # A knock can be over within one control step: keep the hardest push of the physics steps.
-            now = self._contacts.between_arms(self._physics.get_contacts(), self._physics.timestep)
-            pressed = {pair: max(force, pressed.get(pair, 0.0)) for pair, force in (pressed | now).items()}
-        self._step += 1
-        return self._scene(pressed)
+        return self._loaded.scene(self._loaded.step(action))
 
     @property
     def command(self) -> NDArray[np.float64]:
         """(N, 8) what the arms were last told; at the start their own joint positions, grippers open."""
-        return self._command.copy()
-
-    def _scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
-        poses = self._measured_poses()
-        moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
-        self._poses = poses
-        held, pushes = self._contacts.of_fingers(self._physics.get_contacts(), self._physics.timestep)
-        return Scene(
-            step=self._step,
-            qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
-            qvel=np.stack([robot.qvel for robot in self._robots]).astype(float),
-            poses=poses,
-            # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
-            speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},
-            held=held,
-            finger_forces=pushes,
-            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
-        )
-
-    def _measured_poses(self) -> dict[str, Matrix]:
-        return {
-            name: body.pose.to_transformation_matrix().astype(float) for name, body in self._bodies.items()
-        }
+        return self._loaded.command.copy()
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -144,9 +95,9 @@ class Simulator:
         numbers = {
             name: (actor._objs[0].per_scene_id,)
             for name, actor in self._env.scene.actors.items()
-            if name in self._bodies or name == "table"
+            if name in self._loaded.bodies or name == "table"
         }
-        for agent, robot in zip(self.task.agents, self._robots, strict=True):
+        for agent, robot in zip(self.task.agents, self._loaded.robots, strict=True):
             numbers[f"agent{agent}"] = tuple(link.entity.per_scene_id for link in robot.links)
         return numbers
 
@@ -166,21 +117,11 @@ class Simulator:
     def _drawn(self, texture: str, cameras: Iterable[str] | None = None) -> dict[str, NDArray]:
         if not self._render:
             raise ArgumentError("a simulator made with render=False draws no pictures; expected render=True")
-        if self._drawn_at != self._step:
-            self._env.scene.sub_scenes[0].update_render()
-            self._drawn_at, self._drawn_now = self._step, set[str]()
-        wanted = list(self._cameras if cameras is None else cameras)
-        for name in wanted:
-            if name not in self._cameras:
-                raise choices("camera", name, self._cameras)
-            if name not in self._drawn_now:
-                self._cameras[name].take_picture()
-                self._drawn_now.add(name)
-        return {name: self._cameras[name].get_picture(texture) for name in wanted}
+        return self._loaded.drawn(texture, cameras)
 
     def close(self) -> None:
         """Free the scene. The simulator cannot be used afterwards."""
-        self._robots, self._joints, self._bodies, self._cameras = [], [], {}, {}
+        self._loaded.release()
         self._env.close()
 
     def __enter__(self) -> "Simulator":

@@ -15,7 +15,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.store.description import Description
 from rf_exp.store.integrity import blames
 from rf_exp.store.layout import JUDGED, PICTURE_SHARD, array_of, extra_names, view
-from rf_exp.types import Episode, Extras, Judged
+from rf_exp.types import NO_EXTRAS, Episode, Extras, Judged
 
 
 class Reader:
@@ -99,7 +99,7 @@ class Reader:
     def extras(self) -> Extras:
         """What is kept of the cameras beside pictures."""
         said = self.description
-        return Extras(said.depth, bool(said.labels)) if said else Extras()
+        return Extras(said.depth, bool(said.labels)) if said else NO_EXTRAS
 
     @cached_property
     def qpos(self) -> NDArray[np.float32]:

@@ -1,7 +1,9 @@
 """Turns the configuration of a task, as plain values, into a checked Task."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,19 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.specs import Randomisation
 from rf_exp.tasks.task import Task
 
-CONFIGURED = Path(__file__).resolve().parents[2] / "conf" / "task"
+_CONF = Path(__file__).resolve().parents[2] / "conf"
+CONFIGURED = _CONF / "task"
+
+
+@cache
+def _defaults() -> dict[str, Any]:
+    node: Any = OmegaConf.to_container(OmegaConf.load(_CONF / "config.yaml"))
+    return node
+
+
+def default_of(key: str) -> Any:
+    """What conf/config.yaml says of a key, for who works without the command: a new value with each call."""
+    return deepcopy(_defaults()[key])
 
 
 def _range(value: object) -> object:
@@ -27,11 +41,13 @@ _CONFIG = dacite.Config(cast=[tuple], strict=True, type_hooks={tuple[float, floa
 def load_task(name: str, node: Mapping) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
+    What it does not say of randomisation is as in conf/config.yaml.
     Raises ArgumentError naming the field for what is missing, unknown, or of another type, for an
     asset that does not exist, and for an object that stands on one not listed before it.
     """
     try:
-        task = dacite.from_dict(Task, dict(node), config=_CONFIG)
+        drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
+        task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
     except dacite.UnexpectedDataError as error:
         unknown = ", ".join(sorted(map(str, error.keys)))
         raise ArgumentError(f"task {name!r}: unknown field {unknown}") from error

@@ -91,10 +91,10 @@ class CameraSpec:
 class Randomisation:
     """Changes of what is seen, of the rest posture and of weights, drawn from the episode's seed."""
 
-    rest_qpos_rad: float = 0.02  # standard deviation on each joint
-    light: float = 0.1  # half range of the relative brightness
-    colour: float = 0.1  # half range of the relative brightness of each primary colour of each object
-    heavy: float = 0.0  # masses are uniform from the asset's up to this part of the way to its heaviest make
+    rest_qpos_rad: float  # standard deviation on each joint
+    light: float  # half range of the relative brightness
+    colour: float  # half range of the relative brightness of each primary colour of each object
+    heavy: float  # masses are uniform from the asset's up to this part of the way to its heaviest make
 
     def __post_init__(self) -> None:
         if not 0 <= self.rest_qpos_rad < np.inf:

@@ -12,7 +12,7 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import import_module
 from types import ModuleType
@@ -43,7 +43,7 @@ class Task:
     objects: Mapping[str, ObjectSpec]
     cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
     success: Mapping[str, float]  # thresholds that the module reads, units in their names
-    randomisation: Randomisation = field(default_factory=Randomisation)
+    randomisation: Randomisation
     step_limit: int = 600  # control steps after which an attempt in an environment is over
     code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
 

@@ -7,6 +7,8 @@ k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control
 from rf_exp.types.choices import (
     FOREIGN,
     LARGEST_PX,
+    NO_EXTRAS,
+    NO_PICTURES,
     SMALLEST_PX,
     Arch,
     CameraChoice,
@@ -16,6 +18,7 @@ from rf_exp.types.choices import (
     Kind,
     Occupancy,
     Pictures,
+    camera_names,
 )
 from rf_exp.types.episode import Episode, Rollout, RolloutStep, Sight
 from rf_exp.types.motion import Schedule, Segment, Subgoal, Trajectory, what_of
@@ -40,6 +43,8 @@ __all__ = [
     "GRIPPER_CLOSED",
     "GRIPPER_OPEN",
     "LARGEST_PX",
+    "NO_EXTRAS",
+    "NO_PICTURES",
     "SMALLEST_PX",
     "UNITS",
     "Arch",
@@ -66,5 +71,6 @@ __all__ = [
     "Trajectory",
     "Verdict",
     "World",
+    "camera_names",
     "what_of",
 ]

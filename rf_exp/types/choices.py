@@ -13,7 +13,10 @@ Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by i
 
 @dataclass(frozen=True)
 class ConstraintSet:
-    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is)."""
+    """A row of the paper's ablation: which constraints are on (DESIGN: logical always is).
+
+    All of them for who names no row: the library has no configuration.
+    """
 
     name: str
     logical: bool = True
@@ -44,10 +47,10 @@ FOREIGN = Arch("foreign", shared_policy=True, global_view=True)  # of a policy t
 class Pictures:
     """What the cameras take: size in pixels, or nothing at all. Raises ArgumentError for other sizes."""
 
-    width: int = 320
-    height: int = 240
-    render: bool = True
-    cameras: CameraChoice = "all"  # those whose pictures demonstrations hold: local is those of the agents
+    width: int
+    height: int
+    render: bool
+    cameras: CameraChoice  # those whose pictures demonstrations hold: local is those of the agents
 
     def __post_init__(self) -> None:
         if self.cameras not in get_args(CameraChoice):
@@ -60,26 +63,35 @@ class Pictures:
 
     def of(self, agents: int) -> tuple[str, ...]:
         """The names of the cameras for so many agents."""
-        if not self.render:
-            return ()
-        local = tuple(f"agent{k}" for k in range(1, agents + 1))
-        return {"all": ("global", *local), "global": ("global",), "local": local}[self.cameras]
+        return camera_names(self.cameras, agents) if self.render else ()
+
+
+NO_PICTURES = Pictures(SMALLEST_PX, SMALLEST_PX, render=False, cameras="all")  # the size is of nothing
+
+
+def camera_names(chosen: CameraChoice, agents: int) -> tuple[str, ...]:
+    """The names of the cameras that are chosen, for so many agents."""
+    local = tuple(f"agent{k}" for k in range(1, agents + 1))
+    return {"all": ("global", *local), "global": ("global",), "local": local}[chosen]
 
 
 @dataclass(frozen=True)
 class Extras:
     """What demonstrations hold of the cameras beside pictures."""
 
-    depth: bool = False
-    segmentation: bool = False
+    depth: bool
+    segmentation: bool
+
+
+NO_EXTRAS = Extras(depth=False, segmentation=False)
 
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Bounds on every joint of executed motion. Defaults: those of the authors' release."""
+    """Bounds on every joint of executed motion."""
 
-    velocity_rad_s: float = 0.9
-    acceleration_rad_s2: float = 0.9
+    velocity_rad_s: float
+    acceleration_rad_s2: float
 
     def __post_init__(self) -> None:
         for name in ("velocity_rad_s", "acceleration_rad_s2"):

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.geometry import PlanningScene
 from rf_exp.robots import Panda
-from rf_exp.tasks import REST_QPOS, CameraSpec, RobotSpec, Task, load_task
+from rf_exp.tasks import REST_QPOS, CameraSpec, Randomisation, RobotSpec, Task, default_of, load_task
 from rf_exp.transforms import Matrix, interpolate, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, Trajectory
 
@@ -24,7 +24,8 @@ def team(count: int) -> Task:
     """Arms round an empty table, near enough to hit each other."""
     cameras = {"global": CameraSpec(), **{f"agent{k + 1}": CameraSpec() for k in range(count)}}
     robots = tuple(RobotSpec(*base) for base in BASES[:count])
-    return Task("lift_barrier", "Team", "", "", robots, {}, cameras, {})
+    drawn = Randomisation(**default_of("randomisation"))
+    return Task("lift_barrier", "Team", "", "", robots, {}, cameras, {}, drawn)
 
 
 def real(name: str) -> Task:

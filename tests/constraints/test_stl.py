@@ -40,7 +40,7 @@ from rf_exp.statements import (
     Together,
 )
 from rf_exp.transforms import transform
-from rf_exp.types import CONTROL_DT_S, ConstraintSet, Pictures, Scene
+from rf_exp.types import CONTROL_DT_S, NO_PICTURES, ConstraintSet, Scene
 from tests.constraints.robots import REACHING, REST, idle, real, scene_of, walk
 
 Executed = tuple[Planned, Execution]
@@ -53,8 +53,8 @@ def episodes() -> dict[str, list[Executed]]:
     found = {}
     for name in TASKS:
         task, trace = real(name), Trace()
-        settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
-        world = shared_simulator(task, Pictures(render=False))
+        settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+        world = shared_simulator(task, NO_PICTURES)
         assert EpisodeMaker(settings, world, settings.make_brain(0), trace).make(0).success
         found[name] = trace.executions()
     return found

@@ -45,7 +45,9 @@ def worlds():
 
 def make(world, fault):
     watcher, brain = Watcher(), FaultyBrain(fault, seed=0)
-    outcome = EpisodeMaker(Settings(world.task, FULL, FaultySpec(fault)), world, brain, watcher).make(0)
+    outcome = EpisodeMaker(
+        Settings.configured(world.task, FULL, FaultySpec(fault)), world, brain, watcher
+    ).make(0)
     return outcome, watcher, brain
 
 

@@ -67,7 +67,7 @@ def planned(proposal, scene=START, row=FULL):
         def answer(self, question):
             return proposal if isinstance(proposal, str) else to_json(proposal)
 
-    settings, question = Settings(PHOTO, row, ScriptedSpec()), Question(PHOTO, scene, {})
+    settings, question = Settings.configured(PHOTO, row, ScriptedSpec()), Question(PHOTO, scene, {})
     found = Planner(settings, Says()).plan(question, scene, np.random.default_rng(0))
     assert isinstance(found, Violation)
     return found

@@ -36,7 +36,9 @@ def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float
     Where arms pause, others wait for them at places where the coordinator's plan has no wait.
     """
     task = read_task(name)
-    settings = Settings(task, ConstraintSet("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=delay_s)
+    settings = Settings.configured(
+        task, ConstraintSet("full"), ScriptedSpec(), disturbance_rad=0.05, delay_s=delay_s
+    )
     with Simulator(task, render=False) as world:
         for seed in range(3):
             watching = Scenes()

@@ -16,7 +16,16 @@ from rf_exp.policy.coordination import hesitates
 from rf_exp.robots import limits_rad
 from rf_exp.sim import shared_simulator
 from rf_exp.tasks import REST_QPOS
-from rf_exp.types import ARM_JOINTS, ConstraintSet, Episode, Pictures, Schedule, Segment, Subgoal, Trajectory
+from rf_exp.types import (
+    ARM_JOINTS,
+    NO_PICTURES,
+    ConstraintSet,
+    Episode,
+    Schedule,
+    Segment,
+    Subgoal,
+    Trajectory,
+)
 from tests.conftest import TASKS, read_task
 
 STRENGTH_RAD, DELAY_S = 0.05, 1.0
@@ -25,8 +34,8 @@ FULL = ConstraintSet("full")
 
 def make(task_name: str, seed: int, strength_rad: float = STRENGTH_RAD):
     task = read_task(task_name)
-    settings = Settings(task, FULL, ScriptedSpec(), disturbance_rad=strength_rad, delay_s=DELAY_S)
-    return EpisodeMaker(settings, shared_simulator(task, Pictures(render=False)), ScriptedBrain()).make(seed)
+    settings = Settings.configured(task, FULL, ScriptedSpec(), disturbance_rad=strength_rad, delay_s=DELAY_S)
+    return EpisodeMaker(settings, shared_simulator(task, NO_PICTURES), ScriptedBrain()).make(seed)
 
 
 @pytest.fixture(scope="module", params=sorted(TASKS))
@@ -57,7 +66,7 @@ def test_the_plan_is_learned_and_something_else_was_done(episode: Episode) -> No
 
 def test_what_was_done_gives_the_episode_again(episode: Episode) -> None:
     """And what was intended, alone, does not: the difference matters."""
-    world = shared_simulator(read_task(episode.task), Pictures(render=False))
+    world = shared_simulator(read_task(episode.task), NO_PICTURES)
     assert episode.executed is not None
     for commands, same in ((episode.executed, True), (episode.action, False)):
         scene, found = world.reset(episode.seed), []
@@ -92,9 +101,9 @@ def test_without_disturbance_nothing_differs() -> None:
 
 def test_a_strength_beyond_sense_is_refused() -> None:
     with pytest.raises(ArgumentError, match=r"disturbance_rad is 0.5; expected 0 to 0.2 rad"):
-        Settings(read_task("stack_cube"), FULL, ScriptedSpec(), disturbance_rad=0.5)
+        Settings.configured(read_task("stack_cube"), FULL, ScriptedSpec(), disturbance_rad=0.5)
     with pytest.raises(ArgumentError, match=r"delay_s is -1; expected 0 to 5.0 s"):
-        Settings(read_task("stack_cube"), FULL, ScriptedSpec(), delay_s=-1)
+        Settings.configured(read_task("stack_cube"), FULL, ScriptedSpec(), delay_s=-1)
 
 
 # the parts
@@ -157,7 +166,7 @@ def test_known_subgoals_keep_their_numbers() -> None:
 
 
 def test_only_what_nobody_handles_can_be_knocked() -> None:
-    world = shared_simulator(read_task("stack_cube"), Pictures(render=False))
+    world = shared_simulator(read_task("stack_cube"), NO_PICTURES)
     start = world.reset(0)
     blue = next(name for name in start.poses)
     path = Trajectory(

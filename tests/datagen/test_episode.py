@@ -64,7 +64,7 @@ def both_left(proposal):
 
 
 def settings(task, row=FULL, **keywords):
-    return Settings(task, row, ScriptedSpec(), **keywords)
+    return Settings.configured(task, row, ScriptedSpec(), **keywords)
 
 
 def test_an_episode_succeeds_and_carries_its_certificate(lift_world):
@@ -198,7 +198,7 @@ def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     seed = next(seed for seed in range(1000) if heavy.start(seed).masses_kg["barrier"] > 9.3)
     with Simulator(heavy, render=False) as world:
         together, turns = (
-            EpisodeMaker(Settings(heavy, row, ScriptedSpec()), world, ScriptedBrain()).make(seed)
+            EpisodeMaker(Settings.configured(heavy, row, ScriptedSpec()), world, ScriptedBrain()).make(seed)
             for row in (FULL, ConstraintSet("logical_spatial", temporal=False))
         )
     assert together.success

@@ -5,19 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.datagen.motion import Unreachable, plan_motion
+from rf_exp.datagen import Unreachable
+from rf_exp.datagen.motion import plan_motion
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.datagen.yielding import Yielding, ways
 from rf_exp.robots import Panda, limits_rad
 from rf_exp.statements import Proposal
-from rf_exp.tasks import REST_QPOS, RETRACTED_QPOS
+from rf_exp.tasks import REST_QPOS, RETRACTED_QPOS, default_of
 from rf_exp.transforms import planar
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, ConstraintSet, JointLimits, Subgoal
 from tests.scenes import start_scene
 
-LIMITS = JointLimits()
+LIMITS = JointLimits(**default_of("limits"))
 
 
 def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yielding=None):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from rf_exp.coordination import actions
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, come_to_rest, let_off
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.motion import come_to_rest, let_off
 from rf_exp.sim import Simulator
+from rf_exp.tasks import default_of
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, ConstraintSet, JointLimits
 from tests.conftest import read_task
 
-LIMITS = JointLimits()
+LIMITS = JointLimits(**default_of("limits"))
 BLINDEST = ConstraintSet("logical", spatial=False, temporal=False)
 BLIND = ConstraintSet("logical_temporal", spatial=False)
 FAST_RAD_S = 0.3  # of some joint, so that there is something to stop
@@ -65,7 +65,7 @@ def planned():
     task, seen = read_task("three_robots_stack_cube"), Plans()
     with Simulator(task, render=False) as world:
         EpisodeMaker(
-            Settings(task, ConstraintSet("full"), ScriptedSpec()), world, ScriptedBrain(), seen
+            Settings.configured(task, ConstraintSet("full"), ScriptedSpec()), world, ScriptedBrain(), seen
         ).make(1)
     starts = [np.stack([each.path()[0] for each in plan.trajectories]) for plan in seen.plans]
     return [
@@ -113,7 +113,9 @@ def test_arms_are_let_off_to_where_they_were_measured(planned):
 
 def made(task, row, seed, world):
     seen = Plans()
-    outcome = EpisodeMaker(Settings(task, row, ScriptedSpec()), world, ScriptedBrain(), seen).make(seed)
+    outcome = EpisodeMaker(Settings.configured(task, row, ScriptedSpec()), world, ScriptedBrain(), seen).make(
+        seed
+    )
     return outcome, seen
 
 

@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 
 from rf_exp.datagen.motion.timing import blend, densify, parameterise
 from rf_exp.errors import ArgumentError
+from rf_exp.tasks import default_of
 from rf_exp.types import JointLimits
 
-LIMITS = JointLimits()
+LIMITS = JointLimits(**default_of("limits"))
 
 
 def derivatives(start, timed):
@@ -52,4 +53,4 @@ def test_blend_keeps_ends_and_straight_lines():
 
 def test_limits_must_be_positive():
     with pytest.raises(ArgumentError, match="velocity_rad_s is -1"):
-        JointLimits(velocity_rad_s=-1)
+        JointLimits(-1, 0.9)

@@ -18,7 +18,7 @@ from rf_exp.envs.core import EpisodeCore
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.robots import limits_rad
 from rf_exp.tasks import CONFIGURED, Task
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.conftest import TASKS, experiment, read_task
 
 ROOT = Path(__file__).parents[2]
@@ -27,7 +27,7 @@ BUTTON = ROOT / "tests/tutorial/conf/task/push_button.yaml"
 
 def held(env: CentralEnv) -> NDArray[np.float32]:
     """The action that keeps the arms where they are."""
-    qpos = env.core.scene.qpos
+    qpos = env.core.episode.scene.qpos
     return np.column_stack([qpos[:, :7], np.ones(len(qpos))]).astype(np.float32)
 
 
@@ -41,7 +41,7 @@ def test_the_tasks_are_those_of_the_command(name: str) -> None:
 @pytest.mark.slow
 def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Task) -> None:
     episode = make_episode(
-        Settings(task, ConstraintSet("full"), ScriptedSpec()), Pictures(render=False), 3
+        Settings.configured(task, ConstraintSet("full"), ScriptedSpec()), NO_PICTURES, 3
     ).episode
     assert episode is not None
     env = CentralEnv(task)
@@ -144,10 +144,10 @@ def test_arms_that_are_driven_into_one_another_are_violations(overlaps: bool) ->
     target[:, :7] = (0.0, 1.2, 0.0, -0.6, 0.0, 1.8, 0.8)  # outstretched towards the other arm
     for _ in range(60):
         core.step(target)
-        seen += monitor(core.scene) is not None
-        touched += any(force_n > 1.0 for *_, force_n in core.scene.arm_contacts)
+        seen += monitor(core.episode.scene) is not None
+        touched += any(force_n > 1.0 for *_, force_n in core.episode.scene.arm_contacts)
     assert 0 < touched <= seen
-    info = core.info()
+    info = core.episode.info()
     assert info["violations"] == (seen if overlaps else touched)
     assert "Agent_1" in info["violation"] and "Agent_2" in info["violation"]
     core.close()

@@ -20,7 +20,7 @@ class Scripted(PolicyRunner):
     """One agent that predicts what a function says."""
 
     def __init__(self, agent: int, predict: Predict) -> None:
-        self._says = predict
+        self._says, self.predictions = predict, 0
         super().__init__(View(f"agent{agent}", (Stream(f"agent{agent}", (agent,)),)), np.array([FASTEST_RAD]))
 
     def reset(self, seed: int) -> None:

@@ -117,7 +117,7 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
         scene = _scene(episode, at)
         runner.reset(seed)
         runner(scene, {})
-        chunk = runner.predicted[1]
+        chunk = runner.state.predicted[1]
         assert set(np.unique(chunk[:, 7])) <= {-1.0, 1.0}
         errors.append(np.abs(chunk[-1, :7] - episode.action[at + len(chunk) - 1, 0, :7]).max())
     assert np.median(errors) < 0.05

@@ -124,8 +124,8 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     world = Table(1)
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
-    runner._targets.put(target[None, None])
-    runner._features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
+    runner.state.targets.put(target[None, None])
+    runner._recent.features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
     runner._config = replace(runner._config, observation_steps=1)
     assert np.allclose(runner(scene, {})[0], target)
 
@@ -152,7 +152,7 @@ def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
             lengths = min(map(len, same))
             expected = np.average([each[:lengths] for each in same], axis=0, weights=weights)
             np.testing.assert_allclose(
-                np.stack([runner.predicted[agent] for agent in view.agents], axis=1)[:lengths], expected
+                np.stack([runner.state.predicted[agent] for agent in view.agents], axis=1)[:lengths], expected
             )
         runner.act()
         scene = replace(scene, step=step + 1)

@@ -15,7 +15,7 @@ from rf_exp.policy import Decision, Shield, rollout
 from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
-from rf_exp.types import ConstraintSet, Pictures, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.types import NO_PICTURES, ConstraintSet, Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import TASKS, read_task
 from tests.constraints.robots import REACHING, REST, scene_of
 from tests.policy.scripted import FASTEST_RAD, Predict, Puppets, Scripted
@@ -106,7 +106,7 @@ def test_arms_that_would_meet_keep_the_margin_and_one_waits() -> None:
     assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
     assert arrived(world, 1, REACHING) and not withheld(told, 1)  # it was there first
     assert len(withheld(told, 2)) == result.interventions > 0
-    assert {step.withheld[2] for step in told if step.withheld} <= {"waits for agent 1", "draws back"}
+    assert {step.withheld[2] for step in told if step.withheld} <= {"waits for agent 1", "retracts"}
 
 
 def test_who_waited_goes_on_once_the_way_is_free() -> None:
@@ -157,7 +157,7 @@ def test_after_its_chunk_an_arm_stands_where_it_ends() -> None:
 
 
 def test_nobody_waits_for_ever() -> None:
-    """Each has to pass where the other one stands: one draws back in the end, and both get by."""
+    """Each has to pass where the other one stands: one retracts in the end, and both get by."""
     for near, far in ((LEFT, RIGHT), (RIGHT, LEFT)):
         plans = [to(*[near] * 6, far)] * 2
         plain, _, _ = run(PAIR, plans, 100, shielded=False)
@@ -165,7 +165,7 @@ def test_nobody_waits_for_ever() -> None:
         world, told, _ = run(PAIR, plans, 200)
         assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
         assert arrived(world, 1, far) and arrived(world, 2, far)
-        back = [step.scene.step for step in told if "draws back" in (step.withheld or {}).values()]
+        back = [step.scene.step for step in told if "retracts" in (step.withheld or {}).values()]
         assert 0 < len(back) <= BACK_STEPS
 
 
@@ -304,7 +304,7 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
     found: dict[bool, Rollout] = {}
     travelled: dict[bool, NDArray[np.float64]] = {}
     for shielded in (False, True):
-        world = shared_simulator(task, Pictures(render=False))
+        world = shared_simulator(task, NO_PICTURES)
         start = world.reset(3)
         runners = [Scripted(agent, wild(task, agent)) for agent in task.agents]
         told: list[RolloutStep] = []
@@ -337,15 +337,15 @@ def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
     from rf_exp.sim import shared_simulator
 
     task = read_task(name)
-    settings = Settings(task, ConstraintSet("full"), read_brain({"name": "scripted"}))
-    episode = make_episode(settings, Pictures(render=False), 0).episode
+    settings = Settings.configured(task, ConstraintSet("full"), read_brain({"name": "scripted"}))
+    episode = make_episode(settings, NO_PICTURES, 0).episode
     assert episode is not None
 
     def shown(agent: int) -> Predict:
         commands = episode.action[:, agent - 1].astype(float)
         return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
 
-    world = shared_simulator(task, Pictures(render=False))
+    world = shared_simulator(task, NO_PICTURES)
     start = world.reset(0)
     runners = [Scripted(agent, shown(agent)) for agent in task.agents]
     result = rollout(

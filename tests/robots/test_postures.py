@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rf_exp.robots import OTHER_SIGN, Panda, limits_rad, tcp_pose
-from rf_exp.robots.postures import BRANCHES, postures
+from rf_exp.robots import BRANCHES, OTHER_SIGN, Panda, limits_rad, tcp_pose
+from rf_exp.robots.postures import postures
 from rf_exp.transforms import planar
 
 LOW, HIGH = LIMITS = limits_rad()

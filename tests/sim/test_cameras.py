@@ -105,7 +105,7 @@ class Moments(NullObserver):
 def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator: Simulator) -> None:
     for seed in range(5):
         moments = Moments()
-        settings = Settings(simulator.task, ConstraintSet("full"), ScriptedSpec())
+        settings = Settings.configured(simulator.task, ConstraintSet("full"), ScriptedSpec())
         if EpisodeMaker(settings, Limited(simulator), ScriptedBrain(), moments).make(seed).success:
             break
     else:
@@ -115,7 +115,7 @@ def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator:
     assert {agent for step in reached for agent, _ in moments.found[step]} == set(simulator.task.agents)
     fingers = [
         [link.entity.per_scene_id for link in robot.links if link.name.endswith(tuple(GRIPPER))]
-        for robot in simulator._robots
+        for robot in simulator._loaded.robots
     ]
     assert all(len(links) == len(GRIPPER) for links in fingers)
     hidden = []

@@ -39,12 +39,13 @@ def collide(simulator: Simulator, agent: int, shift_m: np.ndarray, bodies: set) 
 
     Of what may pass through one another it does not even report a contact.
     """
-    robot, home = simulator._robots[agent - 1], simulator._robots[agent - 1].root_pose
+    loaded = simulator._loaded
+    robot, home = loaded.robots[agent - 1], loaded.robots[agent - 1].root_pose
     robot.set_root_pose(sapien.Pose(home.p + shift_m, home.q))
-    simulator._physics.step()
-    found = [contact for contact in simulator._physics.get_contacts() if set(contact.bodies) == bodies]
+    loaded.physics.step()
+    found = [contact for contact in loaded.physics.get_contacts() if set(contact.bodies) == bodies]
     robot.set_root_pose(home)
-    for arm, qpos in zip(simulator._robots, simulator._env.start.qpos, strict=True):  # what was hit flies off
+    for arm, qpos in zip(loaded.robots, simulator._env.start.qpos, strict=True):  # what was hit flies off
         arm.set_qpos(qpos.astype(np.float32))
         arm.set_qvel(np.zeros(len(qpos), np.float32))
     return any(point.separation < 0 for contact in found for point in contact.points)
@@ -58,7 +59,7 @@ def test_every_two_links_of_two_arms_collide(simulator: Simulator) -> None:
         for name, other in product(LINKS, LINKS):
             if (name, other) == (LINKS[0], LINKS[0]):
                 continue
-            robots = simulator._robots
+            robots = simulator._loaded.robots
             fixed, moved = link_of(robots[a], name), link_of(robots[b], other)
             shift_m = middle_m(fixed, name) - middle_m(moved, other)
             if not collide(simulator, b + 1, shift_m, {fixed, moved}):
@@ -73,10 +74,10 @@ def test_every_gripper_collides_with_every_thing(simulator: Simulator) -> None:
         if not asset.hulls:  # a mark on the table
             continue
         simulator.reset(0)
-        robot = simulator._robots[agent - 1]
+        robot = simulator._loaded.robots[agent - 1]
         link = link_of(robot, name)
-        body = simulator._bodies[thing].find_component_by_type(physx.PhysxRigidBaseComponent)
-        pose = simulator._bodies[thing].pose.to_transformation_matrix()
+        body = simulator._loaded.bodies[thing].find_component_by_type(physx.PhysxRigidBaseComponent)
+        pose = simulator._loaded.bodies[thing].pose.to_transformation_matrix()
         shift_m = pose[:3, :3] @ asset.hulls[0].center_mass + pose[:3, 3] - middle_m(link, name)
         if not collide(simulator, agent, shift_m, {link, body}):
             through.append(f"{name} of Agent_{agent} and {thing}")

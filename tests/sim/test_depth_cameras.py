@@ -51,7 +51,7 @@ class Looking(NullObserver):
 def make(
     task: Task, world: Simulator, occupancy: Occupancy, observer: NullObserver, seed: int = 0
 ) -> Outcome:
-    settings = Settings(task, ConstraintSet("full"), ScriptedSpec(), occupancy=occupancy)
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec(), occupancy=occupancy)
     return EpisodeMaker(settings, Limited(world), ScriptedBrain(), observer).make(seed)
 
 

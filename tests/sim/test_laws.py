@@ -158,6 +158,6 @@ def loose(task: Task) -> list[str]:
 
 
 def fling(simulator: Simulator, name: str, velocity_m_s: tuple[float, float, float]) -> None:
-    body = simulator._bodies[name].find_component_by_type(physx.PhysxRigidDynamicComponent)
+    body = simulator._loaded.bodies[name].find_component_by_type(physx.PhysxRigidDynamicComponent)
     assert isinstance(body, physx.PhysxRigidDynamicComponent)
     body.set_linear_velocity(list(velocity_m_s))

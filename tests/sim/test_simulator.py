@@ -59,7 +59,7 @@ def digest_elsewhere(task: Task, seed: int, *, render: bool) -> str:
 
 def worst_overlap_m(simulator: Simulator) -> float:
     """How deep any two bodies overlap, as PhysX sees it right now."""
-    contacts = simulator._physics.get_contacts()
+    contacts = simulator._loaded.physics.get_contacts()
     return max((-point.separation for contact in contacts for point in contact.points), default=0.0)
 
 
@@ -108,7 +108,7 @@ def test_targets_do_the_same_as_maniskills_own_controller(lift_barrier: Task) ->
             scene = simulator.step(action)
             keys = [f"{arm.uid}-{i}" for i, arm in enumerate(other._env.arms)]
             other._env.step({key: row.astype(np.float32) for key, row in zip(keys, action, strict=True)})
-        theirs = np.stack([robot.qpos for robot in other._robots])
+        theirs = np.stack([robot.qpos for robot in other._loaded.robots])
     np.testing.assert_allclose(scene.qpos, theirs, atol=1e-5)
 
 

@@ -88,4 +88,4 @@ def test_demonstrations_with_more_cameras_will_do(command, tmp_path: Path) -> No
 
 def test_unknown_cameras_are_refused() -> None:
     with pytest.raises(ArgumentError, match="unknown cameras 'wrist'; available: all, global, local"):
-        Pictures(cameras="wrist")  # pyright: ignore[reportArgumentType]
+        Pictures(320, 240, render=True, cameras="wrist")  # pyright: ignore[reportArgumentType]

@@ -56,7 +56,7 @@ def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
     with Simulator(lift_barrier, render=False) as world:
         for answers, success, expected in cases:
             seen = Rejections()
-            settings = Settings(lift_barrier, FULL, ScriptedSpec(), attempts=3)
+            settings = Settings.configured(lift_barrier, FULL, ScriptedSpec(), attempts=3)
             outcome = EpisodeMaker(settings, world, Answers(*answers), seen).make(0)
             row = generation_row(lift_barrier, FULL, "scripted", outcome)
             assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)

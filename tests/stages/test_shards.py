@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.errors import StageError
 from rf_exp.experiment import Experiment
+from rf_exp.stages import generate_data
 from rf_exp.stages.artifacts import data_path, generation_path
-from rf_exp.stages.generation import generate_data
 from rf_exp.stages.shards import RECORD, Shards, begun, blocks, make_shard
 from rf_exp.store import Store
 from tests.conftest import experiment

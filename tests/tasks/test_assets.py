@@ -13,7 +13,7 @@ from rf_exp.geometry import Piece
 from rf_exp.geometry.planning_scene import asset_pieces
 from rf_exp.robots import panda
 from rf_exp.sim import Simulator
-from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task, assets
+from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of
 from rf_exp.tasks.assets import Asset, InteractionPoint, camera, lid, pot, steak
 from rf_exp.tasks.predicates import tilt_deg
 from rf_exp.transforms import Matrix, apply, inverse, transform
@@ -208,10 +208,11 @@ def test_everything_stays_where_it_is_dropped() -> None:
     }
     x, y = spread["camera"]
     objects["plinth"] = ObjectSpec("plinth", (x, x), (y, y), 0.0, (30.0, 30.0))
-    view = CameraSpec()
-    task = Task(
-        "drop", "", "", "", (RobotSpec(-1.0, 1.2, 0.0),), objects, {"global": view, "agent1": view}, {}
+    views, drawn = (
+        {"global": CameraSpec(), "agent1": CameraSpec()},
+        Randomisation(**default_of("randomisation")),
     )
+    task = Task("drop", "", "", "", (RobotSpec(-1.0, 1.2, 0.0),), objects, views, {}, drawn)
     with Simulator(task, render=False) as simulator:
         start = simulator.reset(0)
         for _ in range(40):

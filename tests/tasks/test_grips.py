@@ -61,7 +61,7 @@ def test_what_is_gripped_and_lifted_stays_in_the_hand_and_level(name: str, tip_d
     thing = ObjectSpec(name, z_m=0.12 if plinth else 0.0, yaw_deg=(yaw_deg, yaw_deg))
     cameras = {name: CameraSpec() for name in ("global", *(f"agent{k + 1}" for k in range(len(grips))))}
     objects = plinth | {"it": thing}
-    task = Task("grip", "", "", "", robots, objects, cameras, {}, Randomisation(0, 0, 0))
+    task = Task("grip", "", "", "", robots, objects, cameras, {}, Randomisation(0, 0, 0, 0))
     with Simulator(task, render=False) as simulator:
         arms = Arms(simulator)
         start = arms.scene.poses["it"]

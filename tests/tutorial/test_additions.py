@@ -103,7 +103,7 @@ def test_a_new_verb_is_planned_checked_and_scheduled_with_the_others():
 
         task = real("place_food")
         scene = start_scene(task, 0)
-        settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
+        settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
         plan = Planner(settings, Brain()).plan(Question(task, scene, {}), scene, np.random.default_rng(0))
         assert isinstance(plan, Planned), plan
         grasp, hover = plan.trajectories

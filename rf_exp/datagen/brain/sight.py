@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast, get_args
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, Pictures
+from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, Pictures, camera_names
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,7 +47,7 @@ class Sight:
 
     def jpegs(self, pictures: "Mapping[str, NDArray[np.uint8]]", agents: int) -> dict[str, bytes]:
         """Camera -> JPEG, of those chosen among pictures (H, W, 3) RGB of a scene with so many agents."""
-        chosen = Pictures(cameras=cast(CameraChoice, self.cameras)).of(agents)
+        chosen = camera_names(cast(CameraChoice, self.cameras), agents)
         return {name: self._jpeg(picture) for name, picture in pictures.items() if name in chosen}
 
     def _jpeg(self, picture: "NDArray[np.uint8]") -> bytes:

@@ -33,7 +33,8 @@ class ForeignRunner(PolicyRunner):
         fastest_rad: float,
     ) -> None:
         """`policy` has `act`, perhaps `reset`; no joint is sent further than `fastest_rad` a control step."""
-        self._spec, self._policy, self._look, self._seed = spec, policy, look, 0
+        self._spec, self._policy, self._look = spec, policy, look
+        self._seed, self._begun = 0, False  # of the episode, and whether the policy has been told of it
         low, high = limits_rad()
         self._low, self._high = np.append(low, -1.0), np.append(high, 1.0)
         everyone = View(spec.name, (Stream("global", tuple(range(1, agents + 1))),))

@@ -37,5 +37,5 @@ def ask(spec, task, **question):
 
 
 def make(world, spec, attempts=4):
-    settings = Settings(world.task, FULL, spec, attempts=attempts)
+    settings = Settings.configured(world.task, FULL, spec, attempts=attempts)
     return EpisodeMaker(settings, world, settings.make_brain(0)).make(0)

@@ -1,0 +1,95 @@
+"""One episode's scene as SAPIEN has loaded it, and how far it is."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import choices
+from rf_exp.sim.agent import GRIPPER_M
+from rf_exp.sim.contacts import Contacts
+from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
+from rf_exp.transforms import Matrix
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Scene
+
+
+class LoadedScene:
+    """What a reset of the environment has built; the next reset builds all of it anew."""
+
+    def __init__(self, env: TableEnv, *, draws: bool) -> None:
+        self.robots = [arm.robot._objs[0] for arm in env.arms]
+        self._joints = [robot.active_joints for robot in self.robots]
+        self.bodies = {name: actor._objs[0] for name, actor in env.actors.items()}
+        self._contacts = Contacts(self.robots, self.bodies)
+        self.command = np.hstack([env.start.qpos[:, :ARM_JOINTS], np.ones((len(self.robots), 1))])  # (N, 8)
+        self._env = env
+        self.physics: Any = env.scene.px
+        sensors: dict[str, Any] = env._sensors if draws else {}
+        self._cameras = {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
+        self._poses = self._measured_poses()
+        self._step = 0
+        self._drawn_at, self._drawn = -1, set[str]()  # the step of the last pictures, and their cameras
+
+    def step(self, action: NDArray[np.float64]) -> dict[tuple[int, int], float]:
+        """Apply (N, 8) joint targets and gripper commands for one control step.
+
+        Returns (agent, agent) -> the hardest push between two arms, in N.
+        """
+        self.command = action.copy()
+        low, high = GRIPPER_M
+        fingers = low + (np.clip(action[:, ARM_JOINTS], -1.0, 1.0) + 1) / 2 * (high - low)
+        targets = np.column_stack([action[:, :ARM_JOINTS], fingers, fingers])
+        for joints, row in zip(self._joints, targets.tolist(), strict=True):
+            for joint, value in zip(joints, row, strict=True):
+                joint.set_drive_target(value)
+        pressed: dict[tuple[int, int], float] = {}
+        for _ in range(PHYSICS_HZ // CONTROL_HZ):
+            self.physics.step()
+            # A knock can be over within one control step: keep the hardest push of the physics steps.
+            now = self._contacts.between_arms(self.physics.get_contacts(), self.physics.timestep)
+            pressed = {pair: max(force, pressed.get(pair, 0.0)) for pair, force in (pressed | now).items()}
+        self._step += 1
+        return pressed
+
+    def scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
+        """As measured now; once a control step, since speeds are what has moved since the last time."""
+        poses = self._measured_poses()
+        moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
+        self._poses = poses
+        held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
+        return Scene(
+            step=self._step,
+            qpos=np.stack([robot.qpos for robot in self.robots]).astype(float),
+            qvel=np.stack([robot.qvel for robot in self.robots]).astype(float),
+            poses=poses,
+            # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
+            speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},
+            held=held,
+            finger_forces=pushes,
+            arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
+        )
+
+    def _measured_poses(self) -> dict[str, Matrix]:
+        return {
+            name: body.pose.to_transformation_matrix().astype(float) for name, body in self.bodies.items()
+        }
+
+    def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
+        """Camera -> its texture at this step, drawn once however often it is asked for; None: of all."""
+        if self._drawn_at != self._step:
+            self._env.scene.sub_scenes[0].update_render()
+            self._drawn_at, self._drawn = self._step, set[str]()
+        wanted = list(self._cameras if cameras is None else cameras)
+        for name in wanted:
+            if name not in self._cameras:
+                raise choices("camera", name, self._cameras)
+            if name not in self._drawn:
+                self._cameras[name].take_picture()
+                self._drawn.add(name)
+        return {name: self._cameras[name].get_picture(texture) for name in wanted}
+
+    def release(self) -> None:
+        """Let go of SAPIEN's bodies and cameras, so that the environment can be closed."""
+        for kept in (self.robots, self._joints, self.bodies, self._cameras):
+            kept.clear()
