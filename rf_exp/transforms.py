@@ -65,8 +65,8 @@ def position_and_quaternion(matrix: Matrix) -> list[float]:
         turn = (c - g, b + d, 1 - trace + 2 * e, f + h)
     else:
         turn = (d - b, c + g, f + h, 1 - trace + 2 * i)
-    norm = hypot(*turn)
-    return [x, y, z, *(part / norm for part in turn)]
+    norm, (qw, qx, qy, qz) = hypot(*turn), turn
+    return [x, y, z, qw / norm, qx / norm, qy / norm, qz / norm]
 
 
 def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:

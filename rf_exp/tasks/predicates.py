@@ -73,7 +73,7 @@ def still(scene: Scene, name: str, below_m_s: float) -> Measured:
 
 def holders(scene: Scene, name: str) -> tuple[int, ...]:
     """The agents that pinch the object between their fingers."""
-    return tuple(agent for agent, held in enumerate(scene.held, start=1) if held == name)
+    return tuple([agent for agent, held in enumerate(scene.held, start=1) if held == name])
 
 
 def upright(scene: Scene, name: str, within_deg: float) -> Measured:
