@@ -45,7 +45,7 @@ def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
 
 def _shutter(scene: Scene, task: Task) -> Matrix:
     """world_from_tcp of a finger that presses the shutter, z along the way it goes down."""
-    return scene.poses["camera"] @ task.asset("camera").points["shutter"].object_from_tcp
+    return scene.poses["camera"] @ task.points["camera"]["shutter"]
 
 
 def _pressed(scene: Scene, task: Task) -> bool:

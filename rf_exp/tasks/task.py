@@ -81,6 +81,14 @@ class Task:
         return assets.load(spec.asset, spec.options)
 
     @cached_property
+    def points(self) -> Mapping[str, Mapping[str, Matrix]]:
+        """Object -> interaction point -> its pose `object_from_tcp`. For criteria; assets say more."""
+        return {
+            name: {label: point.object_from_tcp for label, point in self.asset(name).points.items()}
+            for name in self.objects
+        }
+
+    @cached_property
     def vocabulary(self) -> Vocabulary:
         """What sentences about it may speak of."""
         points = {
