@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rf_exp.robots import tcp_pose
 from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
 from rf_exp.tasks import held_camera
 from rf_exp.tasks.predicates import pushed_n
@@ -40,7 +39,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
     """world_from_tcp of an agent."""
-    return task.robots[agent - 1].world_from_base @ tcp_pose(scene.qpos[agent - 1])
+    return task.arms[agent].tcp(scene.qpos[agent - 1])
 
 
 def _shutter(scene: Scene, task: Task) -> Matrix:
