@@ -3,6 +3,7 @@
 Positions in metres, angles in radians unless a name says `_deg`, quaternions wxyz.
 """
 
+from collections.abc import Sequence
 from math import atan2, hypot
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 Matrix = NDArray[np.float64]
+Direction = NDArray[np.floating] | Sequence[float]  # (3,)
 
 
 def transform(position_m: ArrayLike = (0.0, 0.0, 0.0), rotation: Rotation | None = None) -> Matrix:
@@ -63,8 +65,8 @@ def position_and_quaternion(matrix: Matrix) -> list[float]:
         turn = (c - g, b + d, 1 - trace + 2 * e, f + h)
     else:
         turn = (d - b, c + g, f + h, 1 - trace + 2 * i)
-    norm = hypot(*turn)
-    return [x, y, z, *(part / norm for part in turn)]
+    norm, (qw, qx, qy, qz) = hypot(*turn), turn
+    return [x, y, z, qw / norm, qx / norm, qy / norm, qz / norm]
 
 
 def from_quaternion(poses: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -100,9 +102,10 @@ def wrapped_rad(angles: ArrayLike) -> NDArray[np.float64]:
     return (np.asarray(angles) + np.pi) % (2 * np.pi) - np.pi
 
 
-def angle_between_rad(a: ArrayLike, b: ArrayLike) -> float:
+def angle_between_rad(a: Direction, b: Direction) -> float:
     """The angle between two directions (3,), in [0, pi]."""
-    (ax, ay, az), (bx, by, bz) = np.asarray(a, dtype=float).tolist(), np.asarray(b, dtype=float).tolist()
+    ax, ay, az = a.tolist() if isinstance(a, np.ndarray) else a
+    bx, by, bz = b.tolist() if isinstance(b, np.ndarray) else b
     sine = hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
     return atan2(sine, ax * bx + ay * by + az * bz)
 

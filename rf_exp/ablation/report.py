@@ -7,6 +7,7 @@ from rf_exp.ablation import found, page, plots, tables
 from rf_exp.ablation.formats import write
 from rf_exp.ablation.page import Panel, Section, Texts, Tile
 from rf_exp.ablation.published import paper
+from rf_exp.ablation.robustness import robustness
 from rf_exp.ablation.rollouts import learnt_from
 from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
@@ -45,6 +46,7 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
         _failures(results, suite),
         found.curves(out),
         found.data(out),
+        robustness(out, suite),
         found.pictures(out, results),
         Section(compared.name, compared.title, table=page.laid(compared)),
         found.recordings(out),

@@ -10,6 +10,7 @@ from rf_exp.late import late
 
 if TYPE_CHECKING:
     from rf_exp.datagen.coordinator import COORDINATOR_VERSION, Coordinator
+    from rf_exp.datagen.driving import commands_of, drive, follow
     from rf_exp.datagen.episode import EpisodeMaker
     from rf_exp.datagen.generation import generate, make_episode
     from rf_exp.datagen.motion import (
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
         Unreachable,
         add_primitive,
         as_commanded,
-        come_to_rest,
-        let_off,
     )
     from rf_exp.datagen.observer import NullObserver, Observer
     from rf_exp.datagen.outcome import Outcome
@@ -32,6 +31,7 @@ else:
         __name__,
         {
             "coordinator": ("COORDINATOR_VERSION", "Coordinator"),
+            "driving": ("commands_of", "drive", "follow"),
             "episode": ("EpisodeMaker",),
             "generation": ("generate", "make_episode"),
             "motion": (
@@ -41,8 +41,6 @@ else:
                 "Unreachable",
                 "add_primitive",
                 "as_commanded",
-                "come_to_rest",
-                "let_off",
             ),
             "observer": ("NullObserver", "Observer"),
             "outcome": ("Outcome",),
@@ -71,9 +69,10 @@ __all__ = [
     "add_primitive",
     "as_commanded",
     "brain",
-    "come_to_rest",
+    "commands_of",
+    "drive",
+    "follow",
     "generate",
     "generator_version",
-    "let_off",
     "make_episode",
 ]

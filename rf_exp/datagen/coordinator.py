@@ -41,7 +41,7 @@ class Coordinator:
     ) -> None:
         """`names` of the subgoals of each agent, in the order of their numbers, where policies know them."""
         self._task, self._planner = settings.task, Planner(settings, settings.make_brain(seed))
-        self._arms = [Panda(robot.world_from_base) for robot in settings.task.robots]
+        self._arms = tuple(settings.task.arms.values())
         self._rng = np.random.default_rng([seed, 1])  # as generation plans
         self._subgoals, self._names = Subgoals(len(settings.task.agents)), names
         self._done: tuple[Subgoal, ...] = ()

@@ -12,16 +12,17 @@ from dataclasses import asdict, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.coordination import actions, intended
+from rf_exp.coordination import intended
 from rf_exp.datagen.brain import Brain, Question, to_json
+from rf_exp.datagen.driving import commands_of, drive, follow, from_start
 from rf_exp.datagen.knocks import Knocks
 from rf_exp.datagen.log import EpisodeLog, Frame
-from rf_exp.datagen.motion import as_commanded, come_to_rest, disturb, let_off
+from rf_exp.datagen.motion import as_commanded, disturb
 from rf_exp.datagen.observer import NullObserver, Observer
 from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
-from rf_exp.findings import CheckName, Violation
+from rf_exp.findings import Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
 from rf_exp.tasks import Ledger, SuccessEvaluator
@@ -82,21 +83,20 @@ class _Making:
         self._bumps = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
         self._subgoals = Subgoals(len(settings.task.agents), known)
         self._doing = np.full(len(settings.task.agents), NOBODYS, np.int16)
-        self._start = world.reset(seed)
-        self._judge = SuccessEvaluator(settings.task, self._start)
-        self._verdict = self._judge(self._start)
+        self.scene = world.reset(seed)
+        self._judge = SuccessEvaluator(settings.task, self.scene)
+        self._verdict = self._judge(self.scene)
         self._paper = False
         self._knocked: Violation | None = None
 
     def run(self, lead: Iterable[NDArray[np.float64]]) -> Outcome:
         """`EpisodeMaker.make`."""
-        scene = self._start
         for command in lead:
-            scene = self._step(scene, command, command)
+            self.take(command)
         self._doing = np.zeros_like(self._doing)
-        scene, rejections = self._rounds(scene, np.random.default_rng([self._seed, 1]))  # stream 1: planning
-        if not self._verdict.success and not self._knocked:
-            self._settle(scene)
+        rejections = self._rounds(np.random.default_rng([self._seed, 1]))  # stream 1: planning
+        if self.told is not None:  # what was put down may need a moment to come to rest
+            follow(self, np.tile(self.told, (_SETTLE_STEPS, 1, 1)))
         success = self._verdict.success and not self._knocked
         return Outcome(
             self._seed,
@@ -110,21 +110,21 @@ class _Making:
             self._episode() if success else None,
         )
 
-    def _rounds(self, scene: Scene, rng: np.random.Generator) -> tuple[Scene, list[Violation]]:
-        """Proposals until it is done or the budget is: where that leads, and what ended some of them."""
+    def _rounds(self, rng: np.random.Generator) -> list[Violation]:
+        """Proposals until it is done or the budget is: what ended some of them."""
         settings, rejections = self._settings, list[Violation]()
         feedback: tuple[Violation, ...] = ()
         done: tuple[Subgoal, ...] = ()
         for _ in range(_ROUNDS):
-            if len(rejections) >= settings.attempts or self._verdict.success or self._knocked:
+            if len(rejections) >= settings.attempts or self.over:
                 break
             pictures = self._world.images() if self._world.cameras else {}
-            result = self._plan(Question(settings.task, scene, pictures, done, feedback), rng)
+            result = self._plan(Question(settings.task, self.scene, pictures, done, feedback), rng)
             if result is None:  # the brain has nothing left to do
                 break
             violation = result if isinstance(result, Violation) else None
             if isinstance(result, Planned):
-                scene, violation = self._execute(result, scene)
+                violation = self._execute(result)
                 if violation is None:
                     feedback, done = (), done + result.proposal.subgoals
             if violation is not None:
@@ -132,13 +132,12 @@ class _Making:
                 feedback = (violation,)
                 self._log.rounds.append({"violation": {**asdict(violation), "reason": violation.sentence}})
                 self._observer.rejected(violation)
-        return scene, rejections
+        return rejections
 
     # -- planning --------------------------------------------------------------------------------
 
     def _plan(self, question: Question, rng: np.random.Generator) -> Planned | Violation | None:
-        last = self._log.frames[-1].executed if self._log.frames else None
-        scene = as_commanded(self._looked_at(question.scene), last)
+        scene = as_commanded(self._looked_at(question.scene), self.told)
         plan = self._planner.plan(
             question, scene, rng, self._bumps if self._settings.disturbance_rad else None
         )
@@ -187,63 +186,45 @@ class _Making:
 
     # -- execution -------------------------------------------------------------------------------
 
-    def _execute(self, plan: Planned, scene: Scene) -> tuple[Scene, Violation | None]:
-        start = np.stack([trajectory.path()[0] for trajectory in plan.trajectories])
-        meant, commands = (
-            np.concatenate([start[None], each])
-            for each in (intended(plan.trajectories, plan.schedule), actions(plan.executed, plan.schedule))
-        )
+    def _execute(self, plan: Planned) -> Violation | None:
+        meant = from_start(plan, intended(plan.trajectories, plan.schedule))
+        commands = commands_of(plan)
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
-        monitor = plan.checked.monitor()
         watch = Knocks(plan.checked.plan) if self._settings.disturbance_rad else None
-        for now in range(1, len(commands)):
+
+        def take(now: int) -> None:
             self._doing = doing[now]
-            scene = self._step(scene, meant[now], commands[now])
+            self._step(meant[now], commands[now])
             if watch is not None:
-                self._knocked = watch.knocked(scene)
-            if self._verdict.success or self._knocked:
-                break
-            violation = monitor(scene)
-            if violation is not None:
-                return self._stop(scene, commands, now, violation), violation
-        return scene, None
+                self._knocked = watch.knocked(self.scene)
 
-    def _stop(self, scene: Scene, commands: NDArray[np.float64], now: int, violation: Violation) -> Scene:
-        """Everybody comes to rest along the plan; arms that have hit something then no longer push."""
-        limits = self._settings.limits
-        scene = self._follow(scene, come_to_rest(commands, now, limits))
-        if violation.check is CheckName.COLLISION:
-            scene = self._follow(
-                scene, let_off(self._log.frames[-1].executed, scene.qpos, violation.agents, limits)
-            )
-        return scene
+        return drive(self, commands, plan.checked.monitor(), self._settings.limits, take)
 
-    def _follow(self, scene: Scene, commands: NDArray[np.float64]) -> Scene:
-        """Carries out commands (K, N, 8) unless success comes before."""
-        for command in commands:
-            if self._verdict.success:
-                break
-            scene = self._step(scene, command, command)
-        return scene
+    @property
+    def told(self) -> NDArray[np.float64] | None:
+        """(N, 8) what the arms were last told, if anything."""
+        return self._log.frames[-1].executed if self._log.frames else None
 
-    def _settle(self, scene: Scene) -> Scene:
-        """Holds still for a while: what was put down may need a moment to come to rest."""
-        if not self._log.frames:
-            return scene
-        return self._follow(scene, np.tile(self._log.frames[-1].executed, (_SETTLE_STEPS, 1, 1)))
+    @property
+    def over(self) -> bool:
+        """Whether nothing is left to do, or nothing to be made of it any more."""
+        return self._verdict.success or self._knocked is not None
 
-    def _step(self, scene: Scene, action: NDArray[np.float64], executed: NDArray[np.float64]) -> Scene:
+    def take(self, command: NDArray[np.float64]) -> None:
+        """One control step that is meant as it is carried out."""
+        self._step(command, command)
+
+    def _step(self, action: NDArray[np.float64], executed: NDArray[np.float64]) -> None:
         # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
         action, executed = (each.astype(np.float32).astype(float) for each in (action, executed))
         pictures = self._world.images() if self._world.cameras else {}
-        self._log.frames.append(Frame(scene, action, executed, pictures, self._doing, self._extras()))
-        self._observer.stepped(scene, action, pictures)
-        scene = self._world.step(executed)
-        self._verdict = self._judge(scene)
-        self._ledger.see(scene, self._verdict)
+        self._log.frames.append(Frame(self.scene, action, executed, pictures, self._doing, self._extras()))
+        self._observer.stepped(self.scene, action, pictures)
+        self.scene = self._world.step(executed)
+        self._verdict = self._judge(self.scene)
+        self._ledger.see(self.scene, self._verdict)
         self._log.judged(self._verdict)
         self._paper = self._paper or self._verdict.success_paper
-        return scene
 
     def _episode(self) -> Episode:
         settings, cameras = self._settings, self._world.cameras

@@ -83,8 +83,8 @@ class EpisodeCore:
             raise ResetNeeded(
                 "no episode is under way; call reset() before the first step, and after the last"
             )
-        command = shaped(action, self._low.shape, "action").clip(self._low, self._high)
-        episode.see(self._world.step(command.astype(float)))  # which refuses what is not finite
+        command = np.minimum(np.maximum(shaped(action, self._low.shape, "action"), self._low), self._high)
+        episode.see(self._world.step(command))  # which refuses what is not finite
 
     @property
     def episode(self) -> "Episode":

@@ -75,25 +75,24 @@ def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
 def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observation], Observation]:
     """Takes what one controller sees, and gives what this agent sees of it, in arrays of its own.
 
-    With state `full` the rows of joints are the agent's own first, then the others'.
+    What several agents see is copied for all but the last one, which gets it as it was taken. With state
+    `full` the rows of joints are the agent's own first, then the others'.
     """
-    own = np.array([agent - 1, *(other - 1 for other in task.agents if other != agent)])
-    rows = {"joints": own[:1], "full": own}.get(seen.state)
+    order = np.array([agent - 1, *(other - 1 for other in task.agents if other != agent)])
     local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in ("rgb", "depth", "segmentation")}
-    arrays = [key for key in space(seen, task, agent) if key not in ("qpos", "qvel", "language")]
-    copied = [(key, local.get(key, key)) for key in arrays]
+    joints = {"qpos", "qvel"} if seen.state == "joints" or len(task.agents) > 1 else set[str]()
+    alone = {"language", *local} if agent < len(task.agents) else set(space(seen, task, agent))
+
+    def rows(all_joints: NDArray[np.float32]) -> NDArray[np.float32]:
+        return all_joints[agent - 1].copy() if seen.state == "joints" else all_joints.take(order, axis=0)
+
+    parts: list[tuple[str, str, Callable[[NDArray], NDArray] | None]] = [
+        (key, local.get(key, key), rows if key in joints else None if key in alone else np.ndarray.copy)
+        for key in space(seen, task, agent)
+    ]
 
     def take(whole: Observation) -> Observation:
-        shown: Observation = {}
-        if rows is not None:
-            shown = {key: whole[key].take(rows, axis=0) for key in ("qpos", "qvel")}
-        if seen.state == "joints":
-            shown = {key: value[0] for key, value in shown.items()}
-        for key, name in copied:
-            shown[key] = whole[name].copy()
-        if seen.language:
-            shown["language"] = whole["language"]
-        return shown
+        return {key: whole[name] if own is None else own(whole[name]) for key, name, own in parts}
 
     return take
 

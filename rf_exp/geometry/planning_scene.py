@@ -16,7 +16,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.geometry.distance import Nearest, nearest
 from rf_exp.geometry.shapes import Piece, arm_pieces
 from rf_exp.geometry.swept import Mask, Swept
-from rf_exp.robots import LINKS, Panda
+from rf_exp.robots import LINKS
 from rf_exp.tasks import FINGERS_OPEN_M, Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
@@ -43,7 +43,7 @@ class PlanningScene:
 
     def __init__(self, task: Task, scene: Scene, trajectories: Sequence[Trajectory] = ()) -> None:
         self.task, self.scene = task, scene
-        self.arms = tuple(Panda(robot.world_from_base) for robot in task.robots)
+        self.arms = tuple(task.arms.values())
         self.trajectories = {trajectory.agent: trajectory for trajectory in trajectories}
         moved = {segment.attached for each in trajectories for segment in each.segments}
         self.moved = frozenset(name for name in moved if name)

@@ -1,23 +1,22 @@
 """Pandas in a ManiSkill environment of anybody's: read, planned for, checked, scheduled and driven."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import MultiPoint
 
-from rf_exp.coordination import actions
-from rf_exp.datagen import Planned, Planner, Settings, as_commanded, come_to_rest, let_off
+from rf_exp.datagen import Planned, Planner, Settings, as_commanded, commands_of, drive, follow
 from rf_exp.datagen.brain import Question
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.findings import CheckName, Violation, agent_name
+from rf_exp.library.driven import Driven
 from rf_exp.library.points import asset_of, upright_frame
 from rf_exp.library.said import Said
 from rf_exp.library.task import ReadRobot, ReadTask
-from rf_exp.sim import Arm, Stepped, Stock
+from rf_exp.sim import Arm, Stock
 from rf_exp.statements import Proposal, Statement, read, read_subgoal
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset, InteractionPoint, Part
@@ -110,11 +109,10 @@ class Workcell:
             if name in poses:
                 raise ArgumentError(f"place {name!r} has the name of an object; call it another name")
         bodies = self._stock.bodies
-        self._frames = {name: upright_frame(body.solids, poses[name]) for name, body in bodies.items()}
+        frames = {name: upright_frame(body.solids, poses[name]) for name, body in bodies.items()}
+        self._arms = Driven(self._stock, frames)
         assets = {
-            name: asset_of(
-                name, body.solids, self._frames[name], body.movable, body.mass_kg, given.get(name, {})
-            )
+            name: asset_of(name, body.solids, frames[name], body.movable, body.mass_kg, given.get(name, {}))
             for name, body in bodies.items()
         }
         robots = tuple(map(_robot, self._stock.arms))
@@ -124,8 +122,6 @@ class Workcell:
         self.task = ReadTask.of(name, robots, assets, dict(places or {}), below)
         changes = {} if limits is None else {"limits": limits}
         self._settings = Settings.configured(self.task, constraint_set, Said(Proposal((), ())), **changes)
-        self._command: NDArray[np.float64] | None = None  # (N, 8) what the arms were last told
-        self._last: Stepped | None = None
 
     def __str__(self) -> str:
         """What there is, in words."""
@@ -139,8 +135,7 @@ class Workcell:
 
     def scene(self) -> Scene:
         """What is measured now; poses are those of the objects' frames."""
-        scene = self._stock.scene()
-        return replace(scene, poses={name: pose @ self._frames[name] for name, pose in scene.poses.items()})
+        return self._arms.scene
 
     def plan(
         self, subgoals: Subgoals, constraints: Iterable[str | Statement] = (), *, seed: int = 0
@@ -153,7 +148,7 @@ class Workcell:
         """
         proposal = self._proposal(subgoals, constraints)
         planner = Planner(self._settings, Said(proposal).make(self.task, self._settings.constraint_set, seed))
-        scene = as_commanded(self.scene(), self._command)
+        scene = as_commanded(self.scene(), self._arms.told)
         made = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
         if made is None:
             raise ArgumentError("there are no subgoals; expected one for some agent")
@@ -176,22 +171,11 @@ class Workcell:
                 f"the plan is for step {made.scene.step} of {made.task.name}, and this is step {begins} of "
                 f"{self.task.name}; plan again"
             )
-        start = np.stack([trajectory.path()[0] for trajectory in plan.executed])
-        commands = np.concatenate([start[None], actions(plan.executed, plan.schedule)])
-        monitor = plan.checked.monitor()
-        violation = None
-        self._last = None
-        for now in range(1, len(commands)):
-            scene = self._step(commands[now])
-            if self._over:
-                break
-            violation = monitor(scene)
-            if violation is not None:
-                self._stop(commands, now, violation)
-                break
-        else:
-            self._follow(np.tile(commands[-1], (settle_steps, 1, 1)))
-        last = self._last
+        self._arms.last, commands = None, commands_of(plan)
+        violation = drive(self._arms, commands, plan.checked.monitor(), self._settings.limits)
+        if violation is None:
+            follow(self._arms, np.tile(commands[-1], (settle_steps, 1, 1)))
+        last = self._arms.last
         ended = (last.terminated, last.truncated, last.info) if last is not None else (False, False, {})
         scene = self.scene()
         return Execution(scene, scene.step - begins, violation, *ended)
@@ -210,27 +194,6 @@ class Workcell:
             read(each, words) if isinstance(each, str) else each.known_in(words) for each in constraints
         ]
         return Proposal(tuple(found), tuple(stated))
-
-    def _stop(self, commands: NDArray[np.float64], now: int, violation: Violation) -> None:
-        """Everybody comes to rest along the plan; arms that have hit something then no longer push."""
-        limits = self._settings.limits
-        self._follow(come_to_rest(commands, now, limits))
-        if violation.check is CheckName.COLLISION and self._command is not None:
-            self._follow(let_off(self._command, self.scene().qpos, violation.agents, limits))
-
-    def _follow(self, commands: NDArray[np.float64]) -> None:
-        for command in commands:
-            if self._over:
-                break
-            self._step(command)
-
-    def _step(self, command: NDArray[np.float64]) -> Scene:
-        self._command, self._last = command, self._stock.step(command)
-        return self.scene()
-
-    @property
-    def _over(self) -> bool:
-        return self._last is not None and (self._last.terminated or self._last.truncated)
 
 
 def _robot(arm: Arm) -> ReadRobot:

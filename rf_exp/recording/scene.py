@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rf_exp.geometry import PlanningScene, centres_m, voxels
-from rf_exp.robots import LINKS, Panda, light_meshes
+from rf_exp.robots import LINKS, light_meshes
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, Scene
@@ -28,7 +28,7 @@ class SceneRecorder:
     def __init__(self, path: Path, task: Task, world: Simulator, title: str, panels: Panels) -> None:
         self._moving = [name for name in world.cameras if task.cameras[name].mount == "wrist"]
         self._task, self._world = task, world
-        self._arms = [Panda(robot.world_from_base) for robot in task.robots]
+        self._arms = tuple(task.arms.values())
         self._recorder = Recorder(
             path,
             task=task.name,

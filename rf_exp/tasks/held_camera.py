@@ -90,7 +90,7 @@ def _to_lift_m(scene: Scene, task: Task) -> float:
 
 def _lens(scene: Scene, task: Task) -> Matrix:
     """world_from_lens, z where the camera looks."""
-    return scene.poses["camera"] @ task.asset("camera").points["lens"].object_from_tcp
+    return scene.poses["camera"] @ task.points["camera"]["lens"]
 
 
 def _middle_m(task: Task) -> float:

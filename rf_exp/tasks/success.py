@@ -17,6 +17,7 @@ class SuccessEvaluator:
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
         self._module, self._bases = task.module, [(robot.x_m, robot.y_m) for robot in task.robots]
+        self._hold_steps = int(task.success["hold_steps"])
         self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
         places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
         self._reached = frozenset(name for name, place in places.items() if self._in_reach(*place))
@@ -26,7 +27,7 @@ class SuccessEvaluator:
         evidence = {name: bool(holds) for name, holds in conditions.items()}
         self._steps = self._steps + 1 if all(evidence.values()) else 0
         return Verdict(
-            self._steps >= int(self._task.success["hold_steps"]),
+            self._steps >= self._hold_steps,
             bool(self._module.paper(scene, self._start, self._task)),
             evidence,
             {name: found for name, found in conditions.items() if isinstance(found, Measured)},
@@ -49,4 +50,4 @@ class SuccessEvaluator:
         return lost
 
     def _in_reach(self, x_m: float, y_m: float) -> bool:
-        return any(hypot(x_m - base_x, y_m - base_y) < REACH_M for base_x, base_y in self._bases)
+        return any([hypot(x_m - base_x, y_m - base_y) < REACH_M for base_x, base_y in self._bases])

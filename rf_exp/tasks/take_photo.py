@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from rf_exp.robots import tcp_pose
 from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
 from rf_exp.tasks import held_camera
 from rf_exp.tasks.predicates import pushed_n
@@ -40,12 +39,12 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
     """world_from_tcp of an agent."""
-    return task.robots[agent - 1].world_from_base @ tcp_pose(scene.qpos[agent - 1])
+    return task.arms[agent].tcp(scene.qpos[agent - 1])
 
 
 def _shutter(scene: Scene, task: Task) -> Matrix:
     """world_from_tcp of a finger that presses the shutter, z along the way it goes down."""
-    return scene.poses["camera"] @ task.asset("camera").points["shutter"].object_from_tcp
+    return scene.poses["camera"] @ task.points["camera"]["shutter"]
 
 
 def _pressed(scene: Scene, task: Task) -> bool:

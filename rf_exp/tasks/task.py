@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec
 from rf_exp.tasks.start import Start, start_of
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Scene
+
+if TYPE_CHECKING:
+    from rf_exp.robots import Panda
 
 APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
 
@@ -79,6 +82,23 @@ class Task:
         """The asset of an object of this task."""
         spec = self.objects[name]
         return assets.load(spec.asset, spec.options)
+
+    @cached_property
+    def arms(self) -> "Mapping[int, Panda]":
+        """Agent -> its arm, where that is bolted to the table."""
+        from rf_exp.robots import Panda  # a task is read without kinematics
+
+        return {
+            agent: Panda(robot.world_from_base) for agent, robot in zip(self.agents, self.robots, strict=True)
+        }
+
+    @cached_property
+    def points(self) -> Mapping[str, Mapping[str, Matrix]]:
+        """Object -> interaction point -> its pose `object_from_tcp`. For criteria; assets say more."""
+        return {
+            name: {label: point.object_from_tcp for label, point in self.asset(name).points.items()}
+            for name in self.objects
+        }
 
     @cached_property
     def vocabulary(self) -> Vocabulary:

@@ -1,7 +1,8 @@
 """How far a task is done."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -29,15 +30,14 @@ Condition = bool | Measured  # of success
 UNITS = ("", "m", "m/s", "deg", "rad", "s", "N", "kg")  # that a `Measured` may have
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):  # as above
     """What the success criteria say about one step."""
 
     success: bool  # strict, held long enough
     success_paper: bool
     evidence: Mapping[str, bool]  # named condition -> holds now
-    measured: Mapping[str, Measured] = field(default_factory=dict)  # the numbers of those that have one
-    lost: Mapping[str, str] = field(default_factory=dict)  # object -> dropped | out of reach | off the table
+    measured: Mapping[str, Measured] = MappingProxyType({})  # the numbers of those that have one
+    lost: Mapping[str, str] = MappingProxyType({})  # object -> dropped | out of reach | off the table
 
 
 @dataclass(frozen=True)

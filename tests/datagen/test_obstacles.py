@@ -8,7 +8,6 @@ from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.geometry import VOXEL_M, PlanningScene, voxels
 from rf_exp.perception import SEEN
-from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
 from rf_exp.tasks import REST_QPOS
 from rf_exp.transforms import transform
@@ -22,22 +21,18 @@ REST = np.array(REST_QPOS)
 
 def in_the_way(task, scene, points, row=FULL, proposal=None):
     """What blocks agent 1 on joint points (K, 7)."""
-    arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
     obstacles = Obstacles(task, scene, row, proposal or Proposal((), ()))
-    return obstacles.blocked(avoid_arms=False)(1, points, present_state(task, scene, arms), frozenset())
+    return obstacles.blocked(avoid_arms=False)(1, points, present_state(task, scene), frozenset())
 
 
 def test_nobody_begins_too_close_to_anything(task):
     """A law of the suite: from where an arm stands when an episode begins, it can be planned for."""
     for seed in range(20):
         scene = start_scene(task, seed)
-        arms = {
-            agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)
-        }
         blocked = Obstacles(task, scene, FULL, Proposal((), ())).blocked(avoid_arms=True)
         for agent in task.agents:
             here = scene.qpos[agent - 1, None, :7]
-            assert blocked(agent, here, present_state(task, scene, arms), frozenset()) is None
+            assert blocked(agent, here, present_state(task, scene), frozenset()) is None
 
 
 def test_a_box_that_only_the_cameras_know_is_in_the_way():
@@ -45,7 +40,7 @@ def test_a_box_that_only_the_cameras_know_is_in_the_way():
     scene = start_scene(task, 0)
     aside = REST + np.array([0.8, 0, 0, 0, 0, 0, 0])
     way = np.linspace(REST, aside, 12)
-    hand = Panda(task.robots[0].world_from_base).tcp(aside)[:3, 3]
+    hand = task.arms[1].tcp(aside)[:3, 3]
     low = np.floor(hand / VOXEL_M).astype(int) - 1
     box = low + np.array(list(np.ndindex(3, 3, 3)))
     assert in_the_way(task, scene, way) is None
@@ -61,7 +56,7 @@ def test_what_a_subgoal_is_about_is_known_by_its_shape_and_not_by_its_voxels():
     scene = start_scene(task, 0)
     steak = voxels(PlanningScene(task, scene).standing(["steak"]))
     looked = replace(scene, seen=steak)
-    arm = Panda(task.robots[0].world_from_base)
+    arm = task.arms[1]
     grasp = scene.poses["steak"] @ task.asset("steak").points["center"].object_from_tcp
     joints = arm.solve(transform((0, 0, 0.03)) @ grasp, REST)
     assert joints is not None

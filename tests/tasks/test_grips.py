@@ -29,7 +29,7 @@ class Arms:
 
     def __init__(self, simulator: Simulator) -> None:
         self.simulator, self.scene = simulator, simulator.reset(0)
-        self.arms = [Panda(robot.world_from_base) for robot in simulator.task.robots]
+        self.arms = tuple(simulator.task.arms.values())
 
     def go(self, goals: list[Matrix], gripper: float, *, straight: bool = True, steps: int = 30) -> None:
         command = self.simulator.command

@@ -7,6 +7,7 @@ import pytest
 
 from rf_exp.constraints import RoboChecker
 from rf_exp.tasks import SuccessEvaluator
+from rf_exp.tasks.predicates import once
 from rf_exp.transforms import planar
 from rf_exp.types import ConstraintSet
 from tests.scenes import start_scene
@@ -182,3 +183,17 @@ def test_conditions_with_a_number_say_by_how_much(place_food, cooked):
     assert inside.value == pytest.approx(np.hypot(*(np.array([0.4, 0.0]) - start.poses["pot"][:2, 3])))
     assert (inside.bound, inside.unit, inside.asked) == (place_food.success["inside_m"], "m", "< 0.055")
     assert "released" not in verdict.measured  # a condition may be a bare yes or no
+
+
+def test_what_conditions_share_is_measured_once_a_scene(lift_barrier):
+    asked = []
+    measure = once(lambda scene, task: asked.append(scene) or len(asked))
+    first, second = start_scene(lift_barrier, 0), start_scene(lift_barrier, 1)
+    assert [measure(scene, lift_barrier) for scene in (first, first, second, second, first)] == [
+        1,
+        1,
+        2,
+        2,
+        3,
+    ]
+    assert measure(first, replace(lift_barrier)) == 4  # another task, though it is alike

@@ -11,7 +11,6 @@ from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.motion.verbs import Motion, Request, leave, lift_line, plan
 from rf_exp.datagen.yielding import Yielding
 from rf_exp.findings import Cause, Finding, agent_name
-from rf_exp.robots import Panda
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
@@ -30,10 +29,10 @@ Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb
 Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
 
 
-def present_state(task: Task, scene: Scene, arms: dict[int, Panda]) -> State:
+def present_state(task: Task, scene: Scene) -> State:
     """What planning starts from: the measured scene."""
     held = {
-        agent: (name, inverse(arms[agent].tcp(scene.qpos[agent - 1])) @ scene.poses[name])
+        agent: (name, inverse(task.arms[agent].tcp(scene.qpos[agent - 1])) @ scene.poses[name])
         for agent, name in zip(task.agents, scene.held, strict=True)
         if name is not None
     }
@@ -64,9 +63,8 @@ def plan_motion(
     `order` starts from where the earlier leaves the objects. Arms yield where a way is free. Raises
     Unreachable.
     """
-    arms = {agent: Panda(spec.world_from_base) for agent, spec in zip(task.agents, task.robots, strict=True)}
-    state = begin = present_state(task, scene, arms)
-    ask = partial(Request, task, Reach(arms, limits, blocked, rng))
+    state = begin = present_state(task, scene)
+    ask = partial(Request, task, Reach(task.arms, limits, blocked, rng))
     segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
     add = partial(_add, segments)
 

@@ -35,7 +35,7 @@ def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
     path of an annotation file (.yaml) of a mesh; a path counts from the current folder.
     Raises ArgumentError for a name that does not exist and for options that it does not take.
     """
-    return _load(name, tuple(sorted((options or {}).items())))
+    return _load(name, tuple(sorted(options.items())) if options else ())
 
 
 @cache

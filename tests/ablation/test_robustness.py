@@ -1,0 +1,75 @@
+"""The report tells by how much demonstrations kept their constraints."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rf_exp.ablation.report import write_report
+from rf_exp.ablation.robustness import robustness
+from rf_exp.ablation.suite import configured
+from rf_exp.datagen import Settings
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.demonstration.__main__ import demonstrate
+from rf_exp.types import ConstraintSet, Pictures
+from tests.conftest import read_task
+
+
+def formula(unit: str, robustness: float | None, holds: bool | None = True) -> dict[str, object]:
+    return {"stl": f"always(x_{unit} >= 0)", "unit": unit, "robustness": robustness, "holds": holds}
+
+
+def kept(out: Path, *checks: list[dict[str, object]]) -> None:
+    """What lies beside the page of a demonstration, with these formulas of its checks."""
+    said = [{"check": f"Check({k})", "formulas": formulas} for k, formulas in enumerate(checks)]
+    path = out / "demonstrations" / "lift_barrier-3.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps({"certificate": {}, "stl": [{"checks": said[:1]}, {"checks": said[1:]}]}))
+
+
+def test_what_rtamt_found_is_in_the_report(tmp_path: Path) -> None:
+    pytest.importorskip("rtamt")
+    task = read_task("lift_barrier")
+    settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
+    assert demonstrate(settings, Pictures(render=False), 0, tmp_path / "demonstrations").success
+    plans = json.loads((tmp_path / "demonstrations" / "lift_barrier-0.json").read_text())["stl"]
+    in_metres = [
+        each["robustness"]
+        for plan in plans
+        for check in plan["checks"]
+        for each in check["formulas"]
+        if each["unit"] == "m" and each["robustness"] is not None
+    ]
+    found = robustness(tmp_path, configured()).texts
+    assert found is not None
+    told = [row for row in found.rows if row[3].endswith(" m")]
+    assert told and told[0][:2] == (task.title, "0") and told[0][3] == f"{min(in_metres):.3g} m"
+    text = write_report(tmp_path).read_text("utf-8")
+    assert "Robustness of demonstrations" in text and told[0][3] in text
+
+
+def test_the_least_margin_of_each_unit_is_told(tmp_path: Path) -> None:
+    kept(
+        tmp_path, [formula("m", 0.2), formula("N", 3.0)], [formula("m", -0.0125, False)], [formula("m", None)]
+    )
+    found = robustness(tmp_path, configured()).texts
+    assert found is not None
+    assert [row[1:] for row in found.rows] == [
+        ("3", "1", "3 N", "Check(0): always(x_N >= 0)"),
+        ("3", "2", "-0.0125 m", "Check(1): always(x_m >= 0)"),
+    ]
+
+
+def test_without_rtamt_the_report_says_how_to_get_it(tmp_path: Path) -> None:
+    kept(tmp_path, [formula("m", None, None)])
+    assert "pip install &#39;rf_exp[stl]&#39;" in write_report(tmp_path).read_text("utf-8")
+
+
+def test_a_report_without_demonstrations_does_not_speak_of_robustness(tmp_path: Path) -> None:
+    assert "obustness" not in write_report(tmp_path / "new").read_text("utf-8")
+
+
+def test_a_damaged_file_is_told(tmp_path: Path) -> None:
+    kept(tmp_path)
+    (tmp_path / "demonstrations" / "lift_barrier-3.json").write_text("{")
+    assert "lift_barrier-3.json: cannot be read" in robustness(tmp_path, configured()).notes[0]
