@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
+from rf_exp.ablation import configured
 from rf_exp.ablation.report import write_report
 from rf_exp.ablation.robustness import robustness
-from rf_exp.ablation.suite import configured
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.demonstration.__main__ import demonstrate
-from rf_exp.types import ConstraintSet, Pictures
+from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.conftest import read_task
 
 
@@ -30,8 +30,8 @@ def kept(out: Path, *checks: list[dict[str, object]]) -> None:
 def test_what_rtamt_found_is_in_the_report(tmp_path: Path) -> None:
     pytest.importorskip("rtamt")
     task = read_task("lift_barrier")
-    settings = Settings(task, ConstraintSet("full"), ScriptedSpec())
-    assert demonstrate(settings, Pictures(render=False), 0, tmp_path / "demonstrations").success
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+    assert demonstrate(settings, NO_PICTURES, 0, tmp_path / "demonstrations").success
     plans = json.loads((tmp_path / "demonstrations" / "lift_barrier-0.json").read_text())["stl"]
     in_metres = [
         each["robustness"]
