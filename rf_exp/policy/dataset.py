@@ -6,7 +6,7 @@ either end repeat the nearest. Batches are made of runs of consecutive windows, 
 batch serve several windows; each window comes exactly once in an epoch all the same.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,16 +18,13 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import hesitates, may_go, numbered, told
-from rf_exp.policy.grippers import remembered
-from rf_exp.policy.hands import with_hands
-from rf_exp.policy.keypoints import keypoints
+from rf_exp.policy.coordination import hesitates, may_go, numbered
+from rf_exp.policy.frames import felt, marks, pictures
 from rf_exp.policy.moments import Going, by_episode, moving, shown
 from rf_exp.policy.normaliser import Normaliser, largest_change
-from rf_exp.policy.observation import Senses, context, of_agent, others, proprioception, senses_of, widths
-from rf_exp.policy.pictures import crop, pictures_of, side_by_side
+from rf_exp.policy.observation import of_agent, senses_of
+from rf_exp.policy.pictures import crop
 from rf_exp.policy.view import ACTION_SIZE, PROPRIO_SIZE, View
-from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:
@@ -49,7 +46,6 @@ def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
 
 
 LOOK_AT = 256  # pictures at a time
-Kept = slice | NDArray[np.bool_]  # the steps of a store that are learned
 
 
 @dataclass(frozen=True)
@@ -90,12 +86,12 @@ class Windows:
         # Who is not told of subgoals may learn from a store that does not say.
         numbers = numbered(store)[0] if senses.subgoals else store.subgoal[:].astype(np.int64)
         free = np.concatenate([may_go(*each) for each in by_episode(store)])
-        felt = _felt(store, view, config, senses, kept, numbers, free)
-        self.proprio, self.context, self.action = (each.to(device) for each in felt)  # raw (S * T, ...)
-        self._pictures = _pictures(store, view, config, kept).to(device)  # (S * T, H, W, 3) uint8
+        feels = felt(store, view, config, senses, kept, numbers, free)
+        self.proprio, self.context, self.action = (each.to(device) for each in feels)  # raw (S * T, ...)
+        self._pictures = pictures(store, view, config, kept).to(device)  # (S * T, H, W, 3) uint8
         # Of keypoints, see `Keypoints`, and (S * T, N) the subgoals of the other agents.
-        marks = _marks(store, view, config, senses, kept, numbers)
-        self.pixels, self.points, self.headings, self.doing = (each.to(device) for each in marks)
+        marked = marks(store, view, config, senses, kept, numbers)
+        self.pixels, self.points, self.headings, self.doing = (each.to(device) for each in marked)
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         # Windows in which an own agent may go on.
         self.goes = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
@@ -238,69 +234,6 @@ class Windows:
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self._device)
-
-
-def _felt(
-    store: "Store",
-    view: View,
-    config: PolicyConfig,
-    senses: Senses,
-    kept: Kept,
-    numbers: NDArray[np.int64],
-    free: NDArray[np.bool_],
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Proprioception, the context (grippers, subgoals, true poses, as the senses say), and commands."""
-    qpos, action = store.qpos[kept], store.action[kept]
-    columns = [np.array(stream.agents) - 1 for stream in view.streams]
-    commands = [action[:, agents] for agents in columns]
-    if config.tcp_actions:
-        streams = zip(view.streams, commands, strict=True)
-        commands = [with_hands(senses, stream, each) for stream, each in streams]
-    else:
-        commands = [each.reshape(len(action), -1) for each in commands]
-    memory = np.zeros((store.steps, store.agents, 0), np.float32)
-    if senses.bases:
-        told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
-        episodes = zip(*map(store.by_episode, told_and_done), strict=True)
-        memory = np.concatenate([remembered(*each) for each in episodes])
-    if senses.subgoals:
-        memory = np.concatenate([memory, told(numbers, free, senses.subgoals)], axis=-1)
-    poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
-    known = [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
-    return _stack([proprioception(qpos[:, agents]) for agents in columns]), _stack(known), _stack(commands)
-
-
-def _pictures(store: "Store", view: View, config: PolicyConfig, kept: Kept) -> Tensor:
-    """(S * T, H, W, 3) uint8 of all streams; nothing for who learns without."""
-    if config.observation != "pictures":
-        return torch.empty((0, 0, 0, 3), dtype=torch.uint8)
-    return _stack(
-        [
-            side_by_side([pictures_of(store, camera, config)[kept] for camera in stream.cameras])
-            for stream in view.streams
-        ]
-    )
-
-
-def _marks(
-    store: "Store", view: View, config: PolicyConfig, senses: Senses, kept: Kept, numbers: NDArray[np.int64]
-) -> tuple[Tensor, ...]:
-    """What heat maps are to see: pixels, points and headings of keypoints, and what the others are doing."""
-    if config.encoder != "heatmaps" or config.observation != "pictures":
-        return (torch.empty(0),) * 4
-    found = [keypoints(store, stream, senses, kept) for stream in view.streams]
-    watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
-    return (
-        _stack([each.pixels for each in found]),
-        _stack([each.points for each in found]),
-        _stack([each.headings for each in found]),
-        _stack([numbers[kept][:, columns] for columns in watched]),
-    )
-
-
-def _stack(arrays: Sequence[NDArray]) -> Tensor:
-    """One after the other; what is alone is not copied, which matters for pictures."""
-    return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0])
 
 
 def _runs(start: int, end: int, length: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:

@@ -1,0 +1,91 @@
+"""What a policy feels, sees and does in the frames of a store, as one array over all streams of a view.
+
+S streams over T frames become S * T rows, one stream after the other.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.coordination import told
+from rf_exp.policy.grippers import remembered
+from rf_exp.policy.hands import with_hands
+from rf_exp.policy.keypoints import keypoints
+from rf_exp.policy.observation import Senses, context, others, proprioception, widths
+from rf_exp.policy.pictures import pictures_of, side_by_side
+from rf_exp.policy.view import View
+from rf_exp.transforms import from_quaternion
+from rf_exp.types import ARM_JOINTS
+
+if TYPE_CHECKING:
+    from rf_exp.store import Store
+
+Kept = slice | NDArray[np.bool_]  # the steps of a store that are learned
+
+
+def felt(
+    store: "Store",
+    view: View,
+    config: PolicyConfig,
+    senses: Senses,
+    kept: Kept,
+    numbers: NDArray[np.int64],
+    free: NDArray[np.bool_],
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Proprioception, the context (grippers, subgoals, true poses, as the senses say), and commands."""
+    qpos, action = store.qpos[kept], store.action[kept]
+    columns = [np.array(stream.agents) - 1 for stream in view.streams]
+    commands = [action[:, agents] for agents in columns]
+    if config.tcp_actions:
+        streams = zip(view.streams, commands, strict=True)
+        commands = [with_hands(senses, stream, each) for stream, each in streams]
+    else:
+        commands = [each.reshape(len(action), -1) for each in commands]
+    memory = np.zeros((store.steps, store.agents, 0), np.float32)
+    if senses.bases:
+        told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
+        episodes = zip(*map(store.by_episode, told_and_done), strict=True)
+        memory = np.concatenate([remembered(*each) for each in episodes])
+    if senses.subgoals:
+        memory = np.concatenate([memory, told(numbers, free, senses.subgoals)], axis=-1)
+    poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
+    known = [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
+    return _stack([proprioception(qpos[:, agents]) for agents in columns]), _stack(known), _stack(commands)
+
+
+def pictures(store: "Store", view: View, config: PolicyConfig, kept: Kept) -> Tensor:
+    """(S * T, H, W, 3) uint8 of all streams; nothing for who learns without."""
+    if config.observation != "pictures":
+        return torch.empty((0, 0, 0, 3), dtype=torch.uint8)
+    return _stack(
+        [
+            side_by_side([pictures_of(store, camera, config)[kept] for camera in stream.cameras])
+            for stream in view.streams
+        ]
+    )
+
+
+def marks(
+    store: "Store", view: View, config: PolicyConfig, senses: Senses, kept: Kept, numbers: NDArray[np.int64]
+) -> tuple[Tensor, ...]:
+    """What heat maps are to see: pixels, points and headings of keypoints, and what the others are doing."""
+    if config.encoder != "heatmaps" or config.observation != "pictures":
+        return (torch.empty(0),) * 4
+    found = [keypoints(store, stream, senses, kept) for stream in view.streams]
+    watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
+    return (
+        _stack([each.pixels for each in found]),
+        _stack([each.points for each in found]),
+        _stack([each.headings for each in found]),
+        _stack([numbers[kept][:, columns] for columns in watched]),
+    )
+
+
+def _stack(arrays: Sequence[NDArray]) -> Tensor:
+    """One after the other; what is alone is not copied, which matters for pictures."""
+    return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0])
