@@ -50,8 +50,10 @@ def guarded(job: Callable[[], None]) -> int:
     try:
         with _told():
             refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
-            job()
-            sys.stdout.flush()
+            try:
+                job()
+            finally:  # Hydra leaves by SystemExit where it has shown its help
+                sys.stdout.flush()
     except _Told as told:
         print(f"ended by {told.number.name}; the same command goes on from here", file=sys.stderr)
         return SHELL_SIGNAL + told.number

@@ -48,7 +48,11 @@ def test_who_stops_reading_ends_the_command_quietly(arguments: list[str]) -> Non
     read, write = os.pipe()
     os.close(read)
     command = [sys.executable, "-m", "rf_exp.run", *arguments]
-    result = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, cwd=ROOT, text=True, timeout=300)
+    # As shells start it: what is short stays in a buffer until the end.
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    result = subprocess.run(
+        command, stdout=write, stderr=subprocess.PIPE, cwd=ROOT, text=True, timeout=300, env=environment
+    )
     os.close(write)
     assert result.returncode == SHELL_SIGNAL + signal.SIGPIPE
     assert result.stderr == "ended: nobody reads the output; the same command goes on from here\n"
