@@ -23,6 +23,7 @@ def last_line(command: str) -> dict:
     return json.loads(result.stdout.splitlines()[-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     ["loader.py --size compact --batches 1", "train_step.py --steps 1 --batch 8", "policy_call.py --calls 1"],
@@ -31,6 +32,7 @@ def test_a_benchmark_ends_with_a_line_of_json(command: str) -> None:
     assert last_line(command)["size"] == "compact"
 
 
+@pytest.mark.slow
 def test_a_step_of_an_environment_costs_little_more_than_the_simulator_s() -> None:
     """The bound is 1.1, measured at leisure; other work on the machine may take its share here."""
     found = last_line("environment.py --tasks lift_barrier --repeats 2")

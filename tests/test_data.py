@@ -120,6 +120,7 @@ def test_an_episode_without_what_is_described_is_refused(
 # Commands
 
 
+@pytest.mark.slow
 def test_merged_stores_are_the_one_made_in_one_go(tmp_path: Path, command: Command) -> None:
     whole = store_of(tmp_path / "whole.zarr", range(7))
     parts = [store_of(tmp_path / f"{part[0]}.zarr", part) for part in (range(3), range(3, 4), range(4, 7))]
@@ -181,6 +182,7 @@ def test_a_summary_for_programs(tmp_path: Path, command: Command) -> None:
 # Exports
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pictures", ["video", "png"])
 def test_a_lerobot_export_holds_the_values_of_the_store(
     tmp_path: Path, command: Command, pictures: str

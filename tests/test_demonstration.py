@@ -36,6 +36,7 @@ def page(tmp_path_factory) -> Path:
     return folder / "lift_barrier-0.md"
 
 
+@pytest.mark.slow
 def test_a_mistake_and_its_repair_are_on_the_page(page):
     first, second, third = page.read_text().split("\n## ")[1:4]
     assert first.startswith("Round 1, at 0.00 s: rejected")
@@ -73,6 +74,7 @@ def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
         assert any((each["robustness"] or 0) > 0.01 for each in formulas)
 
 
+@pytest.mark.slow
 def test_what_a_set_switches_off_is_marked_and_no_part_of_the_check_code(tmp_path, page):
     logical = ConstraintSet("logical", spatial=False, temporal=False)
     settings = Settings.configured(LIFT, logical, ScriptedSpec())

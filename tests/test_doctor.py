@@ -87,6 +87,7 @@ def test_a_module_that_ends_the_process_is_named(tmp_path: Path, monkeypatch: py
     assert imported.found == "dies: the process ended with -9"
 
 
+@pytest.mark.slow
 def test_a_module_that_hangs_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "hangs.py").write_text("import time\ntime.sleep(60)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
@@ -101,6 +102,7 @@ def test_cv2_imports_on_a_machine_without_a_screen() -> None:
     assert gpu.state == "note"  # torch was not asked
 
 
+@pytest.mark.slow
 def test_no_gpu_is_a_note_and_says_what_it_costs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
     imported, gpu = doctor.imports(("torch",))

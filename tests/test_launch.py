@@ -124,6 +124,7 @@ CLUSTERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cluster", CLUSTERS)
 def test_an_engine_does_jobs_in_order_and_again_when_a_worker_dies(cluster, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
@@ -136,6 +137,7 @@ def test_an_engine_does_jobs_in_order_and_again_when_a_worker_dies(cluster, tmp_
             list(results(to, [partial(who, 0.0, 0), wrong], 1, tmp_path))
 
 
+@pytest.mark.slow
 def test_a_job_that_always_loses_its_worker_is_given_up(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="a job has lost its worker 3 times, at last: "):
         list(results(launch("loky"), [partial(dies, None)], 1, tmp_path))
@@ -151,6 +153,7 @@ def interrupts(request: pytest.FixtureRequest) -> Iterator[None]:
     signal.signal(signal.SIGINT, told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cluster", [loky, *CLUSTERS[2:]])  # Dask lets a job that has begun go on
 def test_who_stops_early_leaves_no_process(cluster, tmp_path, monkeypatch, interrupts) -> None:
     monkeypatch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
@@ -195,6 +198,7 @@ def test_an_engine_that_is_not_installed_is_named_with_its_extra(engine, package
     assert str(caught.value) == said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("engine", "package"), [("dask", "distributed"), ("ray", "ray")])
 @pytest.mark.parametrize("listens", [False, True])
 def test_an_address_where_nobody_answers_fails_in_time(engine, package, listens, tmp_path) -> None:

@@ -179,6 +179,7 @@ def as_a_job(seconds: float) -> int:
     return os.getpid()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [PARENT, LAUNCHER], ids=["workers", "launcher"])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_children_end_with_their_parent(number: int, code: str, tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import read_task
 from tests.viz.recorded import Content
 
+pytestmark = pytest.mark.slow  # whole episodes
 FULL = ConstraintSet("full")
 
 

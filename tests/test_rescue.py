@@ -58,6 +58,7 @@ DAMAGES = {  # what is done to the folder -> the seeds that stay
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_whole_episodes_are_kept_and_the_damaged_store_is_moved_aside(
     path: Path, rescue, damage: str

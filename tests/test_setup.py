@@ -107,6 +107,7 @@ def fitted(clone: Path) -> dict[str, str]:
     }
 
 
+@pytest.mark.slow
 def test_a_driver_that_crashes_is_a_sentence(clone: Path, fitted: dict[str, str]) -> None:
     crash = "import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n"
     (clone / "stubs/sapien.py").write_text(crash)  # imported in the place of SAPIEN
@@ -129,6 +130,7 @@ def test_what_draws_is_named_and_pip_s_notes_about_places_are_not(
     assert done.stderr == conflict
 
 
+@pytest.mark.slow
 def test_pip_s_errors_are_shown(clone: Path, fitted: dict[str, str]) -> None:
     (clone / "said").write_text(f"{NOISE}ERROR: No matching distribution found for torch==2.13.0\n")
     done = run(clone, "scripts/setup.sh", **{**fitted, "ENDS_WITH": "1"})

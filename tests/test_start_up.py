@@ -23,6 +23,7 @@ LISTING = "import atexit, json, runpy, sys\n" + (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code", "message", "also_spared"),
     [
@@ -66,6 +67,7 @@ def environment(script: Path) -> dict[str, str]:
     return {**os.environ, "PATH": f"{script.parent}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["stages=[bake]"]])
 def test_the_console_script_is_the_module(script, arguments, tmp_path):
     done = [

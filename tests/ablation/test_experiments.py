@@ -51,6 +51,7 @@ def test_ablation_draws_nothing_and_counts_seeds() -> None:
     assert values["randomisation"]["heavy"] > 0
 
 
+@pytest.mark.slow
 def test_every_rung_of_the_ladder_differs_from_fast_and_says_so() -> None:
     """In what is learned, and then not in name alone; or in how the same policies act."""
     swept = composed("experiment=ladder")["hydra"]["sweeper"]["params"]["policy"].split(",")

@@ -184,6 +184,7 @@ def test_names_are_escaped(out: Path) -> None:
     assert "&lt;b&gt;&amp;" in write_report(out).read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_plots_take_their_colours_from_the_page(out: Path) -> None:
     built, _ = publish(out, configured())
     (title, svg), *_ = plots.panels(built["ablation_success"])

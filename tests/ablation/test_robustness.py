@@ -27,6 +27,7 @@ def kept(out: Path, *checks: list[dict[str, object]]) -> None:
     path.write_text(json.dumps({"certificate": {}, "stl": [{"checks": said[:1]}, {"checks": said[1:]}]}))
 
 
+@pytest.mark.slow
 def test_what_rtamt_found_is_in_the_report(tmp_path: Path) -> None:
     pytest.importorskip("rtamt")
     task = read_task("lift_barrier")

@@ -35,6 +35,7 @@ def holder(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
+@pytest.mark.slow
 def test_who_waits_for_a_lock_says_so_and_for_whom(holder, tmp_path: Path, capsys) -> None:
     said: list[str] = []
 

@@ -71,6 +71,7 @@ def check_for(made: Planned, execution: Execution, stated: Statement) -> Check:
     return compiled(stated, execution.plan.task, made.proposal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_on_a_real_episode_both_agree_on_every_check(episodes, name):
     for made, execution in episodes[name]:

@@ -65,6 +65,7 @@ CASES += [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "fault"), CASES)
 def test_a_fault_that_breaks_something_is_found_before_it_moves_and_repaired(name, fault, worlds):
     outcome, watcher, brain = make(worlds[name], fault)
@@ -89,6 +90,7 @@ REASONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", REASONS)
 def test_the_reason_speaks_of_the_fault(fault, worlds):
     _, watcher, _ = make(worlds["lift_barrier"], fault)

@@ -29,6 +29,7 @@ from rf_exp.types import (
 from tests.conftest import TASKS, read_task
 
 STRENGTH_RAD, DELAY_S = 0.05, 1.0
+pytestmark = pytest.mark.slow  # whole episodes of every task
 FULL = ConstraintSet("full")
 
 

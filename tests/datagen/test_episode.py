@@ -105,6 +105,7 @@ def test_the_expert_succeeds_within_the_joint_limits_and_its_actions_play_again(
         assert verdict.success
 
 
+@pytest.mark.slow
 def test_arms_that_hit_each_other_stop_pushing_draw_aside_and_go_on():
     """Without spatial constraints Agent_3 and Agent_2 meet over the stack (seed 0)."""
     task, watcher = read_task("three_robots_stack_cube"), Watcher()
@@ -124,6 +125,7 @@ def test_arms_that_hit_each_other_stop_pushing_draw_aside_and_go_on():
         assert np.abs(behind_rad[begins - 1, agent - 1]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_an_arm_that_stands_where_others_will_lift_leaves_before_that_happens():
     """The photographer waits over the camera: without a reason to look, the others lift it into its hand."""
     task = read_task("take_photo")
@@ -192,6 +194,7 @@ def test_arms_take_turns_without_a_model_of_time(lift_world):
     assert (np.diff(full.plans[1].schedule.positions, axis=0) == 1).all()  # the lift is one motion of both
 
 
+@pytest.mark.slow
 def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     """What lost synchronisation costs (paper, section 4.3): one arm alone slips, and the barrier falls."""
     heavy = replace(lift_barrier, randomisation=replace(lift_barrier.randomisation, heavy=1.0))

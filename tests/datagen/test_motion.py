@@ -35,6 +35,7 @@ def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yiel
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
     scene = start_scene(task, seed)
@@ -68,6 +69,7 @@ def test_who_has_nothing_to_do_yields_first_unless_it_holds_something(place_food
     assert not plan(place_food, proposal, scene)[0][1].segments
 
 
+@pytest.mark.slow
 def test_same_seed_same_motion(task):
     scene = start_scene(task, 5)
     first, second = (plan(task, task.module.plan(scene, task), scene)[0] for _ in range(2))

@@ -75,6 +75,7 @@ def planned():
     ]
 
 
+@pytest.mark.slow
 def test_every_moment_of_a_plan_can_be_stopped_within_the_limits(planned):
     longest = 0
     for commands in planned:

@@ -16,6 +16,7 @@ pytestmark = [
 SMALL = Observations(pictures=True, depth=True, segmentation=True, language=True, width=32, height=24)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_gymnasium_accepts_every_task(name: str) -> None:
     env = gymnasium.make(environment_id(name))
@@ -24,6 +25,7 @@ def test_gymnasium_accepts_every_task(name: str) -> None:
     env.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_pettingzoo_accepts_every_task(name: str) -> None:
     parallel_api_test(parallel_env(name, step_limit=8), num_cycles=12)

@@ -12,6 +12,7 @@ pytestmark = pytest.mark.render
 ALL = Observations(pictures=True, depth=True, segmentation=True, width=160, height=120)
 
 
+@pytest.mark.slow
 def test_pictures_are_those_of_the_simulator() -> None:
     env = CentralEnv("lift_barrier", ALL, render_mode="rgb_array")
     observed, _ = env.reset(seed=2)

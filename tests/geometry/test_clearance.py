@@ -82,6 +82,7 @@ def test_what_is_forbidden_between_positions_is_not_more_than_the_doubt():
     assert np.mean(spare[diagram] > 2 * SLACK_M) < 0.01
 
 
+@pytest.mark.slow
 def test_no_collision_is_missed_near_contact():
     """States close to first contact, on both sides of it, found by bisection."""
     rng = np.random.default_rng(5)
@@ -171,6 +172,7 @@ def test_contact_begins_at_distance_zero():
     assert overlap(box(0.0), box(0.101)) is None
 
 
+@pytest.mark.slow
 def test_false_alarms_of_the_planning_margin_are_rare():
     """The margin may refuse states that do not touch: at most 5 % of them."""
     rng = np.random.default_rng(10)
@@ -187,6 +189,7 @@ def test_an_arm_that_folds_into_itself_is_found():
     assert folded(body, self_pairs()).tolist() == [False, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [(40, 5), (3, 35), (1, 9), (1, 1)])
 def test_paths_of_any_two_lengths_give_the_same_cells_as_long_ones(lengths):
     a, b = arms(TWO, np.random.default_rng(12), 40)

@@ -33,6 +33,7 @@ def test_every_point_of_every_link_lies_in_an_occupied_voxel():
             assert voxel_of(apply(pose, inside(piece, 800, rng))) <= occupied
 
 
+@pytest.mark.slow
 def test_voxels_are_nearly_tight():
     """No occupied voxel is a whole voxel away from the arm, and few miss it."""
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(1), 1))

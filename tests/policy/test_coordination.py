@@ -158,6 +158,7 @@ def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
         replace(policy_config, context=True, phases=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
     arch: Arch, make_store, knowing: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch

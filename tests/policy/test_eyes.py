@@ -125,6 +125,7 @@ def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: Policy
         np.testing.assert_array_equal(np.split(wide.headings, 3, axis=1)[row], part.headings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoder", ["heatmaps", "compact"])
 @pytest.mark.parametrize(
     "both", [Arch("both", False, False, both_views=True), Arch("all", True, True, both_views=True)]
@@ -171,6 +172,7 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
     )
 
 
+@pytest.mark.slow
 def test_eyes_learn_to_find_what_is_shown() -> None:
     """Within a pixel, after a hundred steps, where a cell is four pixels wide; and at what another one is."""
     torch.manual_seed(0)
@@ -263,6 +265,7 @@ def test_nothing_to_see_is_nothing_to_learn() -> None:
     assert loss.item() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("saved_at", range(1, 9))
 def test_every_step_can_be_gone_on_from(
     make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path: Path, saved_at: int

@@ -247,6 +247,7 @@ def test_a_server_learns_with_the_first_observation_that_an_episode_begins() -> 
     assert heard[0]["language"] == "lift"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("converse", "message"),
     [

@@ -102,6 +102,7 @@ def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
                 Windows(store, LOCAL, told, CPU)
 
 
+@pytest.mark.slow
 def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     """Without one picture, with a draft learned first; saved and loaded, it goes where the block says."""
     config = replace(told, draft=(64,), dropout=0.1, loss="l1", relative_actions=True, binary_grippers=True)

@@ -47,6 +47,7 @@ def test_every_camera_gives_a_picture_of_its_own(simulator: Simulator) -> None:
             assert np.abs(pictures[one].astype(int) - pictures[other]).mean() > DIFFERENT_LEVELS, (one, other)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_pictures_whatever_ran_before(simulator: Simulator) -> None:
     first = digest(simulator, random_walk(simulator, 5))
     other = digest(simulator, random_walk(simulator, 6))
@@ -55,6 +56,7 @@ def test_the_same_seed_gives_the_same_pictures_whatever_ran_before(simulator: Si
     assert first != other
 
 
+@pytest.mark.slow
 def test_other_seeds_give_other_pictures(simulator: Simulator) -> None:
     seen = set()
     for seed in range(5):
@@ -63,6 +65,7 @@ def test_other_seeds_give_other_pictures(simulator: Simulator) -> None:
     assert len(seen) == 5 * len(simulator.cameras)
 
 
+@pytest.mark.slow
 def test_objects_and_arms_are_seen_at_the_start(simulator: Simulator) -> None:
     for seed in range(4):
         simulator.reset(seed)

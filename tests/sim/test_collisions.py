@@ -51,6 +51,7 @@ def collide(simulator: Simulator, agent: int, shift_m: np.ndarray, bodies: set) 
     return any(point.separation < 0 for contact in found for point in contact.points)
 
 
+@pytest.mark.slow
 def test_every_two_links_of_two_arms_collide(simulator: Simulator) -> None:
     """Set into one another, any two links press each other apart; only bolted bases never meet."""
     through = []
@@ -67,6 +68,7 @@ def test_every_two_links_of_two_arms_collide(simulator: Simulator) -> None:
     assert not through
 
 
+@pytest.mark.slow
 def test_every_gripper_collides_with_every_thing(simulator: Simulator) -> None:
     through = []
     for agent, thing, name in product(simulator.task.agents, simulator.task.objects, GRIPPER):

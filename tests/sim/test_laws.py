@@ -64,6 +64,7 @@ def test_things_weigh_what_they_should(task: Task) -> None:
     assert np.array_equal(drawn[5].qpos, task.start(5).qpos)  # weights change nothing else
 
 
+@pytest.mark.slow
 def test_nothing_stands_in_anything_else(task: Task) -> None:
     for seed in range(50):
         scene = start_scene(task, seed)
@@ -95,6 +96,7 @@ def distance_m(a: Swept, b: Swept) -> float:
 # Success is nothing that just happens
 
 
+@pytest.mark.slow
 def test_nothing_has_succeeded_at_reset(simulator: Simulator) -> None:
     for seed in range(20):
         scene = simulator.reset(seed)

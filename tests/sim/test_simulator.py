@@ -63,6 +63,7 @@ def worst_overlap_m(simulator: Simulator) -> float:
     return max((-point.separation for contact in contacts for point in contact.points), default=0.0)
 
 
+@pytest.mark.slow
 def test_a_start_is_at_rest_and_nothing_moves_while_the_arms_hold(task: Task) -> None:
     with Simulator(task, render=False) as simulator:
         for seed in range(3):
@@ -81,6 +82,7 @@ def test_a_start_is_at_rest_and_nothing_moves_while_the_arms_hold(task: Task) ->
             assert scene.step == TWO_SECONDS
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_whatever_ran_before(task: Task) -> None:
     with Simulator(task, render=False) as simulator:
         first = digest(simulator, random_walk(simulator, 5))
@@ -245,11 +247,13 @@ def without_vulkan(render: bool) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
 
 
+@pytest.mark.slow
 def test_states_are_simulated_on_a_machine_without_vulkan() -> None:
     run = without_vulkan(render=False)
     assert run.stdout.split() == ["step", "1"], run.stderr
 
 
+@pytest.mark.slow
 def test_pictures_on_a_machine_without_vulkan_stop_before_any_work() -> None:
     run = without_vulkan(render=True)
     assert run.stdout.startswith("StageError rendering was asked for, but SAPIEN has no Vulkan device"), (

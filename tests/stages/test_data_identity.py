@@ -46,6 +46,7 @@ def test_the_scene_decides_both(override: str, key: str) -> None:
         assert difference.startswith(f"{key}: found ")
 
 
+@pytest.mark.slow
 def test_what_decides_evaluation_alone() -> None:
     for override, key in (
         ("demos=7", "demos"),

@@ -38,6 +38,7 @@ def test_a_word_more_is_refused_and_never_another_meaning(words, at, inserted):
         checked(" ".join([*words[:at], inserted, *words[at:]]))
 
 
+@pytest.mark.slow
 def test_fillers_change_no_meaning():
     for words, (_, code) in zip(UNDERSTOOD, [*LOGICAL, *TEMPORAL, *SPATIAL], strict=True):
         for at in range(len(words) + 1):

@@ -93,6 +93,7 @@ def test_the_law_is_about_every_kind():
     assert set(STATED) == set(kinds()) - {Unread}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", STATED, ids=lambda kind: kind.__name__)
 def test_the_sentence_of_a_statement_says_the_statement(kind):
     """The law of the language, over all kinds."""

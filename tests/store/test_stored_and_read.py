@@ -38,6 +38,7 @@ def test_a_store_without_poses_and_subgoals_is_still_read(tmp_path: Path) -> Non
         assert_same(old.episode(0), replace(episode, subgoal=np.full((7, AGENTS), -1, np.int16)))
 
 
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(
     lengths=st.lists(st.integers(1, 40), min_size=1, max_size=5),

@@ -51,6 +51,7 @@ def _facing(arm: Panda, goal: Matrix) -> np.ndarray:
     return joints
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "tip_deg"), CASES)
 def test_what_is_gripped_and_lifted_stays_in_the_hand_and_level(name: str, tip_deg: float) -> None:
     grips = [at for at in assets.load(name).points.values() if at.kind == "grasp"]

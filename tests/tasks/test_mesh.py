@@ -75,6 +75,7 @@ def test_every_format_gives_the_same_body(suffix: str, tmp_path: Path) -> None:
         assert [part.colour for part in asset.parts if part.seen] == [pytest.approx((1, 0, 0), abs=0.01)]
 
 
+@pytest.mark.slow
 def test_a_bowl_stays_hollow_and_is_cut_the_same_way_each_time(tmp_path: Path) -> None:
     ring = trimesh.creation.annulus(0.03, 0.04, 0.04).apply_translation((0, 0, 0.02))
     path = annotate(tmp_path, ring)

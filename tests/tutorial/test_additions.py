@@ -23,6 +23,7 @@ def run(code: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_a_new_kind_is_read_checked_and_shown_to_models():
     told = run(
         """
@@ -82,6 +83,7 @@ def test_a_new_verb_has_its_form_and_its_words():
     assert told == "Agent_2 must wipe lid before Agent_1 may lift steak.\n"
 
 
+@pytest.mark.slow
 def test_a_new_verb_is_planned_checked_and_scheduled_with_the_others():
     told = run(
         """
@@ -118,6 +120,7 @@ def test_a_new_verb_is_planned_checked_and_scheduled_with_the_others():
     assert told == "Agent_2 must hover pot before Agent_1 may grasp steak.\n"
 
 
+@pytest.mark.slow
 def test_a_verb_without_a_motion_primitive_is_refused():
     run(
         """
@@ -133,6 +136,7 @@ def test_a_verb_without_a_motion_primitive_is_refused():
     )
 
 
+@pytest.mark.slow
 def test_a_new_set_of_constraints_is_a_file():
     told = run(
         """

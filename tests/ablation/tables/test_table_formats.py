@@ -52,6 +52,7 @@ def test_the_terminal_shows_figures_but_no_long_texts(out: Path) -> None:
     assert "predefined threshold" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_terminal_of_80_columns_holds_every_table(name: str) -> None:
     """Nothing is cut off, and no word or figure is broken in two."""

@@ -22,6 +22,7 @@ from tests.ablation.tables.making import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: str) -> None:
     made_rows, rolled = counted()
@@ -50,6 +51,7 @@ def test_beside_every_success_rate_stand_the_violations_of_the_same_rows(name: s
             assert cell.mean_violations == pytest.approx(sum(map(sum, each)) / 5 / len(level))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_every_format_shows_the_violations(name: str) -> None:
     made_rows, rolled = counted()

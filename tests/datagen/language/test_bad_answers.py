@@ -100,6 +100,7 @@ def test_the_text_is_found_in_every_kind_of_completion(way, lift_barrier, server
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", BAD)
 def test_an_answer_that_is_none_says_why(kind, lift_barrier, server):
     bad, reason = BAD[kind]

@@ -69,6 +69,7 @@ def test_hostile_answers_are_read_and_never_executed(guard, lift_barrier):
         assert KEY not in guard.digest(text, lift_barrier)
 
 
+@pytest.mark.slow
 def test_hostile_answers_over_the_wire_end_in_an_answer_or_a_reason(guard, lift_barrier, server):
     answers = list(hostile_answers())[::5]
     server.replies = [completion(text) for text in answers]
