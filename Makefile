@@ -42,8 +42,7 @@ site: setup ## the documents, and pages of the interfaces, as a site: build/site
 test: setup ## every test, pictures included
 	$(TESTS) $(PICTURED_TESTS)
 
-check: format lint imports site ## the gate before a commit, in 90 seconds on two cores
-	@$(MAKE) --no-print-directory -j 2 --output-sync=target types fast-tests
+check: format lint types imports site fast-tests ## the gate before a commit, in 90 seconds on two cores
 
 format: setup
 	$(BIN)/ruff format --check .

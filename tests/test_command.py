@@ -43,6 +43,7 @@ def test_a_signal_to_end_is_a_line_and_the_usual_exit_code(number: signal.Signal
     assert signal.getsignal(number) is signal.SIG_DFL
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["--cfg", "job"]])
 def test_who_stops_reading_ends_the_command_quietly(arguments: list[str]) -> None:
     read, write = os.pipe()

@@ -50,6 +50,7 @@ def test_a_mistake_and_its_repair_are_on_the_page(page):
     assert third.startswith("Round 3, at 2.")
 
 
+@pytest.mark.slow
 def test_every_check_of_a_plan_is_decided_in_one_of_its_phases(page):
     shown = page.read_text().split("\n## ")[2]
     phases_of_it = shown.split("\n### ")[1:]

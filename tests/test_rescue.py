@@ -85,6 +85,7 @@ def test_whole_episodes_are_kept_and_the_damaged_store_is_moved_aside(
     }
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_in_a_picture_costs_the_episodes_it_is_in(path: Path, rescue) -> None:
     flip(path / "data/rgb_global/c/0/0/0/0")
     code, out, _ = rescue(path)
@@ -103,6 +104,7 @@ def test_a_dry_run_says_what_would_be_kept_and_changes_nothing(path: Path, rescu
     assert digest(path.parent) == before
 
 
+@pytest.mark.slow
 def test_a_whole_store_stays_as_it_is(path: Path, rescue) -> None:
     before = digest(path)
     code, out, _ = rescue(path)
@@ -111,6 +113,7 @@ def test_a_whole_store_stays_as_it_is(path: Path, rescue) -> None:
     assert not path.with_name("quick.damaged.zarr").exists()
 
 
+@pytest.mark.slow
 def test_a_rescue_that_was_killed_is_finished(path: Path, rescue) -> None:
     path.with_name("quick.rescued.zarr").mkdir()  # killed while it wrote
     (path / "data/qpos/zarr.json").unlink()

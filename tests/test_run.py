@@ -100,6 +100,7 @@ def test_output_below_a_file_cannot_be_written(command, tmp_path):
     assert "cannot write below" in result.stderr and "out=FOLDER" in result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stages", "blocked"),
     [

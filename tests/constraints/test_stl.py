@@ -98,6 +98,7 @@ LIMITS: list[tuple[str, Statement, str, Any]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "stated", "field", "bound"),
     LIMITS,

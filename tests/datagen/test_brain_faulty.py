@@ -97,6 +97,7 @@ def test_the_reason_speaks_of_the_fault(fault, worlds):
     assert REASONS[fault] in watcher.reasons[0]
 
 
+@pytest.mark.slow
 def test_a_constraint_left_out_is_made_up_for(worlds):
     outcome, watcher, brain = make(worlds["lift_barrier"], "missing_constraint")
     assert brain.placed and outcome.success and not watcher.reasons

@@ -126,6 +126,7 @@ def only(*subgoals):
     return Proposal(subgoals, ())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "proposal", "row", "found", "expected"),
     [

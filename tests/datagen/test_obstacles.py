@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
@@ -25,6 +26,7 @@ def in_the_way(task, scene, points, row=FULL, proposal=None):
     return obstacles.blocked(avoid_arms=False)(1, points, present_state(task, scene), frozenset())
 
 
+@pytest.mark.slow
 def test_nobody_begins_too_close_to_anything(task):
     """A law of the suite: from where an arm stands when an episode begins, it can be planned for."""
     for seed in range(20):

@@ -87,6 +87,7 @@ def test_every_moment_of_a_plan_can_be_stopped_within_the_limits(planned):
     assert longest * CONTROL_DT_S < 2.5
 
 
+@pytest.mark.slow
 def test_arms_that_stop_stay_on_their_way(planned):
     """All configurations of a stop are of the schedule: what keeps clear there keeps clear here."""
     commands = max(planned, key=len)

@@ -77,6 +77,7 @@ def test_where_nothing_is_measured_nothing_is_seen(nothing):
     assert len(look({"global": depth}, {"global": CAMERA}, planning_scene)) == 0
 
 
+@pytest.mark.slow
 def test_points_on_an_arm_and_on_what_it_holds_are_theirs():
     rng = np.random.default_rng(0)
     scene = scene_of(FOOD)

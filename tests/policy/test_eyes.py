@@ -289,6 +289,7 @@ def test_every_step_can_be_gone_on_from(
     assert all(torch.equal(value, weights[n]) for n, value in straight.averaged().state_dict().items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 def test_policies_of_all_views_save_and_load(
     make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path: Path, arch: Arch

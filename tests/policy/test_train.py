@@ -58,6 +58,7 @@ def rows(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_resuming_equals_an_uninterrupted_run(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, number: int

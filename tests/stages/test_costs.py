@@ -21,6 +21,7 @@ def minutes(said: str) -> float:
     return float(number) * (60 if unit == "h" else 1)
 
 
+@pytest.mark.slow
 def test_the_published_table_is_foretold(tmp_path: Path) -> None:
     laptop = "profile=laptop", "task=all"
     one, two = (foretold(fast(tmp_path, *laptop, f"workers={n}")) for n in (1, 2))

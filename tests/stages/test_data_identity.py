@@ -29,6 +29,7 @@ def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
     return generation_identity(made, task, row), evaluation_identity(made, task, row, made.archs[0], 100)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "key"),
     [

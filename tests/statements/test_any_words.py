@@ -58,6 +58,7 @@ HOSTILE = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=500)
 @given(HOSTILE)
 @example("__import__('os').system('touch /tmp/owned')")

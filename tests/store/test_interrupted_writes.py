@@ -27,6 +27,7 @@ ARRAYS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("broken", [0, 4, ARRAYS - 1, ARRAYS])
 @pytest.mark.parametrize("moment", ["before", "between", "after"])
 def test_interrupted_append_is_cut_off(

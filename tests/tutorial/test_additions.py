@@ -66,6 +66,7 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
     assert re.fullmatch(r"at [\d.]+ s 'Agent_1 must stay on its own side.': -0\.\d+ m \(bound 0 m\)\n", told)
 
 
+@pytest.mark.slow
 def test_a_new_verb_has_its_form_and_its_words():
     told = run(
         """

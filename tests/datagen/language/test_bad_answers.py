@@ -139,6 +139,7 @@ def test_a_server_that_is_not_there_is_a_clear_failure(lift_world, monkeypatch):
     assert not outcome.success and "the model was not reached: ConnectError" in outcome.reason
 
 
+@pytest.mark.slow
 def test_too_many_requests_waits_as_long_as_the_server_says(lift_barrier, server):
     limited = failure(429, "slow down", **{"Retry-After": "0.7"})
     server.replies = [limited, completion(GOOD)]

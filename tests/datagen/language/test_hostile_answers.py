@@ -129,6 +129,7 @@ WRAPPED = (
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     text=st.builds(str.format, st.sampled_from(WRAPPED), _damaged() | _JSON.map(json.dumps))
