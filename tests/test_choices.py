@@ -21,6 +21,7 @@ GROUPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("group", "name"), [(group, name) for group, names in GROUPS.items() for name in names]
 )

@@ -146,6 +146,7 @@ def test_stores_that_are_no_parts_of_one_are_refused(tmp_path: Path, command: Co
     assert {path.name for path in tmp_path.iterdir()} == {"one.zarr", "other.zarr", "again.zarr"}
 
 
+@pytest.mark.slow
 def test_validation_names_what_is_wrong(tmp_path: Path, command: Command) -> None:
     sound, damaged, unsound = (tmp_path / f"{name}.zarr" for name in ("sound", "damaged", "unsound"))
     for path in (sound, damaged):

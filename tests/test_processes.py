@@ -66,6 +66,7 @@ def wrong_once(path: Path) -> None:
     wrong()
 
 
+@pytest.mark.slow
 def test_results_are_in_the_order_of_the_jobs() -> None:
     jobs = [partial(slept, 0.05 * (6 - k), k) for k in range(6)]
     assert list(in_order(jobs, 3)) == list(range(6))
@@ -129,6 +130,7 @@ def test_who_stops_early_leaves_no_process() -> None:
     assert not any(map(alive, pids))
 
 
+@pytest.mark.slow
 def test_a_job_told_to_end_may_save_first(tmp_path: Path) -> None:
     path = tmp_path / "state"
     with pytest.raises(ArgumentError):

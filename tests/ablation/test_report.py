@@ -215,6 +215,7 @@ def test_curves_need_rows(tmp_path: Path) -> None:
         plots.read_curves(tmp_path / "curves.csv")
 
 
+@pytest.mark.slow
 def test_the_command_rebuilds_from_rows_alone(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--out", str(out)]) == 0
     assert len(list((out / "tables").iterdir())) == 24

@@ -175,6 +175,7 @@ def test_a_whole_line_without_its_end_counts(tmp_path: Path) -> None:
     assert [row.seed for row in read_rows(path, GenerationRow)] == [3, 4]
 
 
+@pytest.mark.slow
 def test_every_flipped_bit_is_named_by_file_and_line(tmp_path: Path) -> None:
     """In any line, also where a line end is hit: no row changes or vanishes in silence."""
     path = path_of(tmp_path)

@@ -156,6 +156,7 @@ def test_an_agent_has_as_many_subgoals_as_the_task_has_use_for(task):
         from_json(json.dumps({"Subgoals": {"Agent_1": f"{line}; hold"}}), task)
 
 
+@pytest.mark.slow
 @given(text=st.text(max_size=300))
 def test_any_text_is_an_answer_or_a_clear_error(text):
     task = read_task("lift_barrier")

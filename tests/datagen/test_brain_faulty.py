@@ -155,6 +155,7 @@ def test_after_feedback_it_answers_as_scripted(lift_barrier):
     assert from_json(brain.answer(second), lift_barrier) == sound
 
 
+@pytest.mark.slow
 def test_only_the_first_feedback_is_about_the_fault():
     """It names two arms, as many faults do: nobody draws aside because of it. Later feedback counts."""
     task = read_task("three_robots_stack_cube")

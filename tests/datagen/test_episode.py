@@ -165,6 +165,7 @@ def test_a_mistake_half_way_is_dated_on_the_clock_of_the_episode(lift_world):
     assert [question.scene.step for question in brain.questions[:3]] == [0, began, began]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "answer", ["no json", '{"Subgoals": {"Agent_9": "home"}}', '{"Subgoals": {"Agent_1": "fly"}}']
 )

@@ -15,6 +15,7 @@ def count(module: torch.nn.Module) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
 
+@pytest.mark.slow
 def test_the_papers_sizes() -> None:
     policy = DiffusionPolicy(PolicyConfig(), 8, 8)
     assert count(policy.unet) == 85_355_912

@@ -276,6 +276,7 @@ def holding(agent: int, steps: range, anew: bool = False):
     return shield
 
 
+@pytest.mark.slow
 def test_a_shield_that_lets_all_go_on_changes_no_bit(make_runner) -> None:
     for arch in ARCHS:
         world, runners = Table(2), [make_runner(view) for view in views(arch, 2)]

@@ -156,6 +156,7 @@ def test_after_its_chunk_an_arm_stands_where_it_ends() -> None:
     assert withheld(told, 2) and not arrived(world, 2, REACHING)
 
 
+@pytest.mark.slow
 def test_nobody_waits_for_ever() -> None:
     """Each has to pass where the other one stands: one retracts in the end, and both get by."""
     for near, far in ((LEFT, RIGHT), (RIGHT, LEFT)):

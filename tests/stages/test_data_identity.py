@@ -64,6 +64,7 @@ def test_what_decides_evaluation_alone() -> None:
     assert evaluation_identity(*what, 100) != evaluation_identity(*what, 101)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "override",
     [

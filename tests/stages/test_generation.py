@@ -42,6 +42,7 @@ class Rejections(NullObserver):
         self.count += 1
 
 
+@pytest.mark.slow
 def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
     """The loop itself counts: repaired, given up within the budget, and at the end of it."""
     bad, nothing = "no json", json.dumps({"Subgoals": {}})

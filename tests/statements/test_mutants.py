@@ -133,6 +133,7 @@ def test_the_other_reading_agrees_on_what_is_understood():
     )
 
 
+@pytest.mark.slow
 def test_no_mutant_is_misread(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(reading, "_not_understood", lambda text, *_: ArgumentError(text))
     rng, wrong, understood = random.Random(0), {}, 0

@@ -101,6 +101,7 @@ def test_attributes_say_where_the_data_came_from(tmp_path: Path) -> None:
     assert {"python", "numpy", "zarr"} <= set(attrs["versions"])
 
 
+@pytest.mark.slow
 def test_digest_is_of_the_content(tmp_path: Path) -> None:
     episodes = [make_episode(seed) for seed in range(3)]
     digest = Store.open(make_store(tmp_path / "a.zarr", episodes)).digest()

@@ -131,6 +131,7 @@ def test_the_palm_clears_what_stands_between_the_fingers(name: str, point: str) 
     assert not inside(asset, apply(at.object_from_tcp, np.column_stack([x.ravel(), y.ravel(), depth]))).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "point"), GRASPS)
 def test_the_open_gripper_comes_and_goes_freely_turned_and_tipped(name: str, point: str) -> None:
     asset, at, _ = grasp(name, point)
@@ -198,6 +199,7 @@ def test_an_asset_stands_on_a_wide_foot(name: str) -> None:
         assert (foot.equations @ [*middle[:2], 1]).max() < -CLEAR_M
 
 
+@pytest.mark.slow
 def test_everything_stays_where_it_is_dropped() -> None:
     """Let fall from 3 mm, all of it upright and at rest within two seconds, the camera on its plinth."""
     movable = [name for name in NAMES if not (assets.load(name).static or assets.load(name).ghost)]

@@ -20,6 +20,7 @@ def unclear(task):
     return json.dumps(answer)
 
 
+@pytest.mark.slow
 def test_unclear_constraints_are_restated_in_one_call_and_recorded(lift_world, server, tmp_path):
     task = lift_world.task
     better = [

@@ -17,6 +17,7 @@ from tests.datagen.language_server import completion, failure
 from tests.scenes import rejection, start_scene
 
 
+@pytest.mark.slow
 def test_a_model_makes_an_episode_that_is_repeated_from_its_recording(lift_world, server, tmp_path):
     task = lift_world.task
     server.replies = [completion(text) for text in scripted_answers(task)]
