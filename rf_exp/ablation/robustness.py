@@ -1,6 +1,5 @@
 """The section of the report on demonstrations: by how much their plans kept what was asked of them."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,8 @@ from typing import Any
 from rf_exp.ablation.page import Section, Texts
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import title_of
+from rf_exp.artifacts import read_json
+from rf_exp.errors import StageError
 
 HEADING = ("Task", "Scene", "Constraints judged", "Least robustness", "Of the formula")
 LEAD = (
@@ -27,9 +28,9 @@ def robustness(out: Path, suite: Suite) -> Section:
     for path in sorted((out / "demonstrations").glob("*.json")):
         task, _, scene = path.stem.rpartition("-")
         try:
-            plans = json.loads(path.read_text("utf-8"))["stl"]
+            plans = read_json(path, "make the demonstration again")["stl"]
             found = list(_least([check for plan in plans for check in plan["checks"]]))
-        except (ValueError, KeyError, TypeError, OSError) as error:
+        except (StageError, KeyError, TypeError, OSError) as error:
             notes.append(f"{path}: cannot be read: {error!r}")
             continue
         lines += [(title_of(task, suite), scene, *each) for each in found]
