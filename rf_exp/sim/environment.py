@@ -22,6 +22,7 @@ from sapien import physx
 from rf_exp.sim import objects
 from rf_exp.sim.agent import UID
 from rf_exp.sim.room import build_room, light_room
+from rf_exp.sim.shading import choose_formats, keep_freed_memory, shader_config
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import CONTROL_HZ
@@ -110,11 +111,16 @@ class TableEnv(BaseEnv):
                     fov=float(np.deg2rad(camera.fov_deg)),
                     near=NEAR_M,
                     far=FAR_M,
-                    shader_pack="minimal",
+                    shader_config=shader_config(),
                     mount=hand,
                 )
             )
         return configs
+
+    def _setup_sensors(self, options: dict) -> None:
+        keep_freed_memory()
+        choose_formats()
+        super()._setup_sensors(options)
 
     @property
     def arms(self) -> list:
