@@ -1,10 +1,11 @@
 """How pictures are drawn: with shaders that know what our scenes have, and no more.
 
-ManiSkill's `minimal` pack inverts a matrix for every vertex, carries a tangent frame for textures of normals,
-looks up an environment and a table of reflections for every pixel, and copies the picture in a pass of its own.
-Nothing of that is seen in a scene without textures and without surroundings to mirror: what `shaders/`
-draws is equal (tests/sim/test_shading.py), but for single pixels that round to the next of 255 shades.
-`python benchmarks/render.py` tells what a picture costs. A pack is a folder of GLSL files that SAPIEN compiles.
+ManiSkill's `minimal` pack inverts a matrix for every vertex, carries a tangent frame for textures of
+normals, looks up an environment and a table of reflections for every pixel, and copies the picture in a pass
+of its own. Nothing of that is seen in a scene without textures and without surroundings to mirror: what
+`shaders/` draws is equal (tests/sim/test_shading.py), but for single pixels that round to the next of 255
+shades. `python benchmarks/render.py` tells what a picture costs. A pack is a folder of GLSL files that SAPIEN
+compiles.
 """
 
 import ctypes
@@ -28,7 +29,7 @@ def shader_config() -> ShaderConfig:
 
 
 def choose_formats() -> None:
-    """What cameras that are made from now on store; other environments of this process may have changed it."""
+    """What cameras made from now on store; other environments of this process may have changed it."""
     for texture, stored in FORMATS.items():
         sapien.render.set_picture_format(texture, stored)
 
