@@ -23,7 +23,7 @@ from rf_exp.policy.frames import felt, marks, pictures
 from rf_exp.policy.moments import Going, by_episode, moving, shown
 from rf_exp.policy.normaliser import Normaliser, largest_change
 from rf_exp.policy.observation import of_agent, senses_of
-from rf_exp.policy.pictures import crop
+from rf_exp.policy.pictures import crop, with_margin
 from rf_exp.policy.view import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.types import ARM_JOINTS
 
@@ -216,12 +216,8 @@ class Windows:
         if rng is not None and shift_px:
             size = np.array(pictures.shape[1:3])
             shifts = rng.integers(-shift_px, shift_px + 1, (len(windows), 2))  # down, to the right
-            rows, columns = (
-                self._index(np.clip(np.arange(size[axis]) - shifts[:, axis, None], 0, size[axis] - 1))
-                for axis in (0, 1)
-            )
-            each = torch.arange(len(windows), device=self._device)[:, None, None]
-            pictures = pictures[each, rows[:, :, None], columns[:, None]]
+            whole = with_margin(pictures, shift_px)
+            pictures = crop(whole, np.arange(len(windows)), shift_px - shifts, pictures.shape[1:3])
             by = torch.from_numpy((shifts / size)[:, None, ::-1].astype(np.float32))
             pixels = pixels + by.to(self._device)
         return pictures, pixels, self.headings[chosen], self.doing[chosen]

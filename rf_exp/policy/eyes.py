@@ -100,10 +100,12 @@ class Eyes(nn.Module):
         y = (near.sum(dim=3) @ rows) / total / maps.shape[2]
         x = (near.sum(dim=2) @ columns) / total / maps.shape[3]
         weights = (near / total[..., None, None]).flatten(2)[:, :: len(HAND)]
-        pooled = self.pool(weights @ seen.flatten(2).transpose(1, 2))  # (B, M, POOLED), at the TCPs
+        # As the trunk's memory lies: seen otherwise, each of its gradients would be transposed on its way.
+        cells = seen.permute(0, 2, 3, 1).flatten(1, 2)  # (B, h * w, C)
+        pooled = self.pool(weights @ cells)  # (B, M, POOLED), at the TCPs
         doing = maps.new_zeros(len(maps), 0, 0)
         if self.tell is not None:
-            told = self.tell(torch.cat([pooled.flatten(1), seen.mean(dim=(2, 3))], dim=1))
+            told = self.tell(torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1))
             doing = told.unflatten(1, (self._others, -1))
         return torch.stack([x, y], dim=2), self.turn(pooled), total[:, :: len(HAND)], doing
 

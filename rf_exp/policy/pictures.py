@@ -49,3 +49,12 @@ def crop(
         first, (top, left) = frames[piece[0]], corners[piece[0]]
         parts.append(pictures[first : first + len(piece), top : top + height, left : left + width])
     return torch.cat(parts)
+
+
+def with_margin(pictures: Tensor, margin_px: int) -> Tensor:
+    """Pictures (K, H, W, 3) with their outermost pixels repeated for so far on all sides."""
+    for axis in (1, 2):
+        size = pictures.shape[axis]
+        pixels = torch.arange(-margin_px, size + margin_px, device=pictures.device).clamp(0, size - 1)
+        pictures = pictures.index_select(axis, pixels)
+    return pictures

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from rf_exp.artifacts import digest, read_json, without
 from rf_exp.errors import StageError
@@ -129,15 +129,36 @@ class Training:
             weight_decay=train_config.weight_decay,
             fused=True,
         )
-        self._average = EMAModel(
-            self._parameters,
-            decay=train_config.ema_max_decay,
-            use_ema_warmup=True,
-            power=train_config.ema_power,
-            foreach=True,
-        )
+        self._average = self._ema(self._parameters)
+        self._stage: tuple[EMAModel, list[nn.Parameter]] | None = None  # what is learned now, and its average
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
         self._began_s = time.process_time()
+
+    def _ema(self, parameters: Sequence[nn.Parameter]) -> EMAModel:
+        """An average over time of parameters, from now on."""
+        decay, power = self._config.ema_max_decay, self._config.ema_power
+        return EMAModel(parameters, decay=decay, use_ema_warmup=True, power=power, foreach=True)
+
+    def _learning(self) -> list[nn.Module]:
+        """What is learned at this step. All else equals its average, which need not be kept up."""
+        policy, seen = self.policy, self._config.eyes_steps
+        drawn = seen + self._config.draft_steps
+        if self.step < seen:
+            return [policy.encoder]
+        parts = [policy.draft, policy.phase] if self.step < drawn else [policy.trunk, policy.unet]
+        return [part for part in (*parts, None if seen else policy.encoder) if part is not None]
+
+    def _keep_average(self) -> None:
+        """After a step of the optimiser."""
+        if self._stage is None:
+            learned = {id(weight) for part in self._learning() for weight in part.parameters()}
+            chosen = [k for k, weight in enumerate(self._parameters) if id(weight) in learned]
+            average = self._ema([self._parameters[k] for k in chosen])
+            average.shadow_params = [self._average.shadow_params[k] for k in chosen]
+            average.optimization_step = self.step
+            self._stage = average, [self._parameters[k] for k in chosen]
+        average, parameters = self._stage
+        average.step(parameters)
 
     def run(self) -> Iterator[Curve | None]:
         """Step until the end; yields after every step, a curve when one is due."""
@@ -210,12 +231,13 @@ class Training:
         self._optimiser.zero_grad()
         loss.backward()
         self._optimiser.step()
-        self._average.step(self._parameters)
+        self._keep_average()
         self._loss += loss.detach()
 
     def _settle(self, seeing: bool) -> None:
         """What has been learned so far stays, averaged; after `seeing`, all pictures are looked at once."""
         self._average.copy_to(self._parameters)
+        self._stage = None
         if seeing:
             self.policy.lift_eyes(self._windows.pixels, self._windows.points)
             features = self._windows.look_once(self.policy.eval().encode_whole)
@@ -253,7 +275,7 @@ class Training:
         self.policy.load_state_dict(parts["policy"])
         for k, shadow in enumerate(self._average.shadow_params):
             shadow.copy_(parts["average"][str(k)])
-        self._average.optimization_step = self.step
+        self._stage = None
         moments: dict[int, dict[str, Tensor]] = {}
         for key, value in parts["optimiser"].items():
             index, name = key.split(".", 1)

@@ -268,6 +268,25 @@ def test_the_version_of_the_learner_stands_for_what_it_learns(
     assert logs == pytest.approx(LOSSES[LEARNER][kind], abs=2e-3)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["compact", "heatmaps"])
+def test_an_average_of_what_is_learned_is_one_of_everything(
+    store: Store,
+    policy_config: PolicyConfig,
+    train_config: TrainConfig,
+    tmp_path: Path,
+    kind: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if kind == "heatmaps":
+        policy_config = replace(policy_config, **HEATMAPS)
+        train_config = replace(train_config, eyes_steps=4, draft_steps=4)
+    made = train(store, LOCAL, policy_config, train_config, tmp_path / "learned")
+    monkeypatch.setattr(Training, "_learning", lambda training: [training.policy])
+    whole = train(store, LOCAL, policy_config, train_config, tmp_path / "everything")
+    assert (made / MODEL).read_bytes() == (whole / MODEL).read_bytes()
+
+
 def test_a_budget_in_epochs_is_that_many_passes(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig
 ) -> None:
