@@ -15,8 +15,11 @@ FULL = [row for row in golden.rows() if row.name == "full"]
 
 @pytest.mark.slow
 def test_the_first_seeds_are_as_recorded(task: Task) -> None:
-    problem = golden.complaint(task, golden.read().get(task.name), golden.of(task, golden.rows()))
+    recorded, found = golden.read().get(task.name), golden.of(task, golden.rows())
+    problem = golden.complaint(task, recorded, found)
     assert not problem, problem
+    if golden.elsewhere(recorded, found):
+        pytest.skip(f"plans and judgement are as recorded; bytes are those of {recorded['processor']}")  # pyright: ignore[reportOptionalSubscript]
 
 
 def test_the_file_holds_every_task_and_row() -> None:

@@ -113,3 +113,29 @@ def test_the_shell_completes_arguments(script, tmp_path):
     for (begun, wanted), answer in zip(offered.items(), answers, strict=True):
         assert wanted <= set(answer.split())
         assert all(choice.startswith(begun) for choice in answer.split())
+
+
+CORE = """
+import ctypes, rf_exp, numpy, pathlib
+maps = pathlib.Path("/proc/self/maps").read_text().splitlines()
+library = ctypes.CDLL(next(line.split()[-1] for line in maps if "openblas" in line))
+name = next(n for n in ("scipy_openblas_get_corename64_", "openblas_get_corename") if hasattr(library, n))
+tell = getattr(library, name)
+tell.restype = ctypes.c_char_p
+print(tell().decode())
+"""
+
+
+@pytest.mark.skipif(
+    not Path("/proc/cpuinfo").exists() or " avx2 " not in Path("/proc/cpuinfo").read_text(),
+    reason="the kernels are those of x86-64 processors with AVX2",
+)
+@pytest.mark.parametrize(("chosen", "used"), [(None, "Haswell"), ("Nehalem", "Nehalem")])
+def test_matrices_are_multiplied_alike_on_each_processor(chosen: str | None, used: str) -> None:
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_CORETYPE"}
+    if chosen:
+        environment["OPENBLAS_CORETYPE"] = chosen
+    ran = subprocess.run(
+        [sys.executable, "-c", CORE], env=environment, capture_output=True, text=True, check=True
+    )
+    assert ran.stdout.strip() == used

@@ -113,7 +113,7 @@ class Obstacles:
                 yield name, planning_scene.standing([name]), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._constraint_set.spatial else ():
             if other != agent:
-                yield other, planning_scene.arm(other, planning_scene.scene.qpos[other - 1]), AGENT_MARGIN_M
+                yield other, planning_scene.measured(other), AGENT_MARGIN_M
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
         """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""

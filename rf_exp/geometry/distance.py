@@ -35,19 +35,32 @@ class Pair(NamedTuple):
 
 def pairs_apart(a: Swept, b: Swept) -> Iterator[Pair]:
     """The pairs of pieces that must keep apart, with the positions at which they must."""
-    when = {
-        (x, y): tuple(_apart(a, b, x, y)) for x in dict.fromkeys(a.labels) for y in dict.fromkeys(b.labels)
-    }
+    when = _Apart(a, b)
     for i, x in enumerate(a.labels):
         for j, y in enumerate(b.labels):
             for rows, columns in when[x, y]:
                 yield Pair(i, j, rows, columns)
 
 
+class _Apart(dict[tuple[str, str], tuple[tuple[Mask, Mask], ...]]):
+    """When the pieces of two links or objects must keep apart, worked out once for all pieces of both."""
+
+    def __init__(self, a: Swept, b: Swept) -> None:
+        super().__init__()
+        self._bodies = a, b
+
+    def __missing__(self, key: tuple[str, str]) -> tuple[tuple[Mask, Mask], ...]:
+        found = self[key] = tuple(_apart(*self._bodies, *key))
+        return found
+
+
 def _apart(a: Swept, b: Swept, x: str, y: str) -> Iterator[tuple[Mask, Mask]]:
     """When pieces of a link or object `x` of `a` must keep apart from those of `y` of `b`."""
     everywhere_a, everywhere_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
     rows, columns = everywhere_a, everywhere_b
+    if x not in a.objects and y not in b.objects:
+        yield rows, columns
+        return
     if x in a.objects and y in b.objects:
         if x == y:
             return
@@ -93,9 +106,14 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
     at = np.unique(at, axis=0)
     gaps = np.linalg.norm(a.centres[at[:, 0], :, None] - b.centres[at[:, 1], None], axis=-1)  # (T, La, Lb)
     gaps -= a.radii_m[:, None] + b.radii_m
-    apply = np.zeros(gaps.shape, dtype=bool)
-    for pair in pairs_apart(a, b):
-        apply[:, pair.a, pair.b] |= pair.rows[at[:, 0]] & pair.columns[at[:, 1]]
+    links_a, links_b = (
+        np.array([label not in body.objects for label in body.labels], dtype=bool) for body in (a, b)
+    )
+    always, when = np.outer(links_a, links_b), _Apart(a, b)
+    apply = np.broadcast_to(always, gaps.shape).copy()
+    for i, j in np.argwhere(~always).tolist():
+        for rows, columns in when[a.labels[i], b.labels[j]]:
+            apply[:, i, j] |= rows[at[:, 0]] & columns[at[:, 1]]
     cell, i, j = np.nonzero(apply)
     gap = gaps[cell, i, j]
     best: Nearest | None = None
@@ -116,10 +134,20 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
     Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
     """
     gaps = np.linalg.norm(a.centres[0, :, None] - b.centres[0], axis=-1) - a.radii_m[:, None] - b.radii_m
-    if not gaps.size or gaps.min() > 0:  # nothing can touch a mark on the table, which has no pieces
-        return None
-    found = nearest(a, b, np.zeros((1, 2), dtype=np.int64))
-    return found if found is not None and found.distance_m <= 0 else None
+    near = np.argwhere(gaps <= 0)  # of a mark on the table, which has no pieces, there is nothing to touch
+    when = _Apart(a, b)
+    best: Nearest | None = None
+    deepest = 0.0
+    for k in np.argsort(gaps[*near.T], kind="stable"):
+        i, j = near[k].tolist()
+        if best is not None and gaps[i, j] >= deepest:
+            break
+        x, y = a.labels[i], b.labels[j]
+        if any(rows[0] and columns[0] for rows, columns in when[x, y]):
+            distance = _distance(a, b, 0, 0, i, j)
+            if distance <= 0 and (best is None or distance < deepest):
+                best, deepest = Nearest(distance, x, y), distance
+    return best
 
 
 def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:

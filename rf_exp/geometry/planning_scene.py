@@ -6,7 +6,7 @@ the objects it moves, and the objects that nobody moves. World frame, metres, ra
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.geometry.distance import Nearest, nearest
 from rf_exp.geometry.shapes import Piece, arm_pieces
 from rf_exp.geometry.swept import Mask, Swept
-from rf_exp.robots import LINKS
+from rf_exp.robots import LINKS, link_poses
 from rf_exp.tasks import FINGERS_OPEN_M, Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
@@ -67,22 +67,24 @@ class PlanningScene:
         `attached` is an object that moves with the TCP; `touches` names objects that the gripper, and the
         attached object, may touch; without it what the agent holds in the scene.
         """
-        held = self.scene.held[agent - 1] if touches is None else None
         qpos = np.atleast_2d(qpos)
         if qpos.shape[1] == ARM_JOINTS:
             qpos = np.hstack([qpos, np.full((len(qpos), 2), FINGERS_OPEN_M)])
-        everywhere = np.ones(len(qpos), dtype=bool)
-        moved, carried = {}, {}
+        moved = {}
         if attached is not None:
             if tcp_from_object is None:
                 raise ArgumentError(
                     f"agent {agent} has {attached!r} attached, but tcp_from_object is missing"
                 )
             moved = {attached: self.arms[agent - 1].tcp(qpos) @ tcp_from_object}
-            carried = {attached: everywhere}
-        holds = {name: everywhere for name in (*moved, *((held,) if held else ()))}
-        allowed = {name: everywhere for name in {*(touches or ()), *holds}}
-        return self._body(agent, qpos, moved, carried=carried, touches=allowed, rests=allowed, holds=holds)
+        return self._holding(agent, self.arms[agent - 1].links(qpos), moved, touches)
+
+    def measured(
+        self, agent: int, *, attached: str | None = None, touches: Iterable[str] | None = None
+    ) -> Swept:
+        """An arm as it stands in the scene (P = 1); an object that is `attached` is where it was measured."""
+        moved = {} if attached is None else {attached: self.scene.poses[attached][None]}
+        return self._holding(agent, self._links[agent - 1][None], moved, touches)
 
     def along(self, trajectory: Trajectory) -> Swept:
         """An agent along its trajectory, with every object it moves.
@@ -127,7 +129,8 @@ class PlanningScene:
             holds[held] = holds.get(held, gripped) | gripped
             touches[held] = touches[held] | gripped
         rests = self._rests(trajectory, moved, carried, segments)
-        return self._body(agent, qpos, moved, carried=carried, touches=touches, rests=rests, holds=holds)
+        links = arm.links(qpos)
+        return self._body(agent, links, moved, carried=carried, touches=touches, rests=rests, holds=holds)
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
         """Objects as they stand in the scene (P = 1); without names, those that no trajectory moves."""
@@ -147,7 +150,7 @@ class PlanningScene:
 
     def between(self, a: int, b: int) -> Nearest:
         """The exact distance of two arms as they stand in the scene."""
-        found = nearest(self.arm(a, self.scene.qpos[a - 1]), self.arm(b, self.scene.qpos[b - 1]))
+        found = nearest(self.measured(a), self.measured(b))
         assert found is not None  # two arms always have pieces that must keep apart
         return found
 
@@ -163,15 +166,36 @@ class PlanningScene:
             raise choices("object", name, self.task.objects)
         return self.task.asset(name)
 
+    @cached_property
+    def _links(self) -> NDArray[np.float64]:
+        """(N, L, 4, 4) world poses of the links of all arms in the scene."""
+        bases = np.stack([arm.world_from_base for arm in self.arms])
+        return bases[:, None] @ link_poses(self.scene.qpos)
+
+    def _holding(
+        self,
+        agent: int,
+        links: NDArray[np.float64],
+        moved: Mapping[str, NDArray[np.float64]],
+        touches: Iterable[str] | None,
+    ) -> Swept:
+        """A body whose gripper has hold of what moves with it, for as long as it goes."""
+        held = self.scene.held[agent - 1] if touches is None else None
+        everywhere = np.ones(len(links), dtype=bool)
+        carried = {name: everywhere for name in moved}
+        holds = {name: everywhere for name in (*moved, *((held,) if held else ()))}
+        allowed = {name: everywhere for name in {*(touches or ()), *holds}}
+        return self._body(agent, links, moved, carried=carried, touches=allowed, rests=allowed, holds=holds)
+
     def _body(
         self,
         agent: int,
-        qpos: NDArray[np.float64],
+        links: NDArray[np.float64],
         moved: Mapping[str, NDArray[np.float64]],
         **masks: Mapping[str, Mask],
     ) -> Swept:
         pieces, labels = list(arm_pieces()), list(LINKS)
-        poses = [self.arms[agent - 1].links(qpos)]
+        poses = [links]
         mounted = self.task.robots[agent - 1].mounted
         for piece in asset_pieces(mounted) if mounted else ():
             pieces.append(piece)

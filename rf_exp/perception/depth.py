@@ -39,7 +39,7 @@ def look(
     away_m = [np.linalg.norm(found[:, :2] - base_m, axis=1) for base_m in bases_m]
     found = found[np.min(away_m, axis=0) < REACH_M]
     for agent, held in zip(planning_scene.task.agents, planning_scene.scene.held, strict=True):
-        arm = planning_scene.arm(agent, planning_scene.scene.qpos[agent - 1])
+        arm = planning_scene.measured(agent)
         for body in (arm, planning_scene.standing([held] if held else [])):
             found = found[~within(body, found, NOISE_M)]
     occupied, count = np.unique(np.floor(found / VOXEL_M).astype(np.int64), axis=0, return_counts=True)

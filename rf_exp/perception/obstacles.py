@@ -39,7 +39,7 @@ class Seen:
         }
         self._near = {name: beside(occupied, body, NEAR_M) for name, body in objects.items()}
         self._known = np.any([np.zeros(len(occupied), dtype=bool), *self._owned.values()], axis=0)
-        arms = (planning_scene.arm(agent, scene.qpos[agent - 1]) for agent in planning_scene.task.agents)
+        arms = (planning_scene.measured(agent) for agent in planning_scene.task.agents)
         self._starts = [beside(occupied, arm, STARTS_M) for arm in arms]
         self._found: dict[tuple[int, frozenset[str]], tuple[Swept, frozenset[str]]] = {}
 

@@ -73,7 +73,7 @@ class SceneRecorder:
         planning_scene = PlanningScene(self._task, scene)
         objects = {name: voxels(planning_scene.standing([name])) for name in self._task.objects}
         for agent, held in zip(self._task.agents, scene.held, strict=True):
-            occupied = [voxels(planning_scene.arm(agent, scene.qpos[agent - 1]))]
+            occupied = [voxels(planning_scene.measured(agent))]
             occupied += [objects[held]] if held is not None else []
             self._recorder.occupancy(f"agent{agent}", centres_m(np.unique(np.concatenate(occupied), axis=0)))
         for name, occupied in objects.items():

@@ -8,7 +8,6 @@ import numpy as np
 import trimesh
 
 from rf_exp.constraints.checks.temporal import span
-from rf_exp.constraints.checks.touching import with_load
 from rf_exp.constraints.evidence import Evidence, idle
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Demands
@@ -142,7 +141,8 @@ class StayOut:
     def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
         """From a measured arm, with what it holds, to the zone."""
         held = scene.held[agent - 1]
-        gap = nearest(with_load(PlanningScene(plan.task, scene), agent, held, frozenset()), self._zone())
+        arm = PlanningScene(plan.task, scene).measured(agent, attached=held, touches=())
+        gap = nearest(arm, self._zone())
         assert gap is not None
         return gap
 

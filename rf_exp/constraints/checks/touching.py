@@ -7,7 +7,6 @@ from rf_exp.constraints.evidence import Evidence
 from rf_exp.findings import Finding
 from rf_exp.geometry import PlanningScene, Swept, overlap
 from rf_exp.tasks import Task
-from rf_exp.transforms import inverse
 from rf_exp.types import CONTROL_DT_S, Scene
 
 CONTACT_N = 1.0  # force between two arms that counts as contact
@@ -77,20 +76,10 @@ def measured_arms(
 
     @cache
     def body(agent: int, load: str | None) -> Swept:
-        return with_load(planning_scene, agent, load, may_touch.get(agent, frozenset()))
+        return planning_scene.measured(agent, attached=load, touches=may_touch.get(agent, frozenset()))
 
     for a, b in pairs:
         loads = scene.held[a - 1], scene.held[b - 1]
         if loads[0] == loads[1]:  # what two hold together is no obstacle between them
             loads = None, None
         yield body(a, loads[0]), body(b, loads[1])
-
-
-def with_load(
-    planning_scene: PlanningScene, agent: int, load: str | None, may_touch: frozenset[str]
-) -> Swept:
-    """A measured arm with something where it was measured."""
-    scene, arm = planning_scene.scene, planning_scene.arms[agent - 1]
-    qpos = scene.qpos[agent - 1]
-    grip = None if load is None else inverse(arm.tcp(qpos)) @ scene.poses[load]
-    return planning_scene.arm(agent, qpos, attached=load, tcp_from_object=grip, touches=may_touch)
