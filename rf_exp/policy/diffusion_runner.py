@@ -180,7 +180,9 @@ class DiffusionRunner(PolicyRunner):
         chunk = self._chunk(actions, scene.step, waits)
         chunk[:, stays, :ARM_JOINTS] = targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
-        return chunk[:WAIT_STEPS] if waits.any() else chunk
+        # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
+        # a gripper: in the pictures alone nothing tells how long it has been where it opens.
+        return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
 
     def _chunk(self, actions: NDArray[np.float64], now: int, waits: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> the commands (K, agents of the view, 8) to execute next.
