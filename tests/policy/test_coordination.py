@@ -203,6 +203,37 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
     assert len(looks) == 2 * len(runners)
 
 
+@pytest.mark.slow
+def test_who_goes_is_not_cut_short_by_another_who_waits(
+    make_store, knowing: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch
+) -> None:
+    """One policy for both. Whose chunk opens its gripper at the end would never come to open it."""
+    config = replace(knowing, phases=True, draft=(16,), action_steps=8, horizon=8, observation_steps=1)
+    (view, *_) = views(ARCHS[0], 2)
+    train(make_store(2, 3), view, config, replace(train_config, draft_steps=4), tmp_path / view.name)
+    (runner,) = load_runners(tmp_path)
+    assert isinstance(runner, DiffusionRunner) and WAIT_STEPS < config.action_steps
+    policy, looks = runner._policy, []
+
+    def the_first_goes(*observed: torch.Tensor) -> torch.Tensor | None:
+        looks.append(True)
+        chances = DiffusionPolicy.chances(policy, *observed)
+        assert chances is not None
+        return torch.cat([chances[..., :-1], torch.tensor([[[1.0], [0.0]]])], dim=2)
+
+    targets = torch.zeros(1, config.horizon, 2, 8)
+    targets[..., 7] = -1.0  # closed until the last of its steps
+    targets[:, -1, 0, 7] = 1.0
+    monkeypatch.setattr(policy, "chances", the_first_goes)
+    monkeypatch.setattr(policy, "act", lambda *_: targets.flatten(2))
+    world = Table(2)
+    rollout(world, judge, [runner], 1, config.action_steps)
+    told = np.stack(world.actions)
+    assert len(looks) == 1
+    assert told[:, 0, 7].tolist() == [-1.0] * (config.action_steps - 1) + [1.0]
+    assert (told[:, 1, 7] == 1.0).all() and not np.ptp(told[:, 1, :7], axis=0).any()
+
+
 def test_a_prediction_that_goes_nowhere_moves_nothing(
     make_store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch
 ) -> None:
