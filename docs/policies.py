@@ -1,7 +1,7 @@
 """Writes docs/policies.md, and a table of the README, from results/evaluate: python docs/policies.py"""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from statistics import fmean
 
@@ -183,6 +183,30 @@ def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
     return f"- **{name}{', shielded' * row.shield}**: {told}{f'; {more} others' if more else ''}."
 
 
+def of_table(row: EvaluationRow) -> bool:
+    """Whether it is a cell of the paper's table of architectures, by our recipe."""
+    return row.recipe == "fast" and row.demos == paper().demos[-1] and not row.shield
+
+
+def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> Iterator[str]:
+    """The paper's second table: strict, its figure behind; a dash where nothing was measured."""
+    yield f"The paper's architectures, recipe `fast`, {paper().demos[-1]} demonstrations (its own figures):"
+    yield ""
+    known = paper().architectures
+    asked = {task for each in known.values() for task in each}
+    asked |= {task for task, arch in found if arch in known and arch != BASELINE_ARCH}
+    tasks = [task for task in paper().levels if task in asked]
+    yield "| " + " | ".join(["architecture", *(title_of(task, configured()) for task in tasks)]) + " |"
+    yield "| " + " | ".join(["---"] * (1 + len(tasks))) + " |"
+    for arch, figures in known.items():
+        cells = [arch]
+        for task in tasks:
+            group, theirs = found.get((task, arch)), figures.get(task)
+            ours = f"**{100 * fmean(r.success for r in group):.0f} %**" if group else "-"
+            cells.append(ours if theirs is None else f"{ours} ({100 * theirs:.0f} %)")
+        yield "| " + " | ".join(cells) + " |"
+
+
 def document() -> str:
     rows = load(ROOT).evaluation
     groups = list(cells(rows))
@@ -197,6 +221,7 @@ def document() -> str:
     ]
     if missing:
         parts += ["", f"Not measured yet, recipe `fast`, `{BASELINE_ARCH}`: {'; '.join(missing)}."]
+    parts += ["", *architectures({(row.task, row.arch): group for row, group in groups if of_table(row)})]
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
     if failed:
         parts += [

@@ -212,7 +212,7 @@ def test_who_goes_is_not_cut_short_by_another_who_waits(
     (view, *_) = views(ARCHS[0], 2)
     train(make_store(2, 3), view, config, replace(train_config, draft_steps=4), tmp_path / view.name)
     (runner,) = load_runners(tmp_path)
-    assert isinstance(runner, DiffusionRunner) and WAIT_STEPS < config.action_steps
+    assert isinstance(runner, DiffusionRunner) and config.action_steps > WAIT_STEPS
     policy, looks = runner._policy, []
 
     def the_first_goes(*observed: torch.Tensor) -> torch.Tensor | None:
