@@ -130,7 +130,7 @@ class Training:
             fused=True,
         )
         self._average = self._ema(self._parameters)
-        self._stage: tuple[EMAModel, list[nn.Parameter]] | None = None  # what is learned now, and its average
+        self._stage: tuple[EMAModel, list[nn.Parameter]] | None = None  # an average of what is learned now
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
         self._began_s = time.process_time()
 
