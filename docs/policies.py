@@ -76,9 +76,9 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   demonstration has been. Where what precedes its leaving looks like what it has to wait through, it has
   learned a rate of leaving: a quarter, say, at every look, for ever. So the looks of a scene in which nothing
   changes add up (`policy.patience`). Rows of earlier commits are without.
-- **Who goes carries its chunk out**, also where one policy commands several agents and another one waits and looks
-  again. Cut short each time that one looks, a chunk never came to the step at which a gripper opens: in Two Robots
-  Stack Cube one policy for both succeeded in 1 of 27 scenes so, and in 83 of 100 since.
+- **Who goes carries its chunk out**, also where one policy commands several agents and another one waits and
+  looks again. Cut short each time that one looks, a chunk never came to the step at which a gripper opens: in
+  Two Robots Stack Cube one policy for both succeeded in 1 of 27 scenes so, and in 83 of 100 since.
 - **Half of every batch from moments in which the own agent may go on** (`training.going`). In Long
   Pipeline Delivery an agent waits in 78 % of them, for a shoe that is not there yet, and learning went into
   that. How often it may go on is learned from all alike: there the drawn moments weigh less. With that, and
