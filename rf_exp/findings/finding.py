@@ -150,7 +150,7 @@ class Finding(StrEnum):
     NO_PATH = "finds no free path", "{a} cannot {first}: no free path{how_near}"
     OUT_OF_REACH = "is out of reach", "{a} cannot {first}: out of reach"
     TOO_HIGH = "does not reach that high", "{a} cannot {first}: the arm does not reach that high"
-    NO_RETREAT = "cannot draw back", "{a} cannot retreat after letting go of {object}"
+    NO_RETREAT = "cannot retreat", "{a} cannot retreat after letting go of {object}"
     HOLDS_OTHER = "holds something", "{a} already holds {object}"
     HOLDS_NOT = "does not hold it", "{a} cannot {first}: it does not hold {object}"
     NO_TARGET = "no such place", "there is no place or object {aspect!r}; available: {names}"

@@ -14,7 +14,7 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN
 from tests.tasks.test_assets import about
 
 LIFT_M = 0.12
-REST_RAD = (0.0, -0.2, 0.0, -2.3, 0.0, 2.1, np.pi / 4)  # drawn back, clear of what stands in the middle
+REST_RAD = (0.0, -0.2, 0.0, -2.3, 0.0, 2.1, np.pi / 4)  # retracted, clear of what stands in the middle
 CASES = [
     (name, tip_deg)
     for name in assets.available()
