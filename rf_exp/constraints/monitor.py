@@ -100,10 +100,9 @@ class Monitor:
     def _strayed(self, scene: Scene) -> Violation | None:
         """A measured arm is not where any of its recent commands sent it."""
         plan = self._plan
-        now = scene.step - plan.scene.step
         for trajectory in plan.trajectories:
-            agent, positions = trajectory.agent, plan.positions(trajectory.agent)
-            recent = positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)]
+            agent = trajectory.agent
+            recent = plan.recent(agent, scene, TRAILS_STEPS)
             path = trajectory.path()[:, :ARM_JOINTS]
             targets = path[recent.min() : recent.max() + 1]
             error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())

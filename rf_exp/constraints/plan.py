@@ -133,8 +133,13 @@ class Plan:
 
     def position_now(self, agent: int, scene: Scene) -> int:
         """Path position that the agent was sent to in the step before this scene was measured."""
-        positions = self.positions(agent)
-        return int(positions[np.clip(scene.step - self.scene.step, 0, len(positions) - 1)])
+        return int(self.recent(agent, scene)[-1])
+
+    def recent(self, agent: int, scene: Scene, before: int = 0) -> NDArray[np.int64]:
+        """(1 to before + 1,) path positions of an agent at that step, and at so many before it."""
+        positions, now = self.positions(agent), scene.step - self.scene.step
+        first, last = (min(max(step, 0), len(positions) - 1) for step in (now - before, now))
+        return positions[first : last + 1]
 
     def time_s(self, agent: int, position: int) -> float:
         """When an agent first is at a path position, on the clock of the episode."""

@@ -1,6 +1,7 @@
 """What arms are to do: subgoals, segments, trajectories, schedules."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,7 @@ class Trajectory:
     start_gripper: float
     segments: tuple[Segment, ...]
 
-    @property
+    @cached_property
     def knots(self) -> tuple[int, ...]:
         """Path positions at which the arm stands still: 0, then the end of each segment."""
         return tuple(np.cumsum([0, *map(len, self.segments)]).tolist())
@@ -93,10 +94,16 @@ class Trajectory:
         return self.segments[min(int(np.searchsorted(self.knots[1:], position)), len(self.segments) - 1)]
 
     def path(self) -> NDArray[np.float64]:
-        """(len + 1, 8): joint target and gripper command at each path position; 0 is the start."""
+        """(len + 1, 8): joint target and gripper command at each path position; 0 is the start. Read-only."""
+        return self._path
+
+    @cached_property
+    def _path(self) -> NDArray[np.float64]:
         start = np.append(self.start_qpos, self.start_gripper)[None]
         rows = [np.column_stack([s.qpos, s.gripper]) for s in self.segments]
-        return np.concatenate([start, *rows])
+        path = np.concatenate([start, *rows])
+        path.flags.writeable = False  # it is everybody's
+        return path
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,7 @@ def apart_m(plan: Plan, scene: Scene, pair: tuple[int, int]) -> float:
 
 def may_touch_now(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
     """What an agent may touch by its plan, now or just before: a measured arm trails its commands."""
-    positions, now = plan.positions(agent), scene.step - plan.scene.step
-    recent = np.unique(positions[np.clip(np.arange(now - TRAILS_STEPS, now + 1), 0, len(positions) - 1)])
+    recent = plan.recent(agent, scene, TRAILS_STEPS)
     body = plan.paths.swept[agent - 1]
     allowed = [*body.touches.items(), *body.rests.items()]
     return frozenset(name for name, mask in allowed if mask[recent].any())
