@@ -14,10 +14,10 @@ from rf_exp.geometry.planning_scene import (
     OBJECT_MARGIN_M,
     TABLE_MARGIN_M,
     PlanningScene,
-    lowest_m,
 )
 from rf_exp.geometry.shapes import Piece
 from rf_exp.geometry.swept import Mask, Swept
+from rf_exp.geometry.table import lowest_m
 
 __all__ = [
     "AGENT_MARGIN_M",

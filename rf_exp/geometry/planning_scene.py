@@ -16,6 +16,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.geometry.distance import Nearest, nearest
 from rf_exp.geometry.shapes import Piece, arm_pieces
 from rf_exp.geometry.swept import Mask, Swept
+from rf_exp.geometry.table import lowest_m
 from rf_exp.robots import LINKS, link_poses
 from rf_exp.tasks import FINGERS_OPEN_M, Task
 from rf_exp.tasks.assets import Asset
@@ -24,7 +25,6 @@ from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
 
 AGENT_MARGIN_M = 0.01  # between two arms: tracking errors of both
 OBJECT_MARGIN_M = 0.003  # between an arm and what it may not touch
-PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
 RESTS_M = 0.005  # things this near to one another lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
@@ -294,22 +294,3 @@ class PlanningScene:
         return Swept(
             pieces, (name,) * len(pieces), poses, objects=frozenset({name}), carried={name: np.ones(1, bool)}
         )
-
-
-def lowest_m(body: Swept) -> NDArray[np.float64]:
-    """(P,) lowest point of what must stay above the table: all links but the bolted base, and loads.
-
-    A load may lie on the table, so it counts as low only where it is pressed more than `PRESSED_M` in.
-    """
-    lowest = np.full(len(body), np.inf)
-    for column, (piece, label) in enumerate(zip(body.pieces, body.labels, strict=True)):
-        if label == LINKS[0] or (label in body.objects and not body.carried[label].any()):
-            continue
-        poses = body.poses[:, column]
-        sphere = poses[:, 2, :3] @ piece.centre + poses[:, 2, 3] - piece.radius_m
-        rows = np.flatnonzero(sphere < lowest)
-        height = (poses[rows, 2, :3] @ piece.vertices.T).min(axis=1) + poses[rows, 2, 3]
-        if label in body.objects:
-            height = np.where(body.carried[label][rows], height + PRESSED_M, np.inf)
-        lowest[rows] = np.minimum(lowest[rows], height)
-    return lowest
