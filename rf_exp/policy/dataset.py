@@ -214,11 +214,11 @@ class Windows:
         chosen = self._index(windows)
         pictures, pixels = self._pictures[chosen], self.pixels[chosen]
         if rng is not None and shift_px:
-            size = np.array(pictures.shape[1:3])
+            height, width = pictures.shape[1:3]
             shifts = rng.integers(-shift_px, shift_px + 1, (len(windows), 2))  # down, to the right
             whole = with_margin(pictures, shift_px)
-            pictures = crop(whole, np.arange(len(windows)), shift_px - shifts, pictures.shape[1:3])
-            by = torch.from_numpy((shifts / size)[:, None, ::-1].astype(np.float32))
+            pictures = crop(whole, np.arange(len(windows)), shift_px - shifts, (height, width))
+            by = torch.from_numpy((shifts / (height, width))[:, None, ::-1].astype(np.float32))
             pixels = pixels + by.to(self._device)
         return pictures, pixels, self.headings[chosen], self.doing[chosen]
 
