@@ -166,12 +166,12 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
         row.arch + ", shielded" * row.shield,
         row.recipe,
         str(row.demos),
-        f"**{100 * rate.value:.0f} %**",
+        f"**{percent(rate.value)}**",
         f"{100 * rate.low:.0f} to {100 * rate.high:.0f}",
         str(len(group)),
-        f"{100 * fmean(r.success_paper for r in group):.0f} %",
-        "-" if figure is None else f"{100 * figure:.0f} %",
-        f"{100 * fmean(r.violations > 0 for r in group):.0f} %",
+        percent(fmean(r.success_paper for r in group)),
+        "-" if figure is None else percent(figure),
+        percent(fmean(r.violations > 0 for r in group)),
         f"{cost:.1f}" if cost else "",
         str(row.queries or "-"),
     )
@@ -187,35 +187,40 @@ def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
 
 
 def of_table(row: EvaluationRow) -> bool:
-    """Whether it is a cell of the paper's table of architectures, by our recipe."""
+    """Whether it is by our recipe, with as many demonstrations as the paper's table of architectures."""
     return row.recipe == "fast" and row.demos == paper().demos[-1] and not row.shield
 
 
-def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> Iterator[str]:
+def percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def table(lines: Iterable[Iterable[str]]) -> list[str]:
+    """Markdown of a heading and rows."""
+    heading, *rows = map(tuple, lines)
+    return ["| " + " | ".join(each) + " |" for each in (heading, ["---"] * len(heading), *rows)]
+
+
+def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> Iterator[tuple[str, ...]]:
     """The paper's second table: strict, its figure behind; a dash where nothing was measured."""
-    yield f"The paper's architectures, recipe `fast`, {paper().demos[-1]} demonstrations (its own figures):"
-    yield ""
     known = paper().architectures
     asked = {task for each in known.values() for task in each}
     asked |= {task for task, arch in found if arch in known and arch != BASELINE_ARCH}
     tasks = [task for task in paper().levels if task in asked]
-    yield "| " + " | ".join(["architecture", *(title_of(task, configured()) for task in tasks)]) + " |"
-    yield "| " + " | ".join(["---"] * (1 + len(tasks))) + " |"
+    yield "architecture", *(title_of(task, configured()) for task in tasks)
     for arch, figures in known.items():
         cells = [arch]
         for task in tasks:
             group, theirs = found.get((task, arch)), figures.get(task)
-            ours = f"**{100 * fmean(r.success for r in group):.0f} %**" if group else "-"
-            cells.append(ours if theirs is None else f"{ours} ({100 * theirs:.0f} %)")
-        yield "| " + " | ".join(cells) + " |"
+            ours = f"**{percent(fmean(r.success for r in group))}**" if group else "-"
+            cells.append(ours if theirs is None else f"{ours} ({percent(theirs)})")
+        yield tuple(cells)
 
 
 def document() -> str:
     rows = load(ROOT).evaluation
     groups = list(cells(rows))
-    parts = [INTRODUCTION, "## Success", ""]
-    for each in (HEADING, ["---"] * len(HEADING), *(line(row, group) for row, group in groups)):
-        parts.append("| " + " | ".join(each) + " |")
+    parts = [INTRODUCTION, "## Success", "", *table([HEADING, *(line(row, group) for row, group in groups)])]
     ours = {(row.task, row.demos) for row, _ in groups if row.arch == BASELINE_ARCH and row.recipe == "fast"}
     missing = [
         f"{title_of(task, configured())} ({', '.join(map(str, counts))})"
@@ -224,7 +229,12 @@ def document() -> str:
     ]
     if missing:
         parts += ["", f"Not measured yet, recipe `fast`, `{BASELINE_ARCH}`: {'; '.join(missing)}."]
-    parts += ["", *architectures({(row.task, row.arch): group for row, group in groups if of_table(row)})]
+    parts += [
+        "",
+        f"The paper's architectures, recipe `fast`, {paper().demos[-1]} demonstrations (its own figures):",
+    ]
+    of_all = {(row.task, row.arch): group for row, group in groups if of_table(row)}
+    parts += ["", *table(architectures(of_all))]
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
     if failed:
         parts += [
@@ -241,22 +251,20 @@ def document() -> str:
 
 def readme() -> str:
     """The README with the rates of our recipe at the largest number of demonstrations beside the paper's."""
-    most = paper().demos[-1]
     found = {
         row.task: (row, group)
         for row, group in cells(load(ROOT).evaluation)
-        if (row.arch, row.recipe, row.demos, row.shield) == (BASELINE_ARCH, "fast", most, False)
+        if row.arch == BASELINE_ARCH and of_table(row)
     }
-    lines = [("task", "arms", "rf_exp", "paper"), ("---",) * 4]
+    lines = [("task", "arms", "rf_exp", "paper")]
     for task, agents in paper().levels.items():
         if task in found:
             row, group = found[task]
             rate, figure = fmean(r.success for r in group), of_paper(row)
-            ours, theirs = f"**{100 * rate:.0f} %**", f"{100 * figure:.0f} %" if figure is not None else "-"
+            ours, theirs = f"**{percent(rate)}**", percent(figure) if figure is not None else "-"
             lines.append((title_of(task, configured()), str(agents), ours, theirs))
-    table = "\n".join("| " + " | ".join(each) + " |" for each in lines)
     before, _, rest = README.read_text("utf-8").partition(BEGIN)
-    return f"{before}{BEGIN}\n{table}\n{END}{rest.partition(END)[2]}"
+    return "\n".join([before + BEGIN, *table(lines), END + rest.partition(END)[2]])
 
 
 if __name__ == "__main__":

@@ -16,8 +16,9 @@ def _choose_kernels() -> None:
 
     What collides, and with it whole episodes, would then depend on the machine that made them.
     """
-    with suppress(OSError):  # not Linux
-        if " avx2 " in Path("/proc/cpuinfo").read_text():
+    with suppress(OSError), Path("/proc/cpuinfo").open() as processors:  # there is none but on Linux
+        # The first of them speaks for all: asking a large machine for each takes long.
+        if "avx2" in next((line for line in processors if line.startswith("flags")), "").split():
             os.environ.setdefault("OPENBLAS_CORETYPE", KERNELS)
 
 
