@@ -104,8 +104,7 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
             -1, 2
         )
     at = np.unique(at, axis=0)
-    gaps = np.linalg.norm(a.centres[at[:, 0], :, None] - b.centres[at[:, 1], None], axis=-1)  # (T, La, Lb)
-    gaps -= a.radii_m[:, None] + b.radii_m
+    gaps = _spheres_apart_m(a, b, at)
     links_a, links_b = (
         np.array([label not in body.objects for label in body.labels], dtype=bool) for body in (a, b)
     )
@@ -114,18 +113,29 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
     for i, j in np.argwhere(~always).tolist():
         for rows, columns in when[a.labels[i], b.labels[j]]:
             apply[:, i, j] |= rows[at[:, 0]] & columns[at[:, 1]]
-    cell, i, j = np.nonzero(apply)
-    gap = gaps[cell, i, j]
-    best: Nearest | None = None
-    for k in np.argsort(gap, kind="stable").tolist():
-        if best is not None and gap[k] >= best.distance_m:
+    gaps[~apply] = np.inf
+    if not np.isfinite(gaps.min(initial=np.inf)):
+        return None
+
+    def measured(k: int) -> Nearest:
+        cell, x, y = (int(index) for index in np.unravel_index(k, gaps.shape))
+        row, column = at[cell].tolist()
+        return Nearest(_distance(a, b, row, column, x, y), a.labels[x], b.labels[y], (row, column))
+
+    flat = gaps.ravel()
+    best = measured(int(flat.argmin()))
+    near = np.flatnonzero(flat < best.distance_m)  # few: sorting all of them took most of the time
+    for k in near[np.argsort(flat[near], kind="stable")].tolist():
+        if flat[k] >= best.distance_m:
             break
-        row, column = int(at[cell[k], 0]), int(at[cell[k], 1])
-        x, y = int(i[k]), int(j[k])
-        distance = _distance(a, b, row, column, x, y)
-        if best is None or distance < best.distance_m:
-            best = Nearest(distance, a.labels[x], b.labels[y], (row, column))
+        best = min(best, measured(k), key=lambda found: found.distance_m)
     return best
+
+
+def _spheres_apart_m(a: Swept, b: Swept, at: Indices) -> NDArray[np.float64]:
+    """(T, La, Lb) between the spheres round all pieces, at cells `at` (T, 2); negative where they overlap."""
+    x, y, z = np.moveaxis(a.centres[at[:, 0], :, None] - b.centres[at[:, 1], None], -1, 0)
+    return np.sqrt(x * x + y * y + z * z) - (a.radii_m[:, None] + b.radii_m)
 
 
 def overlap(a: Swept, b: Swept) -> Nearest | None:

@@ -33,29 +33,36 @@ def postures(base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> 
     is NaN. Neighbouring poses have the same posture in the same branch, but for `OTHER_SIGN`.
     """
     pose, last = np.asarray(base_from_tcp, dtype=float), np.asarray(last_rad, dtype=float)
-    turn = np.pi / 4 - last[..., None]  # the hand is mounted 45 degrees askew
-    x6 = (
-        np.cos(turn) * pose[..., :3, 0] + np.sin(turn) * pose[..., :3, 1]
-    )  # from the sixth axis to the seventh
-    out = np.broadcast_to(pose[..., :3, 2], x6.shape)
-    wrist = pose[..., :3, 3] - FLANGE_TO_TCP_M * out - WRIST_M * x6 - (0.0, 0.0, SHOULDER_M)
-    reach = np.linalg.norm(wrist, axis=-1)
-    found = np.full((*reach.shape, 2, 2, 2, 7), np.nan)  # bend, side, sign
+    # Vectors are (3, ...) here: NumPy is several times as fast along long rows as along three components.
+    pose = np.broadcast_to(pose, (*np.broadcast_shapes(pose.shape[:-2], last.shape), 4, 4))
+    x, y, out, position = np.ascontiguousarray(np.moveaxis(pose[..., :3, :], (-1, -2), (0, 1)))
+    turn = np.pi / 4 - last  # the hand is mounted 45 degrees askew
+    x6 = np.cos(turn) * x + np.sin(turn) * y  # from the sixth axis to the seventh
+    wrist = position - FLANGE_TO_TCP_M * out - WRIST_M * x6
+    wrist[2] -= SHOULDER_M
+    reach = _length(wrist)
+    found = np.full((7, *reach.shape, 2, 2, 2), np.nan)  # bend, side, sign
     with np.errstate(invalid="ignore", divide="ignore"):
         bend = np.arccos((reach**2 - _LENGTHS_M[0] ** 2 - _LENGTHS_M[1] ** 2) / (2 * np.prod(_LENGTHS_M)))
         for k, elbow in enumerate((-bend - _STRAIGHT_RAD, bend - _STRAIGHT_RAD)):
             if (elbow <= limits_rad[1, 3]).any():  # bent the other way it is seldom within its limits
-                _fill(found[..., k, :, :, :], elbow, wrist / reach[..., None], reach, x6, out)
-        found[..., 6] = last[..., None, None, None]
-        inside = (found >= limits_rad[0]) & (found <= limits_rad[1])
-    found[~inside.all(axis=-1)] = np.nan
-    return found.reshape(*reach.shape, BRANCHES, 7)
+                _fill(found[..., k, :, :], elbow, wrist / reach, reach, x6, out)
+        found[6] = last[..., None, None, None]
+        low, high = (limits.reshape(-1, *[1] * (found.ndim - 1)) for limits in limits_rad)
+        inside = ((found >= low) & (found <= high)).all(axis=0)
+    found[:, ~inside] = np.nan
+    return np.moveaxis(found.reshape(7, *reach.shape, BRANCHES), 0, -1)
+
+
+def crossed(found: Floats) -> Floats:
+    """Postures (..., BRANCHES, 7) in the order of `OTHER_SIGN`, laid out in memory as `postures` are."""
+    return np.moveaxis(np.moveaxis(found, -1, 0).take(OTHER_SIGN, axis=-1), 0, -1)
 
 
 def _fill(found: Floats, elbow: Floats, line: Floats, reach: Floats, x6: Floats, out: Floats) -> None:
-    """The first six joints into (..., side, sign, 7), given the fourth (...).
+    """The first six joints into (7, ..., side, sign), given the fourth (...).
 
-    `line` (..., 3) points from the shoulder to the wrist, which are `reach` (...) m apart.
+    `line` (3, ...) points from the shoulder to the wrist, which are `reach` (...) m apart.
     """
     z6 = _cross(out, x6)  # the sixth axis
     cos, sin = np.cos(elbow), np.sin(elbow)
@@ -65,39 +72,41 @@ def _fill(found: Floats, elbow: Floats, line: Floats, reach: Floats, x6: Floats,
     # The fifth axis is in this plane too: its part along the line, and across.
     fifth_along, fifth_across = cos * along - sin * beside, cos * beside + sin * along
     on_line = _dot(line, z6)
-    off = z6 - on_line[..., None] * line
-    square = np.linalg.norm(off, axis=-1)
-    first = off / square[..., None]
+    off = z6 - on_line * line
+    square = _length(off)
+    first = off / square
     cosine = -fifth_along * on_line / (fifth_across * square)  # of the plane's turn about the line
     sine = np.sqrt(1 - cosine**2)[..., None] * _SIDES
-    across = (
-        cosine[..., None, None] * first[..., None, :] + sine[..., None] * _cross(line, first)[..., None, :]
-    )
-    line, beside, along = line[..., None, :], beside[..., None, None], along[..., None, None]
+    across = cosine[..., None] * first[..., None] + sine * _cross(line, first)[..., None]  # (3, ..., side)
+    line, beside, along = line[..., None], beside[..., None], along[..., None]
     z3 = along * line + beside * across
     x3 = beside * line - along * across
-    z5 = fifth_along[..., None, None] * line + fifth_across[..., None, None] * across
-    x4 = cos[..., None, None] * x3 + sin[..., None, None] * z3
-    x6, z6, out = x6[..., None, :], z6[..., None, :], out[..., None, :]
-    found[..., 3] = elbow[..., None, None]
-    found[..., 4] = np.arctan2(_dot(z6, x4), _dot(z6, _cross(x3, z3)))[..., None]
-    sixth = np.arctan2(_dot(z5, x6), -_dot(z5, out))
-    found[..., 5] = np.where(sixth < -np.pi / 2, sixth + 2 * np.pi, sixth)[..., None]
-    z3, x3 = z3[..., None, :], x3[..., None, :]
-    shoulder = np.arctan2(_SIDES * z3[..., 1], _SIDES * z3[..., 0])
+    z5 = fifth_along[..., None] * line + fifth_across[..., None] * across
+    x4 = cos[..., None] * x3 + sin[..., None] * z3
+    x6, z6, out = x6[..., None], z6[..., None], out[..., None]
+    found[3] = elbow[..., None, None]
+    found[4] = np.arctan2(_dot(z6, x4), _dot(z6, _cross(x3, z3)))[..., None]
+    along_out = z5[0] * out[0] + z5[1] * out[1] + z5[2] * out[2]
+    sixth = np.arctan2(_dot(z5, x6), -along_out)
+    found[5] = np.where(sixth < -np.pi / 2, sixth + 2 * np.pi, sixth)[..., None]
+    z3, x3 = z3[..., None], x3[..., None]  # (3, ..., side, sign)
+    shoulder = np.arctan2(_SIDES * z3[1], _SIDES * z3[0])
     cos, sin = np.cos(shoulder), np.sin(shoulder)
-    tilt = cos * z3[..., 0] + sin * z3[..., 1]
-    found[..., 0] = shoulder
-    found[..., 1] = np.arctan2(tilt, z3[..., 2])
-    x2 = z3[..., 2] * (cos * x3[..., 0] + sin * x3[..., 1]) - tilt * x3[..., 2]
-    found[..., 2] = np.arctan2(cos * x3[..., 1] - sin * x3[..., 0], x2)
+    tilt = cos * z3[0] + sin * z3[1]
+    found[0] = shoulder
+    found[1] = np.arctan2(tilt, z3[2])
+    x2 = z3[2] * (cos * x3[0] + sin * x3[1]) - tilt * x3[2]
+    found[2] = np.arctan2(cos * x3[1] - sin * x3[0], x2)
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    return np.einsum("...i,...i->...", a, b)
+    """(...) of vectors (3, ...). Bytes of episodes hang on the order in which it adds."""
+    return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]
+
+
+def _length(a: Floats) -> Floats:
+    return np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
-    """np.cross of (..., 3), which takes three times as long."""
-    a0, a1, a2, b0, b1, b2 = *np.moveaxis(a, -1, 0), *np.moveaxis(b, -1, 0)
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from heapq import heappop, heappush
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import blend, densify, estimated_s, parameterise
-from rf_exp.datagen.motion.ways import Points, approaches, arrival, straight
+from rf_exp.datagen.motion.ways import Arrivals, Points, approaches, straight
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Panda
 from rf_exp.transforms import Matrix, transform
@@ -22,9 +23,8 @@ CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
-Onward = Callable[
-    [int, Points, Matrix], float | None
-]  # (agent, joints (7,), TCP pose) -> s it takes, or None
+# From a TCP pose, with joints (7,) that put it there, what comes next takes so many seconds; None: out of reach.
+Onward = Callable[[Matrix], Callable[[Points], float | None]]
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,13 @@ class Reach:
         for tier in tiers:
             goals = np.stack(tier)
             pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
+            after = cache(lambda goal, goals=goals: onward(goals[goal]) if onward else lambda _: 0.0)
             open_: list[tuple[float, int, Points]] = []  # s it takes, what comes next included
             for number, way in enumerate(approaches(self.arms[agent], pregrasps, goals, start)):
                 takes_s = estimated_s(way.effort_rad, self.limits)
                 while open_ and open_[0][0] <= takes_s:
                     yield heappop(open_)[2]
-                more = onward(agent, way.points[-1], goals[way.goal]) if onward else 0.0
+                more = after(way.goal)(way.points[-1])
                 if more is None:
                     last.append(way.points)
                 else:
@@ -138,14 +139,16 @@ class Reach:
         """Joint points (K, 7) of the straight TCP line from joints (7,) to a pose."""
         return straight(self.arms[agent], joints, goal)
 
-    def arrive(self, agent: int, tiers: Tiers, joints: Points) -> Points | None:
-        """Joints (3, 7) now, well above a TCP pose of the first tier that can be reached, and there."""
-        for tier in tiers:
-            goals = np.stack(tier)
-            points = arrival(self.arms[agent], above(goals, CLEARANCE_M), goals, joints)
-            if points is not None:
-                return points
-        return None
+    def arrive(self, agent: int, tiers: Tiers) -> Callable[[Points], Points | None]:
+        """From joints (7,): joints (3, 7) there, well above a TCP pose of the first tier in reach, at it."""
+        stacked = [np.stack(tier) for tier in tiers]
+        arrivals = cache(lambda k: Arrivals(self.arms[agent], above(stacked[k], CLEARANCE_M), stacked[k]))
+
+        def nearest(joints: Points) -> Points | None:
+            found = (arrivals(k).nearest(joints) for k in range(len(stacked)))
+            return next((points for points in found if points is not None), None)
+
+        return nearest
 
 
 def above(poses: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:

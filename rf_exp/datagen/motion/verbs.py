@@ -6,10 +6,10 @@ segments and the state that they leave. So a whole proposal is planned ahead of 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.destination import ends, support
@@ -233,26 +233,34 @@ def lift_line(request: Request, state: State) -> Points:
 def _onward(request: Request, name: str, state: State) -> Onward:
     """How long what an agent does next with an object takes, once it holds it as from some TCP pose."""
     with_it = [each for each in request.following if each.object == name and each.verb in _WITH_HELD]
-    reach = request.reach
+    agent, reach = request.agent, request.reach
 
-    def takes(agent: int, joints: NDArray[np.float64], goal: Matrix) -> float | None:
-        tcp_from_object, total_s = inverse(goal) @ state.poses[name], 0.0
+    def lifted(height_m: float, joints: Points) -> Points | None:
+        return reach.line(agent, joints, above(reach.arms[agent].tcp(joints), height_m))
+
+    def from_pose(goal: Matrix) -> Callable[[Points], float | None]:
+        tcp_from_object = inverse(goal) @ state.poses[name]
+        lines: list[Callable[[Points], Points | None]] = []  # from joints (7,) to joint points (K, 7)
         for each in with_it:
             if each.verb == "lift":
-                raised = above(reach.arms[agent].tcp(joints), _required(each.height_m))
-                line = reach.line(agent, joints, raised)
-            else:
-                try:
-                    tiers = _ends(request, each, state, tcp_from_object)
-                except Unreachable:  # that will be said when its turn comes
-                    return total_s
-                line = reach.arrive(agent, tiers, joints)
-            if line is None:
+                lines.append(partial(lifted, _required(each.height_m)))
+                continue
+            try:
+                lines.append(reach.arrive(agent, _ends(request, each, state, tcp_from_object)))
+            except Unreachable:  # that will be said when its turn comes
+                break
+        return partial(takes, lines)
+
+    def takes(lines: Sequence[Callable[[Points], Points | None]], joints: Points) -> float | None:
+        total_s = 0.0
+        for line in lines:
+            points = line(joints)
+            if points is None:
                 return None
-            total_s, joints = total_s + estimated_s(effort_rad(line), reach.limits), line[-1]
+            total_s, joints = total_s + estimated_s(float(effort_rad(points)), reach.limits), points[-1]
         return total_s
 
-    return takes
+    return from_pose
 
 
 def _ends(request: Request, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.robots import OTHER_SIGN, Panda
+from rf_exp.robots import OTHER_SIGN, Panda, crossed
 from rf_exp.transforms import Matrix, interpolate, wrapped_rad
 
 LINE_STEP_M = 0.01  # between the poses of a straight line for which postures are found
@@ -33,10 +33,11 @@ class Approach:
     points: Points
 
 
-def effort_rad(points: Points) -> float:
-    """What a joint path (K, 7) costs: in time, but for starting and stopping, and a little for each joint."""
-    moved = np.abs(np.diff(points, axis=0))
-    return float(moved.max(axis=1).sum() + EASE * moved.sum() + UPRIGHT * abs(points[-1, _SWIVEL]))
+def effort_rad(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) what joint paths (..., K, 7) cost: time, but for starting and stopping, a little for each joint."""
+    moved = np.abs(np.diff(points, axis=-2))
+    longest, altogether = moved.max(axis=-1).sum(axis=-1), moved.reshape(*moved.shape[:-2], -1).sum(axis=-1)
+    return longest + EASE * altogether + UPRIGHT * np.abs(points[..., -1, _SWIVEL])
 
 
 def approaches(
@@ -71,7 +72,7 @@ def approaches(
         points = straight(arm, begin, goals[goal])
         if points is not None:
             effort = effort_rad(np.stack([start, begin])) + effort_rad(points)
-            yield Approach(goal, round(effort, 6), points)
+            yield Approach(goal, round(float(effort), 6), points)
 
 
 def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | None:
@@ -88,24 +89,33 @@ def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | 
     lines[:, 0] = joints
     for k in range(len(poses)):
         away = np.abs(found[:, k] - lines[:, k, None]).max(axis=-1)
-        lines[:, k + 1] = found[rows, k, np.nan_to_num(away, nan=np.inf).argmin(axis=1)]
-    return min((line for line in lines if _smooth(line)), key=effort_rad, default=None)
+        lines[:, k + 1] = found[rows, k, np.where(np.isnan(away), np.inf, away).argmin(axis=1)]
+    smooth = (np.abs(np.diff(lines, axis=1)) <= JUMP_RAD).all(axis=(1, 2))  # what is NaN is not
+    if not smooth.any():
+        return None
+    lines = lines[smooth]
+    return lines[effort_rad(lines).argmin()]
 
 
-def arrival(
-    arm: Panda, above: NDArray[np.float64], goals: NDArray[np.float64], joints: NDArray[np.float64]
-) -> Points | None:
-    """Joints (3, 7) now, at one of poses `above` (G, 4, 4), at its goal; with the least motion. Or None."""
-    turns = _turns(arm, goals)[:, 1::2]  # where the arm faces the goal is among them
-    high, low = (arm.postures(poses[:, None], turns) for poses in (above, goals))
-    there = _cost(joints, high)
-    best: tuple[float, Points] | None = None
-    for each in (low, low[..., OTHER_SIGN, :]):  # an upright shoulder may be passed on the way down
-        cost = there + _cost(high, each)
-        index = np.unravel_index(np.argmin(cost), cost.shape)
-        if np.isfinite(cost[index]) and (best is None or cost[index] < best[0]):
-            best = cost[index], np.stack([joints, high[index], each[index]])
-    return None if best is None else best[1]
+class Arrivals:
+    """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above` (G, 4, 4)."""
+
+    def __init__(self, arm: Panda, above: NDArray[np.float64], goals: NDArray[np.float64]) -> None:
+        turns = _turns(arm, goals)[:, 1::2]  # where the arm faces the goal is among them
+        self._high, low = (arm.postures(poses[:, None], turns) for poses in (above, goals))
+        # An upright shoulder may be passed on the way down.
+        self._ways_down = [(each, _cost(self._high, each)) for each in (low, crossed(low))]
+
+    def nearest(self, joints: NDArray[np.float64]) -> Points | None:
+        """Joints (3, 7) now, above a goal, at it; with the least motion. None where it is out of reach."""
+        there = _cost(joints, self._high)
+        best: tuple[float, Points] | None = None
+        for low, down in self._ways_down:
+            cost = there + down
+            index = np.unravel_index(np.argmin(cost), cost.shape)
+            if np.isfinite(cost[index]) and (best is None or cost[index] < best[0]):
+                best = cost[index], np.stack([joints, self._high[index], low[index]])
+        return None if best is None else best[1]
 
 
 def _turns(arm: Panda, goals: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,16 +127,13 @@ def _cost(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     """(...) the effort between postures (..., 7); infinite where one of them is NaN."""
     moved = np.abs(b - a)
     aside = UPRIGHT * np.abs(b[..., _SWIVEL])
-    return np.nan_to_num(moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside, nan=np.inf)
+    total = moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside
+    return np.where(np.isnan(total), np.inf, total)
 
 
 def _on(first: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., branches) the effort between postures (..., branches, 7), maybe through an upright shoulder."""
-    return np.minimum(_cost(first, last), _cost(first, last[..., OTHER_SIGN, :]))
-
-
-def _smooth(points: Points) -> bool:
-    return bool((np.abs(np.diff(points, axis=0)) <= JUMP_RAD).all() and np.isfinite(points).all())
+    return np.minimum(_cost(first, last), _cost(first, crossed(last)))
 
 
 def _poses(start: Matrix, goal: Matrix) -> NDArray[np.float64]:
