@@ -1,6 +1,6 @@
 """What a planned motion must not run into, as far as the row of constraints lets the planner see."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -51,10 +51,11 @@ class Obstacles:
             if folded(body, self_pairs()).any():
                 return "the arm itself"
             hit = planning_scene.below_table(body)
-            for obstacle, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
-                near = closer_than(body, other, margin_m, between=between)[:, 0]
-                if near.any():
-                    return obstacle
+            for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
+                if closer_than(body, other, margin_m, between=between).any():
+                    each = ((one, _only(other, one)) for one in obstacles)
+                    near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
+                    return obstacles[0] if len(obstacles) == 1 else next(near)
             return "the table" if hit.any() else None
 
         return test
@@ -67,8 +68,9 @@ class Obstacles:
         state, touches = blockage.state, blockage.touches
         planning_scene = self._planning_scene(state)
         body = self._body(planning_scene, blockage.agent, blockage.points, state, touches)
-        for obstacle, other, margin_m in self._others(planning_scene, blockage.agent, state, touches, True):
-            if obstacle == blockage.obstacle and (gap := nearest(body, other)) is not None:
+        obstacle = blockage.obstacle
+        for obstacles, other, margin_m in self._others(planning_scene, blockage.agent, state, touches, True):
+            if obstacle in obstacles and (gap := nearest(body, _only(other, obstacle))) is not None:
                 near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
                 other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
                 return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
@@ -101,19 +103,19 @@ class Obstacles:
         state: State,
         touches: frozenset[str],
         avoid_arms: bool,
-    ) -> Iterator[tuple[Obstacle, Swept, float]]:
+    ) -> Iterator[tuple[Sequence[Obstacle], Swept, float]]:
+        """What is in the way, and how near one may come; things together, as most often none is near."""
         attached = state.held[agent][0] if agent in state.held else None
         names: Collection[str] = self._task.objects if self._constraint_set.spatial else sorted(state.targets)
         if self._seen is not None and self._constraint_set.spatial:
             boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
             names = sorted(exactly)
-            yield SEEN, boxes, OBJECT_MARGIN_M
-        for name in names:
-            if name != attached:
-                yield name, planning_scene.standing([name]), OBJECT_MARGIN_M
+            yield [SEEN], boxes, OBJECT_MARGIN_M
+        if others := [name for name in names if name != attached]:
+            yield others, planning_scene.standing(others), OBJECT_MARGIN_M
         for other in self._task.agents if avoid_arms and self._constraint_set.spatial else ():
             if other != agent:
-                yield other, planning_scene.measured(other), AGENT_MARGIN_M
+                yield [other], planning_scene.measured(other), AGENT_MARGIN_M
 
     def _minds_not(self, agent: int, state: State) -> frozenset[str]:
         """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""
@@ -122,3 +124,8 @@ class Obstacles:
         poses = self._scene.poses
         moved = {name for name, pose in state.poses.items() if not np.array_equal(pose, poses[name])}
         return frozenset((about | held | moved | state.targets) & set(self._task.objects))
+
+
+def _only(body: Swept, obstacle: Obstacle) -> Swept:
+    """One of the things that a body is made of; all of an arm."""
+    return body if isinstance(obstacle, int) else body.only(obstacle)

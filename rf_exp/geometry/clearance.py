@@ -14,13 +14,11 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from rf_exp.geometry.distance import Pair, look, pairs_apart
+from rf_exp.geometry.distance import ASKEW_M, SLACK_M, Pair, look, pairs_apart
 from rf_exp.geometry.shapes import CORE_SPHERES
 from rf_exp.geometry.swept import FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
 
 BLOCK = 32  # positions on the side of the first blocks
-SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
-ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
 
 Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner

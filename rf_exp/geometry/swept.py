@@ -5,7 +5,7 @@ And such a body cut into blocks of positions, with bounds on how far its pieces 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import coal
@@ -84,6 +84,12 @@ class Swept:
         step = self.step_m
         edge = np.zeros((1, len(self.pieces)))
         return np.maximum(np.concatenate([edge, step]), np.concatenate([step, edge]))
+
+    def only(self, label: str) -> "Swept":
+        """The pieces with one label."""
+        of = [k for k, each in enumerate(self.labels) if each == label]
+        pieces, labels = tuple(self.pieces[k] for k in of), (label,) * len(of)
+        return replace(self, pieces=pieces, labels=labels, poses=self.poses[:, of])
 
     def _moved(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(L, 3, P, K) where points (L, K, 3) of the pieces go."""

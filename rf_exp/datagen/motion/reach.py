@@ -23,7 +23,7 @@ CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
-# From a TCP pose, with joints (7,) that put it there, what comes next takes so many seconds; None: out of reach.
+# From a TCP pose, with joints (7,) that put it there, what comes next takes so many s; None: out of reach.
 Onward = Callable[[Matrix], Callable[[Points], float | None]]
 
 

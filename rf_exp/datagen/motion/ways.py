@@ -34,7 +34,7 @@ class Approach:
 
 
 def effort_rad(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) what joint paths (..., K, 7) cost: time, but for starting and stopping, a little for each joint."""
+    """(...) cost of joint paths (..., K, 7): time, but for starting and stopping; a little for each joint."""
     moved = np.abs(np.diff(points, axis=-2))
     longest, altogether = moved.max(axis=-1).sum(axis=-1), moved.reshape(*moved.shape[:-2], -1).sum(axis=-1)
     return longest + EASE * altogether + UPRIGHT * np.abs(points[..., -1, _SWIVEL])
