@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import coal
@@ -112,11 +113,17 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
     if not gaps.size:
         return None
     when = _Apart(a, b)
+
+    @cache
+    def idle(x: str, y: str) -> NDArray[np.int64]:
+        """The cells at which they may touch."""
+        apply = [rows[at[:, 0]] & columns[at[:, 1]] for rows, columns in when[x, y]]
+        return np.flatnonzero(~np.any(apply, axis=0)) if apply else np.arange(len(at))
+
     for i, x in enumerate(a.labels):
         for j, y in enumerate(b.labels):
-            if x in a.objects or y in b.objects:  # links must always keep apart
-                apply = [rows[at[:, 0]] & columns[at[:, 1]] for rows, columns in when[x, y]]
-                gaps[i, j, ~np.any(apply, axis=0)] = np.inf
+            if (x in a.objects or y in b.objects) and len(idle(x, y)):  # links must always keep apart
+                gaps[i, j, idle(x, y)] = np.inf
     return _nearest(a, b, at, gaps)
 
 

@@ -160,5 +160,10 @@ def above(poses: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
 
 def turned(goal: Matrix, turns: int) -> list[Matrix]:
     """The pose and those that equal turns about its z axis give."""
-    angles = np.linspace(0.0, 2 * np.pi, turns, endpoint=False)
-    return [goal @ transform(rotation=Rotation.from_euler("z", angle)) for angle in angles]
+    return [goal @ turn for turn in _turns(turns)]
+
+
+@cache
+def _turns(count: int) -> tuple[Matrix, ...]:
+    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    return tuple(transform(rotation=Rotation.from_euler("z", angle)) for angle in angles)

@@ -1,5 +1,6 @@
 """From a joint path to joint targets on the control grid, within velocity and acceleration limits."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -68,15 +69,10 @@ def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np
     points = densify(points)
     if len(points) < 2:
         return np.empty((0, points.shape[1]))
-    dimensions = points.shape[1]
     s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points, axis=0)).max(axis=1))])
     path = toppra.SplineInterpolator(s, points)
-    bound = np.ones((dimensions, 1)) * np.array([[-1.0, 1.0]])
     problem = toppra.algorithm.TOPPRA(
-        [
-            toppra.constraint.JointVelocityConstraint(limits.velocity_rad_s * bound),
-            toppra.constraint.JointAccelerationConstraint(limits.acceleration_rad_s2 * bound),
-        ],
+        _within(limits, points.shape[1]),
         path,
         gridpoints=np.linspace(0.0, s[-1], int(np.clip(len(points), 101, 301))),
         parametrizer="ParametrizeConstAccel",
@@ -95,6 +91,16 @@ def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np
             return timed
         # TOPP-RA keeps the limits on its own grid; what the samples exceed them by is taken out by time.
         steps = max(steps + 1, int(np.ceil(steps * excess)))
+
+
+@cache
+def _within(limits: JointLimits, dimensions: int) -> list[toppra.constraint.Constraint]:
+    """The limits of so many joints, as toppra takes them; it checks them at length."""
+    bound = np.ones((dimensions, 1)) * np.array([[-1.0, 1.0]])
+    return [
+        toppra.constraint.JointVelocityConstraint(limits.velocity_rad_s * bound),
+        toppra.constraint.JointAccelerationConstraint(limits.acceleration_rad_s2 * bound),
+    ]
 
 
 def _excess(start: NDArray[np.float64], timed: NDArray[np.float64], limits: JointLimits) -> float:

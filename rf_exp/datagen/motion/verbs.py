@@ -6,7 +6,7 @@ segments and the state that they leave. So a whole proposal is planned ahead of 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import TypeVar
 
 import numpy as np
@@ -98,10 +98,9 @@ def grasp(request: Request, state: State) -> Motion:
     point = request.task.asset(name).points[_required(request.subgoal.point)]
     touches = frozenset({name})
     goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
-    tips = [transform(rotation=_pitch(np.deg2rad(tip))) for tip in _TIPS_DEG if abs(tip) <= point.tip_deg]
     points = request.reach.timed(
         agent,
-        [[goal @ tip for goal in goals] for tip in tips],
+        [[goal @ tip for goal in goals] for tip in _tips(point.tip_deg)],
         point.standoff_m,
         state,
         touches,
@@ -302,5 +301,8 @@ def _required(value: T | None) -> T:
     return value
 
 
-def _pitch(angle_rad: float) -> Rotation:
-    return Rotation.from_euler("y", angle_rad)
+@cache
+def _tips(most_deg: float) -> tuple[Matrix, ...]:
+    """Turns about the y axis of a TCP, by which a grasp may be tipped; the least first."""
+    angles = (tip for tip in _TIPS_DEG if abs(tip) <= most_deg)
+    return tuple(transform(rotation=Rotation.from_euler("y", angle, degrees=True)) for angle in angles)
