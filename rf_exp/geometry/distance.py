@@ -8,6 +8,7 @@ from typing import NamedTuple
 import coal
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from rf_exp.geometry.swept import Blocks, Floats, Indices, Mask, Swept
 
@@ -161,7 +162,7 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
 
     Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
     """
-    gaps = np.linalg.norm(a.centres[0, :, None] - b.centres[0], axis=-1) - a.radii_m[:, None] - b.radii_m
+    gaps = cdist(a.centres[0], b.centres[0]) - a.radii_m[:, None] - b.radii_m
     near = np.argwhere(gaps <= 0)  # of a mark on the table, which has no pieces, there is nothing to touch
     when = _Apart(a, b)
     best: Nearest | None = None
