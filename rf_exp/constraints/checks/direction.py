@@ -71,17 +71,19 @@ class ValidateDirection:
         return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s, False)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        tcp = plan.planning_scene.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
-        pose, now_s = scene.poses[self.object], scene.step * CONTROL_DT_S
+        point = None
         if self.phase is not None:
             part = span(self.phase, plan.trajectory(self.agent))
             if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
                 return None
-            return self._evidence(tcp, pose, None, ANGLE_MEASURED_DEG, now_s, True)
-        contact = last_contact(plan, self.agent, self.object)
-        if contact is None or not settles_now(plan, self.agent, scene, contact.settled):
-            return None
-        return self._evidence(tcp, pose, self._point(plan, contact), ANGLE_MEASURED_DEG, now_s, True)
+        else:
+            contact = last_contact(plan, self.agent, self.object)
+            if contact is None or not settles_now(plan, self.agent, scene, contact.settled):
+                return None
+            point = self._point(plan, contact)
+        tcp = plan.planning_scene.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
+        pose, now_s = scene.poses[self.object], scene.step * CONTROL_DT_S
+        return self._evidence(tcp, pose, point, ANGLE_MEASURED_DEG, now_s, True)
 
     def _throughout(self, plan: Plan, phase: Step) -> Evidence:
         """The worst moment of a phase."""

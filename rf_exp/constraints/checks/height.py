@@ -11,7 +11,7 @@ from rf_exp.constraints.evidence import Evidence, idle
 from rf_exp.constraints.plan import Plan
 from rf_exp.findings import CheckName, Finding, names
 from rf_exp.statements import Step
-from rf_exp.types import CONTROL_DT_S, Kind, Scene
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Scene
 
 HEIGHT_M = 0.02
 HEIGHT_MEASURED_M = 0.03
@@ -64,10 +64,9 @@ class ConsistentHeight:
             now = plan.position_now(agent, scene)
             if now <= begin or (self.phase and now > end):
                 return None
-            arm = plan.planning_scene.arms[agent - 1]
-            rises.append(
-                arm.tcp(scene.qpos[agent - 1])[2, 3] - arm.tcp(plan.trajectory(agent).path()[begin])[2, 3]
-            )
+            joints = scene.qpos[agent - 1, :ARM_JOINTS], plan.trajectory(agent).path()[begin, :ARM_JOINTS]
+            here, before = plan.planning_scene.arms[agent - 1].tcp(np.stack(joints))
+            rises.append(here[2, 3] - before[2, 3])
         return self._evidence(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S, True)
 
     def _together(self, plan: Plan) -> list[str]:
