@@ -6,17 +6,18 @@ segments and the state that they leave. So a whole proposal is planned ahead of 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.destination import ends, support
-from rf_exp.datagen.motion.reach import CLEARANCE_M, Onward, Reach, Tiers, above, turned
+from rf_exp.datagen.motion.onward import onward
+from rf_exp.datagen.motion.reach import CLEARANCE_M, Reach, Tiers, above, turned
 from rf_exp.datagen.motion.state import Blockage, State, Unreachable, obstructed
-from rf_exp.datagen.motion.timing import estimated_s, parameterise
-from rf_exp.datagen.motion.ways import Points, effort_rad
+from rf_exp.datagen.motion.timing import parameterise
+from rf_exp.datagen.motion.ways import Points
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
@@ -28,7 +29,6 @@ from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 RETREAT_M = 0.08
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
-_WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
 
 T = TypeVar("T")
 Motion = tuple[tuple[Segment, ...], State]
@@ -105,7 +105,7 @@ def grasp(request: Request, state: State) -> Motion:
         state,
         touches,
         f"grasp {name} at {request.subgoal.point}",
-        onward=_onward(request, name, state),
+        onward=onward(request.task, request.reach, agent, name, request.following, state),
     )
     approach, state = request.segment("approach", points, state, touches)
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
@@ -227,39 +227,6 @@ def lift_line(request: Request, state: State) -> Points:
     if obstacle := request.reach.blocked(agent, line, state, touches):
         raise obstructed(subgoal.text, Blockage(agent, line, state, touches, obstacle))
     return line
-
-
-def _onward(request: Request, name: str, state: State) -> Onward:
-    """How long what an agent does next with an object takes, once it holds it as from some TCP pose."""
-    with_it = [each for each in request.following if each.object == name and each.verb in _WITH_HELD]
-    agent, reach = request.agent, request.reach
-
-    def lifted(height_m: float, joints: Points) -> Points | None:
-        return reach.line(agent, joints, above(reach.arms[agent].tcp(joints), height_m))
-
-    def from_pose(goal: Matrix) -> Callable[[Points], float | None]:
-        tcp_from_object = inverse(goal) @ state.poses[name]
-        lines: list[Callable[[Points], Points | None]] = []  # from joints (7,) to joint points (K, 7)
-        for each in with_it:
-            if each.verb == "lift":
-                lines.append(partial(lifted, _required(each.height_m)))
-                continue
-            try:
-                lines.append(reach.arrive(agent, _ends(request, each, state, tcp_from_object)))
-            except Unreachable:  # that will be said when its turn comes
-                break
-        return partial(takes, lines)
-
-    def takes(lines: Sequence[Callable[[Points], Points | None]], joints: Points) -> float | None:
-        total_s = 0.0
-        for line in lines:
-            points = line(joints)
-            if points is None:
-                return None
-            total_s, joints = total_s + estimated_s(float(effort_rad(points)), reach.limits), points[-1]
-        return total_s
-
-    return from_pose
 
 
 def _ends(request: Request, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
