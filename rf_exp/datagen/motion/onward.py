@@ -20,7 +20,7 @@ _WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is hel
 def onward(
     task: Task, reach: Reach, agent: int, name: str, following: Sequence[Subgoal], state: State
 ) -> Onward:
-    """How long those of the following subgoals take that move an object, once it is held as from a TCP pose."""
+    """How long the following subgoals take that move an object, once it is held as from a TCP pose."""
     with_it = [each for each in following if each.object == name and each.verb in _WITH_HELD]
 
     def lifted(height_m: float, joints: Points) -> Points | None:
