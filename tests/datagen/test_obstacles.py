@@ -7,7 +7,7 @@ import pytest
 
 from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
-from rf_exp.geometry import VOXEL_M, PlanningScene, voxels
+from rf_exp.geometry import OBJECT_MARGIN_M, VOXEL_M, PlanningScene, closer_than, voxels
 from rf_exp.perception import SEEN
 from rf_exp.statements import Proposal
 from rf_exp.tasks import REST_QPOS
@@ -35,6 +35,33 @@ def test_nobody_begins_too_close_to_anything(task):
         for agent in task.agents:
             here = scene.qpos[agent - 1, None, :7]
             assert blocked(agent, here, present_state(task, scene), frozenset()) is None
+
+
+@pytest.mark.slow
+def test_the_first_thing_that_is_near_is_named():
+    """Things are asked about together; the answer is that of one after the other."""
+    task = read_task("place_food")
+    scene, down = start_scene(task, 0), np.diag([1.0, -1.0, -1.0, 1.0])
+    planning_scene, rng = PlanningScene(task, scene), np.random.default_rng(2)
+    blocked = Obstacles(task, scene, FULL, Proposal((), ())).blocked(avoid_arms=False)
+    named = []
+    for agent, about in np.ndindex(len(task.agents), len(task.objects)):
+        for _ in range(12):
+            at = scene.poses[list(task.objects)[about]][:3, 3] + rng.uniform((-0.08, -0.08, 0.0), 0.08)
+            joints = task.arms[agent + 1].solve(transform(at) @ down, REST)
+            if joints is None:
+                continue
+            found = blocked(agent + 1, joints[None], present_state(task, scene), frozenset())
+            body = planning_scene.arm(agent + 1, joints, touches=())
+            each = (
+                name
+                for name in task.objects
+                if closer_than(body, planning_scene.standing([name]), OBJECT_MARGIN_M, between=False).any()
+            )
+            if found not in ("the arm itself", "the table"):
+                assert found == next(each, None)
+                named.append(found)
+    assert set(named) >= {"pot", "steak", None}
 
 
 def test_a_box_that_only_the_cameras_know_is_in_the_way():

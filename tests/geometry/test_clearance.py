@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.geometry import Piece, PlanningScene, Swept, closer_than, folded, nearest, overlap
+from rf_exp.geometry import Piece, PlanningScene, Swept, closer_than, distance, folded, nearest, overlap
 from rf_exp.geometry.clearance import DOUBT, SLACK_M
 from rf_exp.robots import self_pairs
 from rf_exp.transforms import transform
@@ -146,6 +146,24 @@ def test_nearest_is_the_least_over_cells_and_pieces():
     one = nearest(a, b, np.array([[2, 3]]))
     assert one is not None
     assert one.distance_m == pytest.approx(exact[2, 3], abs=1e-6)
+
+
+def test_nearest_along_smooth_paths_looks_at_few_cells_and_misses_none(monkeypatch: pytest.MonkeyPatch):
+    looked = []
+    exactly = distance._distance
+    monkeypatch.setattr(distance, "_distance", lambda *where: looked.append(where) or exactly(*where))
+    planning_scene = PlanningScene(TWO, scene_of(TWO))
+    rng, cells = np.random.default_rng(6), np.stack([np.arange(80)] * 2, axis=1)
+    for _ in range(6):
+        keys = [random_qpos(rng, 3) for _ in range(2)]
+        paths = [
+            np.stack([np.interp(np.linspace(0, 2, 80), range(3), k) for k in key.T[:7]]).T for key in keys
+        ]
+        a, b = planning_scene.arm(1, paths[0]), planning_scene.arm(2, paths[1])
+        found, exact = nearest(a, b, cells), [brute(a, b, k, k) for k in range(80)]
+        assert found is not None and found.distance_m == pytest.approx(min(exact), abs=1e-6)
+        assert exact[found.at[0]] == pytest.approx(min(exact), abs=1e-6) and found.at[0] == found.at[1]
+    assert len(looked) < 0.01 * 6 * 80 * len(a.pieces) * len(b.pieces)
 
 
 def test_overlap_answers_for_touching_bodies_only():
