@@ -55,7 +55,7 @@ class Obstacles:
                 if closer_than(body, other, margin_m, between=between).any():
                     each = ((one, _only(other, one)) for one in obstacles)
                     near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
-                    return obstacles[0] if len(obstacles) == 1 else next(near)
+                    return obstacles[0] if len(obstacles) == 1 else next(near, obstacles[0])
             return "the table" if hit.any() else None
 
         return test
