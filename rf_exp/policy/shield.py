@@ -14,9 +14,11 @@ Arms that hold one thing wait together.
 
 An arm that waits keeps the targets it has not been given, and goes on with them when it may. It slows down
 on its way, no faster than `SLOWING_RAD_S2`, where there is room for that, and stops at once where not. After
-`PATIENCE_STEPS` its policy predicts anew from what it sees now; after as many again it retracts along the
-way that it came, one arm at a time, and predicts anew there. So two arms never wait for one another for
-ever, unless both ways back are closed by a third one.
+`PATIENCE_STEPS` its policy predicts anew from what it sees now. After as many again one arm retracts along
+the way that it came, and predicts anew there: the one that is waited for, where it goes nowhere itself
+(its policy waits for what the other one is about to do) and was not the last to retract, or else the one that
+waits. One that has not moved yet draws aside a little, towards its retracted posture. So two arms never wait
+for one another for ever, unless their ways back are closed.
 
 What this guarantees is about commands. A step is allowed only if two arms that stop behind it keep the margin
 there, so to stop at once is safe at any time, and no commands are closer than the margin, but where a hand
@@ -37,12 +39,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.policy.outlook import LOOKAHEAD_STEPS, Commands, Outlook, Pair
-from rf_exp.tasks import Task
+from rf_exp.tasks import RETRACTED_QPOS, Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
-SHIELD_VERSION = "1"  # of what it decides
+SHIELD_VERSION = "2"  # of what it decides
 PATIENCE_STEPS = 20  # of waiting, until something else is tried
 BACK_STEPS = 20  # of its own way that an arm retracts at most
+STRIDE_RAD, ASIDE_STEPS = 0.04, 6  # of an arm that draws aside without a way that it came
+STANDS_RAD = 0.01  # within which an arm that is about to go nowhere stays
 SLOWING_RAD_S2 = 7.5  # what the maker allows the slowest joint of a Panda
 
 
@@ -68,6 +72,7 @@ class Shield:
         self._waited = dict.fromkeys(task.agents, 0)  # control steps; going on pays them back
         self._trails = {agent: deque[NDArray[np.float64]](maxlen=BACK_STEPS) for agent in task.agents}
         self._back: dict[int, Commands] = {}  # agent -> its way back that is left
+        self._last_back: int | None = None  # who retracted last: two take turns
 
     def __call__(self, scene: Scene, ahead: Mapping[int, Commands]) -> Decision:
         """Decides on one control step. `ahead` is agent -> (T, 8) the commands it is about to be given."""
@@ -90,7 +95,7 @@ class Shield:
                     withheld[agent] = "retracts"
         self._remember(scene, outlook, commands, waits)
         for agent in reversed(self._task.agents):
-            if self._moves_on(agent, agent in waits):
+            if self._moves_on(agent, waits.get(agent), outlook):
                 anew.add(agent)
         return Decision(commands, withheld, frozenset(anew))
 
@@ -158,7 +163,8 @@ class Shield:
             if agent in self._back:
                 if agent not in waits:
                     self._back[agent] = self._back[agent][1:]
-                    trail.pop()
+                    if trail:
+                        trail.pop()
             elif moved[agent - 1] > 0:
                 trail.append(self._given[agent - 1].copy())
         self._known = {
@@ -168,8 +174,9 @@ class Shield:
         }
         self._given, self._strides_rad = commands, moved
 
-    def _moves_on(self, agent: int, waits: bool) -> bool:
-        """Whether an agent is to predict anew. Ends and begins its retracting."""
+    def _moves_on(self, agent: int, other: int | None, outlook: Outlook) -> bool:
+        """Whether an agent, which waits for another one, is to predict anew. Ends and begins retracting."""
+        waits = other is not None
         if agent in self._back:
             self._waited[agent] += waits
             if len(self._back[agent]) and self._waited[agent] < PATIENCE_STEPS:
@@ -180,10 +187,26 @@ class Shield:
         self._waited[agent] = self._waited[agent] + 1 if waits else max(0, self._waited[agent] - 1)
         if not waits or self._waited[agent] % PATIENCE_STEPS:
             return False
-        if self._waited[agent] % (2 * PATIENCE_STEPS) or self._back or not self._trails[agent]:
+        back = other if self._stands(other, outlook) and self._last_back != other else agent
+        way = self._way_back(back)
+        if self._waited[agent] % (2 * PATIENCE_STEPS) or self._back or not len(way):
             return True
-        way = np.array(self._trails[agent])[::-1]
-        way[:, ARM_JOINTS] = self._given[agent - 1, ARM_JOINTS]  # the hand stays as it is
-        self._back[agent] = way
+        self._back[back], self._last_back = way, back
         self._waited[agent] = 0
         return False
+
+    def _way_back(self, agent: int) -> Commands:
+        """Along the way that an agent came; towards the retracted posture where it has not moved yet."""
+        here = self._given[agent - 1]
+        if self._trails[agent]:
+            way = np.array(self._trails[agent])[::-1]
+            way[:, ARM_JOINTS] = here[ARM_JOINTS]  # the hand stays as it is
+            return way
+        off = np.append(RETRACTED_QPOS, here[ARM_JOINTS]) - here
+        count = int(np.ceil(np.abs(off).max() / STRIDE_RAD))
+        return here + off * np.arange(1, count + 1)[:ASIDE_STEPS, None] / max(1, count)
+
+    def _stands(self, agent: int, outlook: Outlook) -> bool:
+        """Whether an agent is about to go nowhere."""
+        ahead = outlook.ahead[agent][:, :ARM_JOINTS]
+        return bool(np.abs(ahead - self._given[agent - 1, :ARM_JOINTS]).max() < STANDS_RAD)

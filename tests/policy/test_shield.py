@@ -170,6 +170,33 @@ def test_nobody_waits_for_ever() -> None:
         assert 0 < len(back) <= BACK_STEPS
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("came", [True, False])
+def test_who_stands_in_the_way_makes_room(came: bool) -> None:
+    """Its policy waits, where it has come to or where it has always been, for what the other one is to do."""
+
+    class Standing(Puppets):
+        def reset(self, seed: int) -> Scene:
+            super().reset(seed)
+            if not came:
+                self._qpos[0, :7] = REACHING
+            return self._scene()
+
+    def stays(number: int, scene: Scene) -> NDArray[np.float64]:
+        goal = REACHING if came and number < 6 else scene.qpos[0, :7]
+        return np.tile(np.append(goal, 1.0), (CHUNK, 1))
+
+    runners = [Scripted(1, stays), Scripted(2, to(*[REST] * (6 * came), REACHING))]
+    world, told = Standing(PAIR), list[RolloutStep]()
+    rollout(world, never, runners, 0, 400, None, told.append, shield=Shield(PAIR))
+    assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
+    assert arrived(world, 2, REACHING)
+    assert next(step.withheld for step in told if "retracts" in (step.withheld or {}).values()) == {
+        1: "retracts",
+        2: "waits for agent 1",
+    }
+
+
 def test_who_has_waited_predicts_anew() -> None:
     runners = [Scripted(1, to(REACHING)), Scripted(2, to(REST, REACHING))]
     told: list[RolloutStep] = []
