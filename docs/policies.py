@@ -85,8 +85,9 @@ Recipes are in `conf/policy/`. `paper` is the paper's. `fast` is ours:
   1,000 steps for the heat maps in place of 500, 13 of 100 scenes became 56 (150 demonstrations), in the same
   core-minutes. Leaving out the keypoints of who waits, without drawing others, was worse than nothing (2 of
   39): who decides whether to go on reads the same heat maps, which nothing held any more. Rows of commits
-  before 3a741ff are without: all of `separate_local` with 150 demonstrations but Long Pipeline Delivery's. Three
-  Robots Stack Cube reaches 91 of 100 with 50 demonstrations and 95 with 100 with it, 88 with 150 without.
+  before 3a741ff are without: all of `separate_local` with 150 demonstrations but Long Pipeline Delivery's.
+  Three Robots Stack Cube reaches 91 of 100 with 50 demonstrations and 95 with 100 with it, 88 with 150
+  without.
 - Moments in which nobody moves are left out, chunks of 32 of which 12 are executed, the absolute error. How
   much of a chunk is executed decides nothing about what is learned: the same policies of the laboratory (Two
   Robots Stack Cube, 40 scenes from 2,000,000 on, one training seed) succeeded in 27 scenes when they executed
