@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
+from rf_exp.ablation import markdown_rows
 from rf_exp.constraints import CONTACT_N
 from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
@@ -233,11 +234,11 @@ HEADINGS = (
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Markdown: one line for each fault."""
-    lines = [HEADINGS, ("---",) * len(HEADINGS)]
+    lines = []
     for name, fault in FAULTS.items():
         if mine := [row for row in rows if row["fault"] == name]:
             lines.append((f"`{name}`{'' if fault.breaks else ' (*)'}", *cells(mine)))
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return "\n".join(markdown_rows(HEADINGS, lines))
 
 
 def cells(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
+from rf_exp.ablation import markdown_rows
 from rf_exp.constraints import Check, RoboChecker, compiled
 from rf_exp.constraints.stl import judged, kept
 from rf_exp.datagen import EpisodeMaker, Settings, Trace
@@ -139,14 +140,14 @@ def episode(task: Task, seed: int) -> dict[str, Any]:
 def table(rows: list[dict[str, Any]]) -> str:
     """Markdown: agreeing verdicts of all, and how many of them are violations, for each task and kind."""
     names = sorted({name for row in rows for name in row["kinds"]})
-    lines = [("kind", "verdicts", "with a number", "violated", "agree"), ("---",) * 5]
+    lines = []
     for name in names:
         lines.append((name, *_cells([row["kinds"].get(name, (0, 0, 0, 0)) for row in rows])))
     lines += [("**task**", "", "", "", "")]
     for task in sorted({row["task"] for row in rows}):
         mine = [counts for row in rows if row["task"] == task for counts in row["kinds"].values()]
         lines.append((task, *_cells(mine)))
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return "\n".join(markdown_rows(("kind", "verdicts", "with a number", "violated", "agree"), lines))
 
 
 def _cells(counts: list[Any]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from rf_exp.ablation import (
     configured,
     core_minutes,
     load,
+    markdown_rows,
     newest,
     paper,
     title_of,
@@ -197,32 +198,32 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def table(lines: Iterable[Iterable[str]]) -> list[str]:
-    """Markdown of a heading and rows."""
-    heading, *rows = map(tuple, lines)
-    return ["| " + " | ".join(each) + " |" for each in (heading, ["---"] * len(heading), *rows)]
-
-
-def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> Iterator[tuple[str, ...]]:
+def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> list[str]:
     """The paper's second table: strict, its figure behind; a dash where nothing was measured."""
     known = paper().architectures
     asked = {task for each in known.values() for task in each}
     asked |= {task for task, arch in found if arch in known and arch != BASELINE_ARCH}
     tasks = [task for task in paper().levels if task in asked]
-    yield "architecture", *(title_of(task, configured()) for task in tasks)
+    rows = []
     for arch, figures in known.items():
         cells = [arch]
         for task in tasks:
             group, theirs = found.get((task, arch)), figures.get(task)
             ours = f"**{percent(fmean(r.success for r in group))}**" if group else "-"
             cells.append(ours if theirs is None else f"{ours} ({percent(theirs)})")
-        yield tuple(cells)
+        rows.append(cells)
+    return markdown_rows(("architecture", *(title_of(task, configured()) for task in tasks)), rows)
 
 
 def document() -> str:
     rows = load(ROOT).evaluation
     groups = list(cells(rows))
-    parts = [INTRODUCTION, "## Success", "", *table([HEADING, *(line(row, group) for row, group in groups)])]
+    parts = [
+        INTRODUCTION,
+        "## Success",
+        "",
+        *markdown_rows(HEADING, (line(row, group) for row, group in groups)),
+    ]
     ours = {(row.task, row.demos) for row, _ in groups if row.arch == BASELINE_ARCH and row.recipe == "fast"}
     missing = [
         f"{title_of(task, configured())} ({', '.join(map(str, counts))})"
@@ -236,7 +237,7 @@ def document() -> str:
         f"The paper's architectures, recipe `fast`, {paper().demos[-1]} demonstrations (its own figures):",
     ]
     of_all = {(row.task, row.arch): group for row, group in groups if of_table(row)}
-    parts += ["", *table(architectures(of_all))]
+    parts += ["", *architectures(of_all)]
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
     if failed:
         parts += [
@@ -258,7 +259,7 @@ def readme() -> str:
         for row, group in cells(load(ROOT).evaluation)
         if row.arch == BASELINE_ARCH and of_table(row)
     }
-    lines = [("task", "arms", "rf_exp", "paper")]
+    lines = []
     for task, agents in paper().levels.items():
         if task in found:
             row, group = found[task]
@@ -266,7 +267,13 @@ def readme() -> str:
             ours, theirs = f"**{percent(rate)}**", percent(figure) if figure is not None else "-"
             lines.append((title_of(task, configured()), str(agents), ours, theirs))
     before, _, rest = README.read_text("utf-8").partition(BEGIN)
-    return "\n".join([before + BEGIN, *table(lines), END + rest.partition(END)[2]])
+    return "\n".join(
+        [
+            before + BEGIN,
+            *markdown_rows(("task", "arms", "rf_exp", "paper"), lines),
+            END + rest.partition(END)[2],
+        ]
+    )
 
 
 if __name__ == "__main__":

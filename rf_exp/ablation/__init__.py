@@ -1,6 +1,6 @@
 """Result rows, statistics, the paper's tables and the report. Never needs torch or a simulator."""
 
-from rf_exp.ablation.formats import show
+from rf_exp.ablation.formats import markdown_rows, show
 from rf_exp.ablation.published import Paper, paper
 from rf_exp.ablation.report import publish
 from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
@@ -34,6 +34,7 @@ __all__ = [
     "difference",
     "facts",
     "load",
+    "markdown_rows",
     "mean",
     "newest",
     "paper",

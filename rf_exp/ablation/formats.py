@@ -7,7 +7,7 @@ On the terminal each column is a table of its own, narrow enough for 80 characte
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -82,11 +82,15 @@ def is_long(table: Table, index: int) -> bool:
 
 def markdown(table: Table) -> str:
     heading, rows = grid(table, lambda cell: cell.markdown(), str)
-    lines = [f"## {table.title}", "", table.caption, ""]
-    for row in (heading, ["---"] * len(heading), *rows):
-        lines.append("| " + " | ".join(text.replace("|", "\\|") for text in row) + " |")
+    lines = [f"## {table.title}", "", table.caption, "", *markdown_rows(heading, rows)]
     lines += ["", *(f"- {note}" for note in notes(table))]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def markdown_rows(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table in Markdown."""
+    every = (heading, ["---"] * len(heading), *rows)
+    return ["| " + " | ".join(text.replace("|", "\\|") for text in row) + " |" for row in every]
 
 
 def tidy_csv(table: Table) -> str:

@@ -53,9 +53,9 @@ class Obstacles:
             hit = planning_scene.below_table(body)
             for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
                 if closer_than(body, other, margin_m, between=between).any():
-                    each = ((one, _only(other, one)) for one in obstacles)
+                    each = ((one, _only(other, one)) for one in obstacles[:-1])
                     near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
-                    return obstacles[0] if len(obstacles) == 1 else next(near, obstacles[0])
+                    return next(near, obstacles[-1])
             return "the table" if hit.any() else None
 
         return test

@@ -17,8 +17,8 @@ on its way, no faster than `SLOWING_RAD_S2`, where there is room for that, and s
 `PATIENCE_STEPS` its policy predicts anew from what it sees now. After as many again one arm retracts along
 the way that it came, and predicts anew there: the one that is waited for, where it goes nowhere itself
 (its policy waits for what the other one is about to do) and was not the last to retract, or else the one that
-waits. One that has not moved yet draws aside a little, towards its retracted posture. So two arms never wait
-for one another for ever, unless their ways back are closed.
+waits. One that has no such way left, as it has not moved yet, draws aside a little, towards its retracted
+posture. So two arms never wait for one another for ever, unless their ways back are closed.
 
 What this guarantees is about commands. A step is allowed only if two arms that stop behind it keep the margin
 there, so to stop at once is safe at any time, and no commands are closer than the margin, but where a hand
@@ -45,7 +45,8 @@ from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 SHIELD_VERSION = "2"  # of what it decides
 PATIENCE_STEPS = 20  # of waiting, until something else is tried
 BACK_STEPS = 20  # of its own way that an arm retracts at most
-STRIDE_RAD, ASIDE_STEPS = 0.04, 6  # of an arm that draws aside without a way that it came
+STRIDE_RAD = 0.04  # in a control step, of an arm that draws aside without a way that it came
+ASIDE_STEPS = 6  # for which it does so
 STANDS_RAD = 0.01  # within which an arm that is about to go nowhere stays
 SLOWING_RAD_S2 = 7.5  # what the maker allows the slowest joint of a Panda
 
@@ -196,7 +197,7 @@ class Shield:
         return False
 
     def _way_back(self, agent: int) -> Commands:
-        """Along the way that an agent came; towards the retracted posture where it has not moved yet."""
+        """Along the way that an agent came; towards the retracted posture where there is none."""
         here = self._given[agent - 1]
         if self._trails[agent]:
             way = np.array(self._trails[agent])[::-1]
