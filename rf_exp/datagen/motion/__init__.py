@@ -2,9 +2,10 @@
 
 from rf_exp.datagen.motion.disturb import disturb
 from rf_exp.datagen.motion.planner import plan_motion
+from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, name_of
 from rf_exp.datagen.motion.stop import as_commanded, come_to_rest, let_off
-from rf_exp.datagen.motion.verbs import Motion, Request, add_primitive
+from rf_exp.datagen.motion.verbs import Motion, add_primitive
 
 __all__ = [
     "Blockage",

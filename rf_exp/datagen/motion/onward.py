@@ -1,55 +1,119 @@
-"""What an agent does next with a thing, estimated: a grasp is chosen so that it can be done, and soon."""
+"""What comes after a motion, estimated: things are grasped and placed so that it can be done, and soon."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.datagen.motion.destination import ends
-from rf_exp.datagen.motion.reach import Onward, Reach, above
+from rf_exp.datagen.motion.reach import Onward, Reach, above, turned
+from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import State, Unreachable
 from rf_exp.datagen.motion.timing import estimated_s
-from rf_exp.datagen.motion.ways import Points, effort_rad
-from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix, inverse
+from rf_exp.datagen.motion.ways import Arrivals, Points, effort_rad
+from rf_exp.datagen.yielding import posture_rad
+from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import Subgoal
 
-Line = Callable[[Points], Points | None]  # from joints (7,) to joint points (K, 7) of a motion
+Line = Callable[[Points], Points | None]  # from joint points (K, 7) of a motion to those of the next
 
 _WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
 
 
-def onward(
-    task: Task, reach: Reach, agent: int, name: str, following: Sequence[Subgoal], state: State
-) -> Onward:
-    """How long the following subgoals take that move an object, once it is held as from a TCP pose."""
-    with_it = [each for each in following if each.object == name and each.verb in _WITH_HELD]
+def once_grasped(request: Request, name: str, state: State) -> Onward:
+    """What the agent does with the thing in its hand, until it has let go and is at rest."""
 
-    def lifted(height_m: float, joints: Points) -> Points | None:
-        return reach.line(agent, joints, above(reach.arms[agent].tcp(joints), height_m))
+    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float | None]:
+        @cache
+        def lines(goal: int) -> Sequence[Line]:
+            return tuple(_with_held(request, name, inverse(goals[goal]) @ state.poses[name], state))
 
-    def from_pose(goal: Matrix) -> Callable[[Points], float | None]:
-        tcp_from_object = inverse(goal) @ state.poses[name]
-        lines: list[Line] = []
-        for each in with_it:
-            if each.verb == "lift":
-                assert each.height_m is not None  # parse_subgoal has seen to it
-                lines.append(partial(lifted, each.height_m))
-                continue
-            try:
-                tiers = ends(task, reach.arms[agent], each, state, tcp_from_object)
-            except Unreachable:  # that will be said when its turn comes
-                break
-            lines.append(reach.arrive(agent, tiers))
-        return partial(_takes_s, reach, lines)
+        return lambda goal, points: _takes_s(request.reach, lines(goal), points)
 
-    return from_pose
+    return Onward(after)
 
 
-def _takes_s(reach: Reach, lines: Sequence[Line], joints: Points) -> float | None:
-    """How long motions take from joints (7,) on, one after the other; None where there is no such motion."""
+def once_placed(request: Request, state: State) -> Onward:
+    """The agent draws back, and goes to rest or leaves what it has placed to the one that takes it next."""
+    name, tcp_from_object = state.held[request.agent]
+    taker = request.taker(name)
+    lines = tuple(_leaving(request, taker))
+
+    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float | None]:
+        taken_s = (
+            np.zeros(len(goals))
+            if taker is None
+            else _taken_s(request, taker, goals @ tcp_from_object, state)
+        )
+
+        def takes_s(goal: int, points: Points) -> float | None:
+            leaving_s = _takes_s(request.reach, lines, points)
+            return None if leaving_s is None or np.isinf(taken_s[goal]) else leaving_s + float(taken_s[goal])
+
+        return takes_s
+
+    return Onward(after, _rest_rad(request, taker))
+
+
+def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: State) -> Iterator[Line]:
+    """The motions of the subgoals that move the thing."""
+    reach, agent = request.reach, request.agent
+    for each in request.following:
+        if each.object != name or each.verb not in _WITH_HELD:
+            return
+        if each.verb == "lift":
+            assert each.height_m is not None  # parse_subgoal has seen to it
+            yield partial(_lifted, reach, agent, each.height_m)
+            continue
+        try:
+            tiers = ends(request.task, reach.arms[agent], each, state, tcp_from_object)
+        except Unreachable:  # that will be said when its turn comes
+            return
+        if each.verb == "place":
+            taker = request.taker(name)
+            yield reach.arrive(agent, tiers, _rest_rad(request, taker))
+            yield from _leaving(request, taker)
+            return
+        yield reach.arrive(agent, tiers)
+
+
+def _leaving(request: Request, taker: Subgoal | None) -> Iterator[Line]:
+    """Back the way it came, from a place; nobody waits until a giver is at rest."""
+    yield lambda points: points[:-3:-1]
+    rest = _rest_rad(request, taker)
+    if rest is not None:
+        yield lambda points: np.stack([points[-1], rest])
+
+
+def _rest_rad(request: Request, taker: Subgoal | None) -> Points | None:
+    """(7,) where an agent goes that has placed a thing, if that takes time that counts."""
+    return posture_rad("home", request.task, request.agent) if taker is None else None
+
+
+def _taken_s(
+    request: Request, taker: Subgoal, poses: NDArray[np.float64], state: State
+) -> NDArray[np.float64]:
+    """(G,) s in which an agent grasps a thing at world_from_object (G, 4, 4); infinite: it cannot."""
+    point = request.task.asset(taker.object or "").points[taker.point or ""]
+    goals = np.stack([turned(pose @ point.object_from_tcp, point.turns) for pose in poses]).reshape(-1, 4, 4)
+    pregrasps = goals @ transform((0.0, 0.0, -point.standoff_m))
+    arrivals = Arrivals(request.reach.arms[taker.agent], pregrasps, goals)
+    efforts = arrivals.efforts_rad(state.qpos[taker.agent]).reshape(len(poses), -1).min(axis=1)
+    return np.array([estimated_s(float(effort), request.reach.limits) for effort in efforts])
+
+
+def _lifted(reach: Reach, agent: int, height_m: float, points: Points) -> Points | None:
+    joints = points[-1]
+    return reach.line(agent, joints, above(reach.arms[agent].tcp(joints), height_m))
+
+
+def _takes_s(reach: Reach, lines: Sequence[Line], points: Points) -> float | None:
+    """How long motions take after one along (K, 7), one after the other; None where one does not exist."""
     total_s = 0.0
     for line in lines:
-        points = line(joints)
-        if points is None:
+        found = line(points)
+        if found is None:
             return None
-        total_s, joints = total_s + estimated_s(float(effort_rad(points)), reach.limits), points[-1]
+        total_s, points = total_s + estimated_s(float(effort_rad(found)), reach.limits), found
     return total_s

@@ -6,9 +6,10 @@ from functools import partial
 import numpy as np
 
 from rf_exp.datagen.motion.reach import Reach
+from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
-from rf_exp.datagen.motion.verbs import Motion, Request, leave, lift_line, plan
+from rf_exp.datagen.motion.verbs import Motion, leave, lift_line, plan
 from rf_exp.datagen.yielding import Yielding
 from rf_exp.findings import Cause, Finding, agent_name
 from rf_exp.statements import Proposal
@@ -79,7 +80,8 @@ def plan_motion(
             state = add(_joint_lift([ask(subgoal) for subgoal in together], state))
             continue
         subgoal = alone.pop(0)
-        state = add(plan(ask(subgoal, alone), state))
+        of_others = [each for queue in waiting.values() if queue is not alone for each in queue]
+        state = add(plan(ask(subgoal, alone, of_others), state))
         last = segments[subgoal.agent][-1:]
         if not alone and subgoal.agent in yielding.once_done and last and last[0].primitive == "retreat":
             state = add(_yield(ask(Subgoal(subgoal.agent, yielding.to)), state))

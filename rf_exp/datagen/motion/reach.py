@@ -23,8 +23,21 @@ CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
-# From a TCP pose, with joints (7,) that put it there, what comes next takes so many s; None: out of reach.
-Onward = Callable[[Matrix], Callable[[Points], float | None]]
+
+
+@dataclass(frozen=True)
+class Onward:
+    """What comes next, estimated.
+
+    `after` TCP poses (G, 4, 4) tells how many s it takes, from the number of one and the straight approach to
+    it (2, 7); None: out of reach.
+    """
+
+    after: Callable[[NDArray[np.float64]], Callable[[int, Points], float | None]]
+    rest_rad: Points | None = None  # (7,) where the arm goes then, where that is known beforehand
+
+
+_NOTHING = Onward(lambda _: lambda goal, points: 0.0)
 
 
 @dataclass(frozen=True)
@@ -47,7 +60,7 @@ class Reach:
         *,
         down: bool = False,
         rise: bool = False,
-        onward: Onward | None = None,
+        onward: Onward = _NOTHING,
     ) -> Points:
         """Timed points (T, 7) to the first goal that can be reached, ending with a straight approach.
 
@@ -81,7 +94,7 @@ class Reach:
         raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
 
     def _ways(
-        self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward | None
+        self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward
     ) -> Iterator[Points]:
         """Joint points of approaches, tier by tier the shortest first.
 
@@ -91,17 +104,19 @@ class Reach:
         for tier in tiers:
             goals = np.stack(tier)
             pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
-            after = cache(lambda goal, goals=goals: onward(goals[goal]) if onward else lambda _: 0.0)
+            takes_s = onward.after(goals)
             open_: list[tuple[float, int, Points]] = []  # s it takes, what comes next included
-            for number, way in enumerate(approaches(self.arms[agent], pregrasps, goals, start)):
-                takes_s = estimated_s(way.effort_rad, self.limits)
-                while open_ and open_[0][0] <= takes_s:
+            for number, way in enumerate(
+                approaches(self.arms[agent], pregrasps, goals, start, onward.rest_rad)
+            ):
+                while open_ and open_[0][0] <= estimated_s(way.least_rad, self.limits):
                     yield heappop(open_)[2]
-                more = after(way.goal)(way.points[-1])
-                if more is None:
+                more_s = takes_s(way.goal, way.points[[0, -1]])
+                if more_s is None:
                     last.append(way.points)
                 else:
-                    heappush(open_, (round(takes_s + more, 6), number, way.points))
+                    altogether_s = estimated_s(way.effort_rad, self.limits) + more_s
+                    heappush(open_, (round(altogether_s, 6), number, way.points))
             while open_:
                 yield heappop(open_)[2]
         yield from last
@@ -139,13 +154,21 @@ class Reach:
         """Joint points (K, 7) of the straight TCP line from joints (7,) to a pose."""
         return straight(self.arms[agent], joints, goal)
 
-    def arrive(self, agent: int, tiers: Tiers) -> Callable[[Points], Points | None]:
-        """From joints (7,): joints (3, 7) there, well above a TCP pose of the first tier in reach, at it."""
-        stacked = [np.stack(tier) for tier in tiers]
-        arrivals = cache(lambda k: Arrivals(self.arms[agent], above(stacked[k], CLEARANCE_M), stacked[k]))
+    def arrive(
+        self, agent: int, tiers: Tiers, rest_rad: Points | None = None
+    ) -> Callable[[Points], Points | None]:
+        """From a motion (K, 7): joints (3, 7) at its end, well above a TCP pose, at it.
 
-        def nearest(joints: Points) -> Points | None:
-            found = (arrivals(k).nearest(joints) for k in range(len(stacked)))
+        The pose is one of the first tier in reach. The way is the shortest, or that with which going back
+        up and on to `rest_rad` (7,) makes the shortest.
+        """
+        stacked = [np.stack(tier) for tier in tiers]
+        arrivals = cache(
+            lambda k: Arrivals(self.arms[agent], above(stacked[k], CLEARANCE_M), stacked[k], rest_rad)
+        )
+
+        def nearest(points: Points) -> Points | None:
+            found = (arrivals(k).nearest(points[-1]) for k in range(len(stacked)))
             return next((points for points in found if points is not None), None)
 
         return nearest

@@ -4,8 +4,8 @@ A verb is a function of a request and the state in which the previous one leaves
 segments and the state that they leave. So a whole proposal is planned ahead of its execution.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import TypeVar
 
@@ -13,8 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.destination import ends, support
-from rf_exp.datagen.motion.onward import onward
-from rf_exp.datagen.motion.reach import CLEARANCE_M, Reach, Tiers, above, turned
+from rf_exp.datagen.motion.onward import once_grasped, once_placed
+from rf_exp.datagen.motion.reach import CLEARANCE_M, Tiers, above, turned
+from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blockage, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.motion.ways import Points
@@ -22,7 +23,6 @@ from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
 from rf_exp.statements import VERBS
-from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
 
@@ -32,44 +32,6 @@ _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
 T = TypeVar("T")
 Motion = tuple[tuple[Segment, ...], State]
-
-
-@dataclass(frozen=True)
-class Request:
-    """A subgoal, and what its agent does next: a grasp is chosen so that this can be reached."""
-
-    task: Task
-    reach: Reach
-    subgoal: Subgoal
-    following: Sequence[Subgoal] = ()
-
-    @property
-    def agent(self) -> int:
-        return self.subgoal.agent
-
-    def tcp(self, state: State) -> Matrix:
-        """world_from_tcp of the agent."""
-        return self.reach.arms[self.agent].tcp(state.qpos[self.agent])
-
-    def segment(
-        self,
-        primitive: str,
-        points: Points,
-        state: State,
-        touches: frozenset[str] = frozenset(),
-        joined: str | None = None,
-    ) -> tuple[Segment, State]:
-        """A segment along timed points (T, 7), with what is held, and the state at its end."""
-        agent = self.agent
-        name, tcp_from_object = state.held.get(agent, (None, None))
-        gripper = np.full(len(points), state.gripper[agent])
-        if len(points):
-            state = state.moved(agent, points[-1], self.reach.arms[agent].tcp(points[-1]))
-        touches = touches | {name} if name is not None else touches
-        made = Segment(
-            agent, self.subgoal, primitive, points, gripper, name, tcp_from_object, touches, joined
-        )
-        return made, state
 
 
 Primitive = Callable[[Request, State], Motion]
@@ -105,7 +67,7 @@ def grasp(request: Request, state: State) -> Motion:
         state,
         touches,
         f"grasp {name} at {request.subgoal.point}",
-        onward=onward(request.task, request.reach, agent, name, request.following, state),
+        onward=once_grasped(request, name, state),
     )
     approach, state = request.segment("approach", points, state, touches)
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
@@ -134,7 +96,15 @@ def place(request: Request, state: State) -> Motion:
     touches = frozenset({name}) | support(request.task, request.subgoal)
     what = request.subgoal.text
     points = request.reach.timed(
-        request.agent, goals, CLEARANCE_M, state, touches, what, down=True, rise=True
+        request.agent,
+        goals,
+        CLEARANCE_M,
+        state,
+        touches,
+        what,
+        down=True,
+        rise=True,
+        onward=once_placed(request, state),
     )
     lowering, state = request.segment("lower", points, state, touches)
     letting_go, state = _let_go(request, state, touches)

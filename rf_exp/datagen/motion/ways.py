@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ TRIES = 4  # postures for each goal
 TURNS_RAD = np.array([0, *(sign * turn for turn in (0.05, 0.1, 0.2, 0.4, 0.7) for sign in (1, -1))])
 JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
 EASE = 0.03  # weight of the motion of all joints beside that of the one that moves most, which takes the time
+REVERSAL = 2.0  # weight of what a joint goes back again on an approach: it stops where it turns round
 UPRIGHT = 0.05  # weight of the angle by which the elbow leaves the upright plane, where it is in others' way
 _SWIVEL = 2  # the joint that does it
 
@@ -30,6 +32,7 @@ class Approach:
 
     goal: int  # its number among those that were asked for
     effort_rad: float  # of going to where it begins, and along it
+    least_rad: float  # the same, and from where it begins on to rest, if the arm goes there afterwards
     points: Points
 
 
@@ -41,18 +44,26 @@ def effort_rad(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def approaches(
-    arm: Panda, pregrasps: NDArray[np.float64], goals: NDArray[np.float64], start: NDArray[np.float64]
+    arm: Panda,
+    pregrasps: NDArray[np.float64],
+    goals: NDArray[np.float64],
+    start: NDArray[np.float64],
+    rest: NDArray[np.float64] | None = None,
 ) -> Iterator[Approach]:
     """Straight motions from pre-grasp poses (G, 4, 4) to `goals`; the cheapest from `start` (7,) rad first.
 
-    Of what is put down or struck, the pre-grasp pose is the one above the place.
+    Of what is put down or struck, the pre-grasp pose is the one above the place. With `rest` (7,) rad, from
+    there on to rest is counted too.
 
     The arm has a joint to spare, so one pose has many postures; some lead through stretched arms, where a
     short line takes long.
     """
     turns = _turns(arm, goals)  # (G, R)
     first, last = (arm.postures(poses[:, None], turns) for poses in (pregrasps, goals))  # (G, R, branches, 7)
-    cost = _cost(start, first) + np.min([_on(first, np.roll(last, k, axis=1)) for k in NEXT], axis=0)
+    begun = partial(_begun, start, rest)
+    ends = [np.roll(each, k, axis=1) for each in (last, crossed(last)) for k in NEXT]
+    on = reduce(np.minimum, (_cost(first, each) for each in ends))
+    cost = begun(first) + on + REVERSAL * reduce(np.fmin, (_back_again(start, first, each) for each in ends))
     taken: list[tuple[int, int, int]] = []
     for flat in np.argsort(cost, axis=None, kind="stable"):
         goal, turn, branch = (int(index) for index in np.unravel_index(flat, cost.shape))
@@ -65,14 +76,15 @@ def approaches(
         taken.append((goal, turn, branch))
         fine = turns[goal, turn] + FINE_RAD
         postures = arm.postures(pregrasps[goal], fine)[:, branch]
-        on = [_cost(postures, last[goal, turn, each]) for each in (branch, OTHER_SIGN[branch])]
-        begin = postures[np.argmin(_cost(start, postures) + np.min(on, axis=0))]
+        along = [_cost(postures, last[goal, turn, each]) for each in (branch, OTHER_SIGN[branch])]
+        begin = postures[np.argmin(begun(postures) + np.min(along, axis=0))]
         if not np.isfinite(begin).all():
             begin = first[goal, turn, branch]
         points = straight(arm, begin, goals[goal])
         if points is not None:
-            effort = effort_rad(np.stack([start, begin])) + effort_rad(points)
-            yield Approach(goal, round(float(effort), 6), points)
+            more = effort_rad(points) + REVERSAL * _back_again(start, begin, points[-1])
+            effort, least = (round(float(each + more), 6) for each in (_cost(start, begin), begun(begin)))
+            yield Approach(goal, effort, least, points)
 
 
 def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | None:
@@ -98,13 +110,30 @@ def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | 
 
 
 class Arrivals:
-    """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above` (G, 4, 4)."""
+    """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above` (G, 4, 4).
 
-    def __init__(self, arm: Panda, above: NDArray[np.float64], goals: NDArray[np.float64]) -> None:
+    With `rest` (7,) rad it goes back up, and on to there.
+    """
+
+    def __init__(
+        self,
+        arm: Panda,
+        above: NDArray[np.float64],
+        goals: NDArray[np.float64],
+        rest: NDArray[np.float64] | None = None,
+    ) -> None:
         turns = _turns(arm, goals)[:, 1::2]  # where the arm faces the goal is among them
         self._high, low = (arm.postures(poses[:, None], turns) for poses in (above, goals))
         # An upright shoulder may be passed on the way down.
         self._ways_down = [(each, _cost(self._high, each)) for each in (low, crossed(low))]
+        if rest is not None:
+            home = _cost(self._high, rest)
+            self._ways_down = [(each, 2 * down + home) for each, down in self._ways_down]
+
+    def efforts_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(G,) the least effort from joints (7,) for each goal; infinite where it is out of reach."""
+        there = _cost(joints, self._high)
+        return np.min([there + down for _, down in self._ways_down], axis=(0, 2, 3))
 
     def nearest(self, joints: NDArray[np.float64]) -> Points | None:
         """Joints (3, 7) now, above a goal, at it; with the least motion. None where it is out of reach."""
@@ -130,14 +159,25 @@ def _cost(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return _or_infinite(moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside)
 
 
+def _begun(
+    start: NDArray[np.float64], rest: NDArray[np.float64] | None, b: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(...) the effort from `start` (7,) to postures (..., 7), and from there on to rest, if that counts."""
+    return _cost(start, b) if rest is None else _cost(start, b) + _cost(b, rest)
+
+
+def _back_again(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(...) rad by which the joint that turns round most at `b` goes back on the way from `a` to `c`."""
+    there, on = b - a, c - b
+    back = np.where(there * on < 0, np.minimum(np.abs(there), np.abs(on)), 0.0)
+    return back.max(axis=-1)
+
+
 def _or_infinite(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """In place of NaN; np.nan_to_num takes several times as long."""
     return np.where(np.isnan(values), np.inf, values)
-
-
-def _on(first: NDArray[np.float64], last: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., branches) the effort between postures (..., branches, 7), maybe through an upright shoulder."""
-    return np.minimum(_cost(first, last), _cost(first, crossed(last)))
 
 
 def _poses(start: Matrix, goal: Matrix) -> NDArray[np.float64]:
