@@ -1,0 +1,68 @@
+"""Choices of a motion count what comes after it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rf_exp.datagen.motion import ways
+from rf_exp.datagen.motion.reach import above
+from rf_exp.statements import Proposal
+from rf_exp.tasks import REST_QPOS
+from rf_exp.transforms import planar, transform
+from rf_exp.types import Subgoal
+from tests.conftest import read_task
+from tests.datagen.test_motion import plan
+from tests.scenes import start_scene
+
+
+def steps(trajectories, agent):
+    return sum(map(len, trajectories[agent - 1].segments))
+
+
+@pytest.mark.slow
+def test_a_thing_is_laid_so_that_giver_and_taker_need_the_least_together():
+    task, known, unknown = read_task("long_pipeline_delivery"), 0, 0
+    for seed in range(3):
+        scene = start_scene(task, seed)
+        give = tuple(each for each in task.module.plan(scene, task).subgoals if each.agent == 4)
+        take = Subgoal(3, "grasp", "shoe", "center")
+        together, _ = plan(task, Proposal((*give, take), ()), scene)
+        alone, laid = plan(task, Proposal(give, ()), scene)
+        then, _ = plan(task, Proposal((take,), ()), replace(scene, poses=dict(laid.poses)))
+        known += steps(together, 4) + steps(together, 3)
+        unknown += steps(alone, 4) + steps(then, 3)
+    assert known < unknown
+
+
+@pytest.mark.slow
+def test_that_a_joint_turns_round_is_counted(monkeypatch):
+    task = read_task("stack_cube")
+
+    def takes():
+        scenes = [start_scene(task, seed) for seed in range(6)]
+        return sum(steps(plan(task, task.module.plan(scene, task), scene)[0], 1) for scene in scenes)
+
+    counted = takes()
+    monkeypatch.setattr(ways, "REVERSAL", 0.0)
+    assert counted < takes()
+
+
+def test_the_way_back_and_to_rest_counts_where_an_arm_arrives(lift_barrier):
+    arm, rest = lift_barrier.arms[1], np.array(REST_QPOS)
+    down = transform(rotation=Rotation.from_euler("x", np.pi))
+    goals = np.stack([arm.world_from_base @ planar(0.5, -0.3, angle) @ down for angle in np.arange(6)])
+    goals[:, 2, 3] = 0.1
+    start = np.array([1.2, 0.3, -0.4, -2.2, 0.2, 2.4, 0.3])
+
+    def altogether(points):  # there, down, up again, and to rest
+        legs = [points, points[:-3:-1], np.stack([points[1], rest])]
+        return sum(float(ways.effort_rad(leg)) for leg in legs)
+
+    chosen = [
+        ways.Arrivals(arm, above(goals, 0.1), goals, posture).nearest(start) for posture in (rest, None)
+    ]
+    assert altogether(chosen[0]) < altogether(chosen[1])
+    least = ways.Arrivals(arm, above(goals, 0.1), goals).efforts_rad(start)
+    assert least.shape == (6,) and least.min() == pytest.approx(float(ways.effort_rad(chosen[1])), abs=0.1)
