@@ -169,7 +169,10 @@ def _begun(
 def _back_again(
     a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(...) rad by which the joint that turns round most at `b` goes back on the way from `a` to `c`."""
+    """(...) rad by which the joint that turns round most at `b` goes back on the way from `a` to `c`.
+
+    0 where `c` does not exist, so that a posture with few neighbours is not refused for their sake.
+    """
     there, on = b - a, c - b
     back = np.where(there * on < 0, np.minimum(np.abs(there), np.abs(on)), 0.0)
     return back.max(axis=-1)
