@@ -10,21 +10,21 @@ from rf_exp.datagen.motion.destination import ends
 from rf_exp.datagen.motion.reach import Onward, Reach, above, turned
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import State, Unreachable
-from rf_exp.datagen.motion.timing import estimated_s
-from rf_exp.datagen.motion.ways import Arrivals, Points, effort_rad
+from rf_exp.datagen.motion.ways import Arrivals, Points
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import Subgoal
 
 Line = Callable[[Points], Points | None]  # from joint points (K, 7) of a motion to those of the next
 
+AWAY = 0.7  # share of its way home after which an arm is in nobody's way
 _WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
 
 
 def once_grasped(request: Request, name: str, state: State) -> Onward:
     """What the agent does with the thing in its hand, until it has let go and is at rest."""
 
-    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float | None]:
+    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float]:
         @cache
         def lines(goal: int) -> Sequence[Line]:
             return tuple(_with_held(request, name, inverse(goals[goal]) @ state.poses[name], state))
@@ -38,22 +38,23 @@ def once_placed(request: Request, state: State) -> Onward:
     """The agent draws back, and goes to rest or leaves what it has placed to the one that takes it next."""
     name, tcp_from_object = state.held[request.agent]
     taker = request.taker(name)
-    lines = tuple(_leaving(request, taker))
+    rest = posture_rad("home", request.task, request.agent)
+    duration_s = request.reach.duration_s
 
-    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float | None]:
+    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float]:
         taken_s = (
             np.zeros(len(goals))
             if taker is None
             else _taken_s(request, taker, goals @ tcp_from_object, state)
         )
 
-        def takes_s(goal: int, points: Points) -> float | None:
-            leaving_s = _takes_s(request.reach, lines, points)
-            return None if leaving_s is None or np.isinf(taken_s[goal]) else leaving_s + float(taken_s[goal])
+        def takes_s(goal: int, points: Points) -> float:
+            back_s, home_s = duration_s(points[:-3:-1]), duration_s(np.stack([points[-2], rest]))
+            return float(back_s + (home_s if taker is None else max(AWAY * home_s, taken_s[goal])))
 
         return takes_s
 
-    return Onward(after, _rest_rad(request, taker))
+    return Onward(after, rest if taker is None else None)
 
 
 def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: State) -> Iterator[Line]:
@@ -95,12 +96,13 @@ def _taken_s(
     request: Request, taker: Subgoal, poses: NDArray[np.float64], state: State
 ) -> NDArray[np.float64]:
     """(G,) s in which an agent grasps a thing at world_from_object (G, 4, 4); infinite: it cannot."""
-    point = request.task.asset(taker.object or "").points[taker.point or ""]
-    goals = np.stack([turned(pose @ point.object_from_tcp, point.turns) for pose in poses]).reshape(-1, 4, 4)
+    name = taker.object or ""
+    point = request.task.asset(name).points[taker.point or ""]
+    hands = turned(point.object_from_tcp, point.turns)
+    goals = np.stack([pose @ hand for pose in poses for hand in hands])
     pregrasps = goals @ transform((0.0, 0.0, -point.standoff_m))
-    arrivals = Arrivals(request.reach.arms[taker.agent], pregrasps, goals)
-    efforts = arrivals.efforts_rad(state.qpos[taker.agent]).reshape(len(poses), -1).min(axis=1)
-    return np.array([estimated_s(float(effort), request.reach.limits) for effort in efforts])
+    found = Arrivals(request.reach.arms[taker.agent], pregrasps, goals).nearest(state.qpos[taker.agent])
+    return request.reach.duration_s(found).reshape(len(poses), -1).min(axis=1)
 
 
 def _lifted(reach: Reach, agent: int, height_m: float, points: Points) -> Points | None:
@@ -108,12 +110,12 @@ def _lifted(reach: Reach, agent: int, height_m: float, points: Points) -> Points
     return reach.line(agent, joints, above(reach.arms[agent].tcp(joints), height_m))
 
 
-def _takes_s(reach: Reach, lines: Sequence[Line], points: Points) -> float | None:
-    """How long motions take after one along (K, 7), one after the other; None where one does not exist."""
+def _takes_s(reach: Reach, lines: Sequence[Line], points: Points) -> float:
+    """How long motions take after one along (K, 7), one by one; infinite where one does not exist."""
     total_s = 0.0
     for line in lines:
         found = line(points)
         if found is None:
-            return None
-        total_s, points = total_s + estimated_s(float(effort_rad(found)), reach.limits), found
+            return np.inf
+        total_s, points = total_s + float(reach.duration_s(found)), found
     return total_s

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
-from heapq import heappop, heappush
+from functools import cache, partial
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, obstructed
-from rf_exp.datagen.motion.timing import blend, densify, estimated_s, parameterise
-from rf_exp.datagen.motion.ways import Arrivals, Points, approaches, straight
+from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
+from rf_exp.datagen.motion.ways import Approach, Approaches, Arrivals, Points, leaving_s, straight
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Panda
 from rf_exp.transforms import Matrix, transform
@@ -30,10 +30,10 @@ class Onward:
     """What comes next, estimated.
 
     `after` TCP poses (G, 4, 4) tells how many s it takes, from the number of one and the straight approach to
-    it (2, 7); None: out of reach.
+    it (2, 7); infinite: out of reach.
     """
 
-    after: Callable[[NDArray[np.float64]], Callable[[int, Points], float | None]]
+    after: Callable[[NDArray[np.float64]], Callable[[int, Points], float]]
     rest_rad: Points | None = None  # (7,) where the arm goes then, where that is known beforehand
 
 
@@ -71,7 +71,7 @@ class Reach:
         obstacles: dict[Obstacle, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
-        for line in self._ways(agent, up[-1], tiers, standoff_m, down, onward):
+        for line in self._ways(agent, up, tiers, standoff_m, down, onward):
             if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
                 obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
                 continue
@@ -94,32 +94,39 @@ class Reach:
         raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
 
     def _ways(
-        self, agent: int, start: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward
+        self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward
     ) -> Iterator[Points]:
-        """Joint points of approaches, tier by tier the shortest first.
+        """Joint points of approaches after those that lead up, tier by tier the soonest first.
 
-        Those from which what comes next cannot be reached come last of all.
+        Only those are made exact whose estimate is below all exact ones. Those from which what comes next
+        cannot be reached come last of all.
         """
         last = []
         for tier in tiers:
             goals = np.stack(tier)
             pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
-            takes_s = onward.after(goals)
-            open_: list[tuple[float, int, Points]] = []  # s it takes, what comes next included
-            for number, way in enumerate(
-                approaches(self.arms[agent], pregrasps, goals, start, onward.rest_rad)
-            ):
-                while open_ and open_[0][0] <= estimated_s(way.least_rad, self.limits):
-                    yield heappop(open_)[2]
-                more_s = takes_s(way.goal, way.points[[0, -1]])
-                if more_s is None:
-                    last.append(way.points)
-                else:
-                    altogether_s = estimated_s(way.effort_rad, self.limits) + more_s
-                    heappush(open_, (round(altogether_s, 6), number, way.points))
+            before = up[[0, -1]] if len(up) > 1 else up
+            ways = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
+            takes_s = partial(self._takes_s, onward.after(goals))
+            open_ = [
+                (takes_s(each), number, each) for number, each in enumerate(ways.estimated(onward.rest_rad))
+            ]
+            heapify(open_)
             while open_:
-                yield heappop(open_)[2]
+                altogether_s, number, way = heappop(open_)
+                if not way.exact:
+                    exact = ways.exact(way)
+                    if exact is not None:
+                        heappush(open_, (takes_s(exact), number, exact))
+                elif np.isfinite(altogether_s):
+                    yield way.points
+                else:
+                    last.append(way.points)
         yield from last
+
+    def _takes_s(self, more_s: Callable[[int, Points], float], way: Approach) -> float:
+        """An approach, what comes next included; infinite where that is out of reach."""
+        return round(way.takes_s + more_s(way.goal, way.points[[0, -1]]), 6)
 
     def _rise(self, agent: int, joints: Points) -> Points:
         """Joint points (K, 7) straight up from where the arm is; only that where it cannot rise."""
@@ -168,10 +175,20 @@ class Reach:
         )
 
         def nearest(points: Points) -> Points | None:
-            found = (arrivals(k).nearest(points[-1]) for k in range(len(stacked)))
-            return next((points for points in found if points is not None), None)
+            for k in range(len(stacked)):
+                found = arrivals(k).nearest(points[-1])
+                takes_s = self.duration_s(found)
+                if rest_rad is not None:
+                    takes_s = takes_s + leaving_s(found[:, 1], found[:, 2], rest_rad, self.limits)
+                if np.isfinite(takes_s).any():
+                    return found[takes_s.argmin()]
+            return None
 
         return nearest
+
+    def duration_s(self, corners: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(...) about how long motions round corners (..., K, 7) take."""
+        return duration_s(corners, self.limits)
 
 
 def above(poses: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:

@@ -1,14 +1,15 @@
 """Postures and straight lines of one arm: which there are, and which takes the least motion."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import partial, reduce
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.datagen.motion.timing import duration_s
 from rf_exp.robots import OTHER_SIGN, Panda, crossed
 from rf_exp.transforms import Matrix, interpolate, wrapped_rad
+from rf_exp.types import JointLimits
 
 LINE_STEP_M = 0.01  # between the poses of a straight line for which postures are found
 AWAY_RAD = np.arange(-15, 16) * (2 * np.pi / 31)  # of the last joint, from where the arm faces the goal
@@ -18,9 +19,8 @@ APART = 2  # steps of the last joint between postures that are worth trying one 
 TRIES = 4  # postures for each goal
 TURNS_RAD = np.array([0, *(sign * turn for turn in (0.05, 0.1, 0.2, 0.4, 0.7) for sign in (1, -1))])
 JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
-EASE = 0.03  # weight of the motion of all joints beside that of the one that moves most, which takes the time
-REVERSAL = 2.0  # weight of what a joint goes back again on an approach: it stops where it turns round
-UPRIGHT = 0.05  # weight of the angle by which the elbow leaves the upright plane, where it is in others' way
+EASE = 0.01  # weight of the motion of all joints beside that of the one that moves most, which takes the time
+UPRIGHT = 0.03  # weight of the angle by which the elbow leaves the upright plane, where it is in others' way
 _SWIVEL = 2  # the joint that does it
 
 Points = NDArray[np.float64]  # (K, 7) rad
@@ -28,12 +28,13 @@ Points = NDArray[np.float64]  # (K, 7) rad
 
 @dataclass(frozen=True)
 class Approach:
-    """A straight motion to a goal."""
+    """A straight motion to a goal; estimated by its ends until it is worth more."""
 
     goal: int  # its number among those that were asked for
-    effort_rad: float  # of going to where it begins, and along it
-    least_rad: float  # the same, and from where it begins on to rest, if the arm goes there afterwards
-    points: Points
+    takes_s: float  # going to where it begins, and along it
+    points: Points  # only two while `exact` is missing
+    branch: int  # of the posture in which it begins
+    exact: bool = False
 
 
 def effort_rad(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,48 +44,91 @@ def effort_rad(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return longest + EASE * altogether + UPRIGHT * np.abs(points[..., -1, _SWIVEL])
 
 
-def approaches(
-    arm: Panda,
-    pregrasps: NDArray[np.float64],
-    goals: NDArray[np.float64],
-    start: NDArray[np.float64],
-    rest: NDArray[np.float64] | None = None,
-) -> Iterator[Approach]:
-    """Straight motions from pre-grasp poses (G, 4, 4) to `goals`; the cheapest from `start` (7,) rad first.
+class Approaches:
+    """Straight motions from pre-grasp poses (G, 4, 4) to goals (G, 4, 4), after joint points (K, 7) rad.
 
-    Of what is put down or struck, the pre-grasp pose is the one above the place. With `rest` (7,) rad, from
-    there on to rest is counted too.
-
-    The arm has a joint to spare, so one pose has many postures; some lead through stretched arms, where a
-    short line takes long.
+    Of what is put down or struck, the pre-grasp pose is the one above the place. The arm has a joint to
+    spare, so one pose has many postures; some lead through stretched arms, where a short line takes long.
     """
-    turns = _turns(arm, goals)  # (G, R)
-    first, last = (arm.postures(poses[:, None], turns) for poses in (pregrasps, goals))  # (G, R, branches, 7)
-    begun = partial(_begun, start, rest)
-    ends = [np.roll(each, k, axis=1) for each in (last, crossed(last)) for k in NEXT]
-    on = reduce(np.minimum, (_cost(first, each) for each in ends))
-    cost = begun(first) + on + REVERSAL * reduce(np.fmin, (_back_again(start, first, each) for each in ends))
-    taken: list[tuple[int, int, int]] = []
-    for flat in np.argsort(cost, axis=None, kind="stable"):
-        goal, turn, branch = (int(index) for index in np.unravel_index(flat, cost.shape))
-        if not np.isfinite(cost[goal, turn, branch]):
-            return
-        of_goal = [each for each in taken if each[0] == goal]
-        near = any(b == branch and abs(t - turn) < APART for _, t, b in of_goal)
-        if near or len(of_goal) == TRIES:
-            continue
-        taken.append((goal, turn, branch))
-        fine = turns[goal, turn] + FINE_RAD
-        postures = arm.postures(pregrasps[goal], fine)[:, branch]
-        along = [_cost(postures, last[goal, turn, each]) for each in (branch, OTHER_SIGN[branch])]
-        begin = postures[np.argmin(begun(postures) + np.min(along, axis=0))]
-        if not np.isfinite(begin).all():
-            begin = first[goal, turn, branch]
-        points = straight(arm, begin, goals[goal])
-        if points is not None:
-            more = effort_rad(points) + REVERSAL * _back_again(start, begin, points[-1])
-            effort, least = (round(float(each + more), 6) for each in (_cost(start, begin), begun(begin)))
-            yield Approach(goal, effort, least, points)
+
+    def __init__(
+        self,
+        arm: Panda,
+        limits: JointLimits,
+        pregrasps: NDArray[np.float64],
+        goals: NDArray[np.float64],
+        before: Points,
+    ) -> None:
+        self._arm, self._limits, self._before = arm, limits, before
+        self._pregrasps, self._goals = pregrasps, goals
+
+    def estimated(self, rest: Points | None = None) -> Iterator[Approach]:
+        """The soonest few to each goal. With `rest` (7,) rad, going back and on to there counts too."""
+        turns = _turns(self._arm, self._goals)  # (G, R)
+        first, last = (  # (G, R, branches, 7)
+            self._arm.postures(poses[:, None], turns) for poses in (self._pregrasps, self._goals)
+        )
+        ends = np.stack([np.roll(each, k, axis=1) for each in (last, crossed(last)) for k in NEXT])
+        nearest = _cost(first, ends).argmin(axis=0)
+        end = np.take_along_axis(ends, nearest[None, ..., None], axis=0)[0]
+        takes_s = self._takes_s(first, end)
+        cost = takes_s + self._dislike_s(first, end)
+        if rest is not None:
+            cost += leaving_s(first, end, rest, self._limits)
+        cost = _or_infinite(cost)
+        taken: list[tuple[int, int, int]] = []
+        for flat in np.argsort(cost, axis=None, kind="stable"):
+            goal, turn, branch = map(int, np.unravel_index(flat, cost.shape))
+            index = goal, turn, branch
+            if not np.isfinite(cost[index]):
+                return
+            of_goal = [each for each in taken if each[0] == goal]
+            near = any(b == branch and abs(t - turn) < APART for _, t, b in of_goal)
+            if near or len(of_goal) == TRIES:
+                continue
+            taken.append(index)
+            points = np.stack([first[index], end[index]])
+            yield Approach(goal, float(takes_s[index]), points, branch)
+
+    def exact(self, estimate: Approach) -> Approach | None:
+        """The same with all its points (K, 7), or None where there is no such line."""
+        for begin, end in (self._finer(estimate), estimate.points):
+            turns = np.append(TURNS_RAD, end[-1] - begin[-1])
+            lines = lines_to(self._arm, begin, self._goals[estimate.goal], turns)
+            if len(lines):
+                takes_s = self._takes_s(begin, lines[:, lines.shape[1] // 2], lines[:, -1])
+                best = int((takes_s + self._dislike_s(begin, lines[:, -1])).argmin())
+                return replace(estimate, takes_s=float(takes_s[best]), points=lines[best], exact=True)
+        return None
+
+    def _finer(self, estimate: Approach) -> Points:
+        """Ends (2, 7) of about the same motion that are sooner reached, if there are such."""
+        goal, branch = estimate.goal, estimate.branch
+        begin, end = estimate.points
+        first = self._arm.postures(self._pregrasps[goal], begin[-1] + FINE_RAD)[:, branch, None]
+        last = self._arm.postures(self._goals[goal], end[-1] + FINE_RAD)[:, [branch, OTHER_SIGN[branch]]]
+        last = last.reshape(-1, last.shape[-1])
+        cost = _or_infinite(self._takes_s(first, last) + self._dislike_s(first, last))
+        if not np.isfinite(cost).any():
+            return estimate.points
+        one, other = np.unravel_index(cost.argmin(), cost.shape)
+        return np.stack([first[one, 0], last[other]])
+
+    def _takes_s(self, *after: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(...) s of going through postures (..., 7), one after the other."""
+        return duration_s(_corners(*self._before, *after), self._limits)
+
+    def _dislike_s(self, begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(...) s that another approach may take longer: for moving joints, and for the elbow aside."""
+        moved = np.abs(begin - self._before[-1]).sum(axis=-1) + np.abs(end - begin).sum(axis=-1)
+        return EASE * moved + UPRIGHT * (np.abs(begin[..., _SWIVEL]) + np.abs(end[..., _SWIVEL]))
+
+
+def leaving_s(
+    high: NDArray[np.float64], low: NDArray[np.float64], rest: Points, limits: JointLimits
+) -> NDArray[np.float64]:
+    """(...) s from postures `low` back up to `high` (..., 7), where an arm stops, and on to `rest` (7,)."""
+    return duration_s(_corners(low, high), limits) + duration_s(_corners(high, rest), limits)
 
 
 def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | None:
@@ -92,9 +136,20 @@ def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | 
 
     The last joint turns evenly, by what makes the line shortest.
     """
+    turns = np.append(TURNS_RAD, arm.facing(goal) - joints[-1])
+    lines = lines_to(arm, joints, goal, turns)
+    return lines[effort_rad(lines).argmin()] if len(lines) else None
+
+
+def lines_to(
+    arm: Panda, joints: NDArray[np.float64], goal: Matrix, turns: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Joint points (M, K, 7) of straight lines of the TCP from joints (7,) to a pose.
+
+    In each the last joint turns evenly, by another angle.
+    """
     poses = _poses(arm.tcp(joints), goal)
     share = np.arange(1, len(poses) + 1) / len(poses)
-    turns = np.append(TURNS_RAD, arm.facing(goal) - joints[-1])
     found = arm.postures(poses, joints[-1] + turns[:, None] * share)  # (M, K, branches, 7)
     rows = np.arange(len(turns))
     lines = np.empty((len(turns), len(poses) + 1, len(joints)))
@@ -103,10 +158,7 @@ def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | 
         away = np.abs(found[:, k] - lines[:, k, None]).max(axis=-1)
         lines[:, k + 1] = found[rows, k, _or_infinite(away).argmin(axis=1)]
     smooth = (np.abs(np.diff(lines, axis=1)) <= JUMP_RAD).all(axis=(1, 2))  # what is NaN is not
-    if not smooth.any():
-        return None
-    lines = lines[smooth]
-    return lines[effort_rad(lines).argmin()]
+    return lines[smooth]
 
 
 class Arrivals:
@@ -125,26 +177,19 @@ class Arrivals:
         turns = _turns(arm, goals)[:, 1::2]  # where the arm faces the goal is among them
         self._high, low = (arm.postures(poses[:, None], turns) for poses in (above, goals))
         # An upright shoulder may be passed on the way down.
-        self._ways_down = [(each, _cost(self._high, each)) for each in (low, crossed(low))]
+        self._low = np.stack([low, crossed(low)])
+        self._down = _cost(self._high, self._low)
         if rest is not None:
-            home = _cost(self._high, rest)
-            self._ways_down = [(each, 2 * down + home) for each, down in self._ways_down]
+            self._down = 2 * self._down + _cost(self._high, rest)
 
-    def efforts_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(G,) the least effort from joints (7,) for each goal; infinite where it is out of reach."""
-        there = _cost(joints, self._high)
-        return np.min([there + down for _, down in self._ways_down], axis=(0, 2, 3))
-
-    def nearest(self, joints: NDArray[np.float64]) -> Points | None:
-        """Joints (3, 7) now, above a goal, at it; with the least motion. None where it is out of reach."""
-        there = _cost(joints, self._high)
-        best: tuple[float, Points] | None = None
-        for low, down in self._ways_down:
-            cost = there + down
-            index = np.unravel_index(np.argmin(cost), cost.shape)
-            if np.isfinite(cost[index]) and (best is None or cost[index] < best[0]):
-                best = cost[index], np.stack([joints, self._high[index], low[index]])
-        return None if best is None else best[1]
+    def nearest(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(G, 3, 7) now, above each goal, at it, with the least motion; NaN where it is out of reach."""
+        cost = np.moveaxis(_cost(joints, self._high) + self._down, 1, 0)  # (G, 2, R, branches)
+        goals = np.arange(len(cost))
+        way, *index = np.unravel_index(cost.reshape(len(cost), -1).argmin(axis=1), cost.shape[1:])
+        found = _corners(joints, self._high[goals, *index], self._low[way, goals, *index])
+        found[np.isinf(cost.reshape(len(cost), -1).min(axis=1))] = np.nan
+        return found
 
 
 def _turns(arm: Panda, goals: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,23 +204,9 @@ def _cost(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]
     return _or_infinite(moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside)
 
 
-def _begun(
-    start: NDArray[np.float64], rest: NDArray[np.float64] | None, b: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(...) the effort from `start` (7,) to postures (..., 7), and from there on to rest, if that counts."""
-    return _cost(start, b) if rest is None else _cost(start, b) + _cost(b, rest)
-
-
-def _back_again(
-    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(...) rad by which the joint that turns round most at `b` goes back on the way from `a` to `c`.
-
-    0 where `c` does not exist, so that a posture with few neighbours is not refused for their sake.
-    """
-    there, on = b - a, c - b
-    back = np.where(there * on < 0, np.minimum(np.abs(there), np.abs(on)), 0.0)
-    return back.max(axis=-1)
+def _corners(*postures: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., K, 7) of K postures (..., 7)."""
+    return np.stack(np.broadcast_arrays(*postures), axis=-2)
 
 
 def _or_infinite(values: NDArray[np.float64]) -> NDArray[np.float64]:
