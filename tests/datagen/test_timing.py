@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.datagen.motion.timing import blend, densify, parameterise
+from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import default_of
 from rf_exp.types import JointLimits
@@ -38,8 +38,27 @@ def test_straight_line_takes_the_shortest_time():
     assert len(timed) == np.ceil(2 * np.sqrt(0.6 / 0.9) * 20)  # never reaches full speed
 
 
-def test_no_motion_takes_no_time():
+def test_durations_are_estimated_to_a_few_control_steps():
+    rng = np.random.default_rng(0)
+    corners = np.cumsum(rng.uniform(-1.0, 1.0, (24, 4, 7)), axis=1)
+    timed_s = [len(parameterise(blend(densify(each), 0.15), LIMITS)) / 20 for each in corners]
+    off_s = duration_s(corners, LIMITS) - timed_s
+    assert abs(off_s.mean()) < 0.1 and off_s.std() < 0.15
+
+
+def test_of_straight_motions_the_duration_is_exact_and_a_corner_costs_time():
+    still = np.zeros(7)
+    far, farther = still + 0.6, still + 1.2
+    assert duration_s(np.stack([still, far]), LIMITS) == pytest.approx(2 * np.sqrt(0.6 / 0.9))
+    straight, back = (duration_s(np.stack([still, far, end]), LIMITS) for end in (farther, still))
+    assert straight == pytest.approx(duration_s(np.stack([still, farther]), LIMITS))
+    assert straight < back < 2 * duration_s(np.stack([still, far]), LIMITS)
+
+
+def test_what_does_not_move_takes_no_time_and_what_does_not_exist_for_ever():
     assert parameterise(np.zeros((5, 7)), LIMITS).shape == (0, 7)
+    assert duration_s(np.zeros((3, 7)), LIMITS) == 0
+    assert duration_s(np.full((2, 3, 7), np.nan), LIMITS).tolist() == [np.inf, np.inf]
 
 
 def test_blend_keeps_ends_and_straight_lines():
