@@ -6,9 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
+from rf_exp.datagen.motion.ways import Approaches
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks import default_of
-from rf_exp.types import JointLimits
+from rf_exp.tasks import REST_QPOS, default_of
+from rf_exp.transforms import transform
+from rf_exp.types import CONTROL_DT_S, JointLimits
 
 LIMITS = JointLimits(**default_of("limits"))
 
@@ -38,12 +40,18 @@ def test_straight_line_takes_the_shortest_time():
     assert len(timed) == np.ceil(2 * np.sqrt(0.6 / 0.9) * 20)  # never reaches full speed
 
 
-def test_durations_are_estimated_to_a_few_control_steps():
-    rng = np.random.default_rng(0)
-    corners = np.cumsum(rng.uniform(-1.0, 1.0, (24, 4, 7)), axis=1)
-    timed_s = [len(parameterise(blend(densify(each), 0.15), LIMITS)) / 20 for each in corners]
-    off_s = duration_s(corners, LIMITS) - timed_s
-    assert abs(off_s.mean()) < 0.1 and off_s.std() < 0.15
+def test_durations_of_approaches_are_estimated_without_bias(lift_barrier):
+    arm, rng = lift_barrier.arms[1], np.random.default_rng(0)
+    off_s = []
+    for _ in range(20):
+        goals = np.stack([arm.tcp(np.array(REST_QPOS) + rng.uniform(-0.4, 0.4, 7))])
+        start = np.array(REST_QPOS) + rng.uniform(-0.4, 0.4, 7)
+        ways = Approaches(arm, LIMITS, goals @ transform((0.0, 0.0, -0.1)), goals, start[None])
+        for exact in filter(None, map(ways.exact, ways.estimated())):
+            corners = densify(np.concatenate([start[None], exact.points]))
+            off_s.append(exact.takes_s - len(parameterise(blend(corners, 0.15), LIMITS)) * CONTROL_DT_S)
+    assert len(off_s) > 40
+    assert abs(np.median(off_s)) < 0.05 and np.percentile(np.abs(off_s), 80) < 0.2
 
 
 def test_of_straight_motions_the_duration_is_exact_and_a_corner_costs_time():
