@@ -172,7 +172,7 @@ def main() -> int:
             print(problem, file=sys.stderr)
             refused += 1
             continue
-        if problem:
+        if problem or (arguments.same_versions and elsewhere(before, found)):
             recorded[name] = found
             print(f"{name}: taken anew", flush=True)
         else:

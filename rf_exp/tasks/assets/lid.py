@@ -23,7 +23,9 @@ STEEL, BLACK = (0.42, 0.45, 0.50), (0.03, 0.03, 0.035)
 def build() -> Asset:
     """The lid with grasp point `knob`."""
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    plug = np.concatenate([_circle(PLUG_BOTTOM_M, 0.0, angles), _circle(PLUG_TOP_M, PLUG_M, angles)])
+    # Within the disc: where edges of plug and rim are at one height, PhysX makes up contacts 10 cm deep.
+    plug_top_m = PLUG_M + DISC_M / 2
+    plug = np.concatenate([_circle(PLUG_BOTTOM_M, 0.0, angles), _circle(PLUG_TOP_M, plug_top_m, angles)])
     top = PLUG_M + DISC_M
     disc = np.concatenate([_circle(pot.OUTER_M, PLUG_M, angles), _circle(pot.OUTER_M - 0.004, top, angles)])
     half = KNOB_M / 2
