@@ -1,10 +1,11 @@
 """What a call of the policy costs: sampler, ring buffer and FiLM table, in one run.
 
-    python benchmarks/policy_call.py [--size compact|paper] [--calls 3]
+    python benchmarks/policy_call.py [--size compact|paper] [--calls 3] [--lerobot PYTHON]
     python benchmarks/policy_call.py --policy outputs/policies/TASK/full/separate_local/fast-50-0/agent1
 
 DDPM with 100 steps and DDIM with 10, each as the rollout does it; then DDIM with all three frames
-encoded again, and with the FiLM vector computed in every step. The variants take turns on one thread.
+encoded again, and with the FiLM vector computed in every step; LeRobot's diffusion policy with both samplers,
+in the environment of PYTHON (lerobot_steps.py). The variants take turns on one thread.
 Of a trained policy instead: looking, who may go on and which subgoal, the chunk of actions; and all of it.
 The last line is JSON: medians in ms, and the ratios.
 """
@@ -13,11 +14,13 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
 import torch
+from lerobot_steps import LeRobot
 from loader import COMPACT
 
 from rf_exp.policy import DiffusionPolicy, PolicyConfig, load_policy
@@ -85,7 +88,10 @@ def main() -> None:
     parser.add_argument("--size", choices=("compact", "paper"), default="compact")
     parser.add_argument("--calls", type=int, default=3)
     parser.add_argument("--policy", type=Path, help="folder of a trained one")
+    parser.add_argument("--lerobot", metavar="PYTHON", help="of an environment with lerobot; size paper")
     arguments = parser.parse_args()
+    if arguments.lerobot and arguments.size != "paper":
+        parser.error("--lerobot is of the paper's shapes; add --size paper")
     torch.set_num_threads(1)  # as the rollout runs
     if arguments.policy:
         print(json.dumps(trained(arguments.policy, arguments.calls)))
@@ -102,12 +108,21 @@ def main() -> None:
         "ddim_10_all_frames": lambda: call(ddim, seen, older[:0]),
         "ddim_10_no_table": lambda: call_without_table(ddim, new, older),
     }
-    times: dict[str, list[float]] = {name: [] for name in variants}
-    for _ in range(arguments.calls + 1):  # the first round warms up
-        for name, variant in variants.items():
-            begin = time.perf_counter()
-            variant()
-            times[name].append((time.perf_counter() - begin) * 1e3)
+    times: dict[str, list[float]] = {}
+    with ExitStack() as stack:
+        python = arguments.lerobot
+        others = {
+            f"lerobot_{name}": stack.enter_context(LeRobot(python, name, 1, 1))
+            for name in ("ddpm", "ddim")
+            if python
+        }
+        for _ in range(arguments.calls + 1):  # the first round warms up
+            for name, variant in variants.items():
+                begin = time.perf_counter()
+                variant()
+                times.setdefault(name, []).append((time.perf_counter() - begin) * 1e3)
+            for name, other in others.items():
+                times.setdefault(name, []).append(other.milliseconds())
     medians = {name: round(median(values[1:]), 2) for name, values in times.items()}
     result = {
         "size": arguments.size,
@@ -116,6 +131,9 @@ def main() -> None:
         "all_frames_over_ring_buffer": round(medians["ddim_10_all_frames"] / medians["ddim_10"], 2),
         "no_table_over_table": round(medians["ddim_10_no_table"] / medians["ddim_10"], 2),
     }
+    for name, ours in (("ddpm", "ddpm_100"), ("ddim", "ddim_10")):
+        if python:
+            result[f"lerobot_{name}_over_ours"] = round(medians[f"lerobot_{name}"] / medians[ours], 2)
     print(json.dumps(result))
 
 

@@ -1,19 +1,23 @@
 """What a training step costs: frames encoded once or for each window, NHWC or NCHW, in one run.
 
     python benchmarks/train_step.py [--size compact|paper] [--steps 5] [--batch 32] [--threads 1]
+                                    [--lerobot PYTHON]
 
 One step is forward and backward of the loss. The four variants take turns on the same batches, so that
-a busy machine slows all of them. The last line is JSON: windows/s of each, and the ratios.
+a busy machine slows all of them; with LeRobot's diffusion policy as well, in the environment of PYTHON
+(lerobot_steps.py). The last line is JSON: windows/s of each, and the ratios.
 """
 
 import argparse
 import json
 import time
+from contextlib import ExitStack
 from dataclasses import replace
 from statistics import median
 
 import numpy as np
 import torch
+from lerobot_steps import LeRobot
 from loader import COMPACT, VIEW, noise
 
 from rf_exp.policy import Batch, DiffusionPolicy, PolicyConfig, TrainConfig, Windows
@@ -40,9 +44,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=5)
     parser.add_argument("--batch", type=int, default=None, help="windows; 32, or 8 for paper")
     parser.add_argument("--threads", type=int, default=1, help="more are steady on an idle machine only")
+    parser.add_argument("--lerobot", metavar="PYTHON", help="of an environment with lerobot; size paper")
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
     paper = arguments.size == "paper"
+    if arguments.lerobot and not paper:
+        parser.error("--lerobot is of the paper's shapes; add --size paper")
     config, train = (
         (PolicyConfig(), TrainConfig())
         if paper
@@ -60,17 +67,22 @@ def main() -> None:
     batches = windows.epoch(count, train.run_length, rng)
     times: dict[str, list[float]] = {}
     frames = 0
-    for index in range(arguments.steps + 1):  # the first round warms up
-        unique = windows.batch(batches[index % len(batches)], rng)
-        frames = len(unique.pictures)
-        for kind, batch in (("unique", unique), ("naive", per_window(unique))):
-            for name, layout in (("nhwc", torch.channels_last), ("nchw", torch.contiguous_format)):
-                # `encode` makes channels_last of (U, h, w, 3); for NCHW the memory is laid out so first.
-                laid = batch.pictures
-                if layout is torch.contiguous_format:
-                    laid = laid.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)
-                elapsed = milliseconds(policies[layout], replace(batch, pictures=laid), train.noise_draws)
-                times.setdefault(f"{kind}_{name}", []).append(elapsed)
+    with ExitStack() as stack:
+        python = arguments.lerobot
+        other = python and stack.enter_context(LeRobot(python, "train", count, arguments.threads))
+        for index in range(arguments.steps + 1):  # the first round warms up
+            unique = windows.batch(batches[index % len(batches)], rng)
+            frames = len(unique.pictures)
+            for kind, batch in (("unique", unique), ("naive", per_window(unique))):
+                for name, layout in (("nhwc", torch.channels_last), ("nchw", torch.contiguous_format)):
+                    # `encode` makes channels_last of (U, h, w, 3); for NCHW the memory is laid out so first.
+                    laid = batch.pictures
+                    if layout is torch.contiguous_format:
+                        laid = laid.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)
+                    elapsed = milliseconds(policies[layout], replace(batch, pictures=laid), train.noise_draws)
+                    times.setdefault(f"{kind}_{name}", []).append(elapsed)
+            if other:
+                times.setdefault("lerobot", []).append(other.milliseconds())
     rates = {name: round(count * 1e3 / median(values[1:]), 2) for name, values in times.items()}
     print(f"{count} windows of {frames} frames (naive: {3 * count}), {arguments.threads} threads")
     result = {
@@ -80,6 +92,8 @@ def main() -> None:
         "nhwc_over_nchw": round(rates["unique_nhwc"] / rates["unique_nchw"], 2),
         "both": round(rates["unique_nhwc"] / rates["naive_nchw"], 2),
     }
+    if arguments.lerobot:
+        result["unique_over_lerobot"] = round(rates["unique_nhwc"] / rates["lerobot"], 2)
     print(json.dumps(result))
 
 
