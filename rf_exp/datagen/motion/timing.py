@@ -56,8 +56,8 @@ def duration_s(corners: NDArray[np.float64], limits: JointLimits) -> NDArray[np.
     """(...) about how long `parameterise` makes rest-to-rest motions round corners (..., K, D) rad.
 
     Legs are straight, corners rounded by `blend`: at each there is a highest speed, between them as much
-    as acceleration allows. Four in five approaches from and to random postures are right within 0.2 s, without
-    bias. Infinite where a corner is NaN.
+    as acceleration allows. Four in five approaches from and to random postures are right within 0.2 s,
+    without bias. Infinite where a corner is NaN.
     """
     moves = np.diff(corners, axis=-2)
     lengths = np.abs(moves).max(axis=-1)

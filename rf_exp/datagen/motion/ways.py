@@ -1,4 +1,4 @@
-"""Postures and straight lines of one arm: which there are, and which takes the least motion."""
+"""Postures and straight lines of one arm: which there are, and which takes the least time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
