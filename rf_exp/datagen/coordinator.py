@@ -22,9 +22,9 @@ from rf_exp.robots import Panda
 from rf_exp.transforms import placed
 from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
 
-COORDINATOR_VERSION = 5  # of what it decides
+COORDINATOR_VERSION = 6  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
-REACHED_STEPS = 3  # this near to the end of a segment an arm has come to its end
+REACHED_STEPS, REACHED_M = 3, 0.005  # this near to the end of a segment an arm has come to its end
 SLACK_STEPS = 5  # that others may lack of where the plan has them
 AGAIN_STEPS = 20  # until RoboBrain is asked again when it had no plan
 NEAREST_M = 5e-4  # positions of a path this much farther than the nearest one are as near
@@ -110,7 +110,10 @@ class Coordinator:
         off_m = np.linalg.norm(away, axis=-1).mean(axis=-1)
         near = at + int(np.flatnonzero(off_m <= off_m.min() + NEAREST_M)[-1])
         end = int(knots[np.searchsorted(knots, near)])
-        return end if end - near <= REACHED_STEPS and end < at + len(ahead) else near
+        if end >= at + len(ahead):
+            return near
+        # A motion ends slowly: who hangs back by millimetres under a load lacks more than a few steps.
+        return end if end - near <= REACHED_STEPS or off_m[end - at] <= REACHED_M else near
 
     def _free(self, k: int) -> bool:
         """Whether an agent that stands between two segments may begin the next."""

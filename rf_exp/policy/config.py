@@ -19,7 +19,7 @@ LOSSES = ("mse", "l1")
 # Of a policy; they change no weight.
 ACTING = ("action_steps", "ensemble", "hold_rad", "patience", "sampler", "inference_diffusion_steps")
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 5
+LEARNER = 6
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 
 

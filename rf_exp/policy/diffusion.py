@@ -18,12 +18,12 @@ from rf_exp.policy.encoder import Blind, Compact, ResNet18, encoder
 from rf_exp.policy.eyes import OUT, PLACED, Eyes
 from rf_exp.policy.layers import hidden, scaled, scheduler
 from rf_exp.policy.normaliser import Normaliser
-from rf_exp.policy.observation import POSE, of_agent
+from rf_exp.policy.observation import POSE, near, of_agent
 from rf_exp.policy.unet import ConditionalUNet1D
 from rf_exp.policy.view import ACTION_SIZE
 from rf_exp.types import ARM_JOINTS
 
-NEXT = OUT + 3  # numbers that say where an own arm goes next
+NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
 
 
 class DiffusionPolicy(nn.Module):
@@ -200,7 +200,10 @@ class DiffusionPolicy(nn.Module):
         return self.observation(features, proprio, batch.context)
 
     def pointed(self, features: Tensor, context: Tensor) -> Tensor:
-        """What the eyes see (B, O, M * OUT), and where each own arm goes next, also as seen from its TCP."""
+        """What the eyes see (B, O, M * OUT), and where each own arm goes next, also as seen from its TCP.
+
+        And that once more where it is near: scaled to a range over the whole table, millimetres are lost.
+        """
         assert isinstance(self.encoder, Eyes)
         keypoints = features[..., : self.encoder.keypoints * OUT].unflatten(2, (-1, OUT))
         parts = [features]
@@ -209,7 +212,8 @@ class DiffusionPolicy(nn.Module):
             now = functional.one_hot(changes.argmax(dim=2).clamp(max=self._keys), self._keys + 1)
             own = keypoints[:, :, agent * (self._keys + 1) : (agent + 1) * (self._keys + 1)]
             ahead = (own * now[..., None]).sum(dim=2)
-            parts += [ahead, ahead[..., :3] - tcp[..., :3]]
+            offset = ahead[..., :3] - tcp[..., :3]
+            parts += [ahead, offset, near(offset)]
         return torch.cat(parts, dim=2)
 
     def _clean(self, batch: Batch) -> Tensor:

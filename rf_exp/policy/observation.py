@@ -2,12 +2,14 @@
 
 For each own agent, in the frame of the base of the first of them: where the TCP is (position, two axes), and
 what its gripper has done so far (`Memory`). A policy of the laboratory (`observation: state`) is told the
-truth instead of pictures: the joints and TCPs of the other agents and the poses of all objects.
+truth instead of pictures: the joints and TCPs of the other agents, the poses of all objects, and once more
+where those are that an own hand is near to. Numbers are scaled by their range in the demonstrations: of a
+thing that goes along the whole table, a millimetre would be less than a thousandth.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,9 @@ from rf_exp.types import ARM_JOINTS
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
+Array = TypeVar("Array", Tensor, NDArray[np.floating])
+
+NEAR_M = 0.1  # from a hand to what it is near to
 POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 2019: no jumps, unlike angles)
 
 
@@ -53,7 +58,7 @@ class Senses:
         if not self.bases:
             return 0
         own = len(view.streams[0].agents)
-        told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * POSE
+        told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * (POSE + 3 * own)
         return (
             own * (POSE + MEMORY + self.told)
             + (told if self.objects else 0)
@@ -135,18 +140,17 @@ def context(
     stream = view.streams[row]
     base_from_world = inverse(_base(senses, stream.agents[0]))
     parts: list[NDArray[np.floating]] = []
-    for agent in stream.agents:
-        parts += [
-            _flat(base_from_world @ world_from_tcp(senses, agent, qpos)),
-            memory[..., agent - 1, :MEMORY],
-        ]
+    hands = [_flat(base_from_world @ world_from_tcp(senses, agent, qpos)) for agent in stream.agents]
+    for agent, hand in zip(stream.agents, hands, strict=True):
+        parts += [hand, memory[..., agent - 1, :MEMORY]]
     if senses.objects:
         for agent in others(senses, stream):
             parts += [
                 proprioception(qpos[..., agent - 1 : agent, :]),
                 _flat(base_from_world @ world_from_tcp(senses, agent, qpos)),
             ]
-        parts += [_flat(base_from_world @ poses[name]) for name in senses.objects]
+        things = [_flat(base_from_world @ poses[name]) for name in senses.objects]
+        parts += [*things, *(near(thing[..., :3] - hand[..., :3]) for hand in hands for thing in things)]
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
     parts += [memory[..., agent - 1, MEMORY:] for agent in stream.agents]
@@ -166,6 +170,11 @@ def tcp_poses(senses: Senses, stream: Stream, joints: NDArray[np.floating]) -> N
 def others(senses: Senses, stream: Stream) -> list[int]:
     """The agents of the task that a stream does not command."""
     return [agent for agent in range(1, len(senses.bases) + 1) if agent not in stream.agents]
+
+
+def near(offset_m: Array) -> Array:
+    """Offsets (...) in m from a hand to what it may be near to, in [-1, 1], NEAR_M and farther off 1."""
+    return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
 def _base(senses: Senses, agent: int) -> Matrix:

@@ -21,7 +21,7 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.grippers import Memory
 from rf_exp.policy.moments import moving
-from rf_exp.policy.observation import Senses, context, senses_of
+from rf_exp.policy.observation import Senses, context, near, senses_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from rf_exp.types import Episode, Scene
@@ -69,6 +69,22 @@ def test_context_is_seen_from_the_own_base() -> None:
         poses = {"block": planar(*base) @ planar(0.5, 0.1, 0.3, 0.02)}
         found.append(context(senses, LOCAL, 0, qpos, poses, Memory(1).vector))
     np.testing.assert_allclose(*found, atol=1e-6)
+
+
+def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -> None:
+    """Other numbers are scaled by their range in the demonstrations."""
+    senses, qpos = Senses(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
+    hand_m = tcp_poses(senses, LOCAL.streams[0], qpos[:, :7])[0, :3]
+
+    def near_at(*off_m: float) -> np.ndarray:
+        pose = planar(0.0, 0.0, 0.0)
+        pose[:3, 3] = hand_m + off_m
+        return context(senses, LOCAL, 0, qpos, {"block": pose}, Memory(1).vector)[-3:]
+
+    np.testing.assert_allclose(near_at(0.001, 0.05, -0.1), [0.01, 0.5, -1.0], atol=1e-6)
+    np.testing.assert_allclose(near_at(2.4, -0.3, 0.0), [1.0, -1.0, 0.0], atol=1e-6)
+    offsets = [[0.001, 0.05, -0.1], [2.4, -0.3, 0.0]]  # heat maps are read as tensors
+    np.testing.assert_allclose(near(torch.tensor(offsets)), near(np.array(offsets)), atol=1e-6)
 
 
 def test_poses_survive_as_quaternions() -> None:
