@@ -168,6 +168,8 @@ def test_a_parser_understands_the_arguments(
         pytest.skip("stable-baselines3 is not installed; it is no part of the set-up")
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
     monkeypatch.setattr(sys, "argv", [target, *(arguments or ["--help"])])
+    if not module:
+        monkeypatch.syspath_prepend(str(Path(target).parent))  # as where a script is run
     with pytest.raises(Parsed if arguments else SystemExit) as ended:
         (runpy.run_module if module else runpy.run_path)(target, run_name="__main__")
     assert arguments or ended.value.code == 0  # pyright: ignore[reportAttributeAccessIssue]
