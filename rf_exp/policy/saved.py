@@ -22,7 +22,7 @@ from torch import Tensor
 
 from rf_exp.artifacts import digest, expect_same, plain, read_json, restored, sweep, whole, write_json
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import ACTING, PolicyConfig
+from rf_exp.policy.config import ACTING, LEARNER, PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Senses
 from rf_exp.policy.view import View
@@ -138,15 +138,19 @@ def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPoli
 def load_policy(
     folder: Path, device: str = "auto", acting: PolicyConfig | None = None
 ) -> tuple[DiffusionPolicy, View, Senses]:
-    """A trained policy, ready to act, its view and its senses. Raises StageError where none is.
+    """A trained policy, ready to act, its view and its senses.
 
     It acts as it was configured when it was trained, or as `acting` says (`rf_exp.policy.config.ACTING`).
+    Raises StageError where there is none, or one of another version of the learner.
     """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
     said = read_json(folder / CONFIG, ANEW)
     if metadata.get("config") != digest(said):
         raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
+    if said["learner"] != LEARNER:
+        found = f"the policy in {folder} is by version {said['learner']} of the learner"
+        raise StageError(f"{found}, this is version {LEARNER}; {ANEW}")
     view, senses = restored(View, said["view"]), restored(Senses, said["senses"])
     how = {} if acting is None else {name: getattr(acting, name) for name in ACTING}
     policy = policy_of(restored(PolicyConfig, {**said["policy"], **how}), view, senses)

@@ -311,6 +311,20 @@ def test_how_a_policy_acts_is_no_part_of_what_it_learned(
         train(store, LOCAL, replace(other, horizon=16), train_config, tmp_path)
 
 
+def test_what_another_learner_has_made_is_refused(
+    store: Store,
+    policy_config: PolicyConfig,
+    train_config: TrainConfig,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    train(store, LOCAL, policy_config, train_config, tmp_path)
+    monkeypatch.setattr("rf_exp.policy.saved.LEARNER", LEARNER + 1)
+    said = rf"is by version {LEARNER} of the learner, this is version {LEARNER + 1}; delete the folder"
+    with pytest.raises(StageError, match=said):
+        load_policy(tmp_path, "cpu")
+
+
 def test_loading_where_nothing_is(tmp_path: Path) -> None:
     with pytest.raises(StageError, match=r"no trained policy in .*: model.safetensors is missing; train it"):
         load_policy(tmp_path)
