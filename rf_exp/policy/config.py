@@ -5,6 +5,7 @@ the authors' release where it does not. `conf/policy/` holds the recipes; `paper
 says the same. They stand here as well since what was stored before a field came is read without it.
 """
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -21,6 +22,21 @@ ACTING = ("action_steps", "ensemble", "hold_rad", "patience", "sampler", "infere
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 6
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
+# Of a policy and of its training, what heat maps that are learned first (`eyes_steps`) do not depend on.
+BESIDE_EYES = (
+    *(*ACTING, "keypoint_noise", "unet_channels", "horizon", "observation_steps", "train_diffusion_steps"),
+    *(
+        "prediction",
+        "relative_actions",
+        "trunk",
+        "draft",
+        "dropout",
+        "tcp_actions",
+        "binary_grippers",
+        "loss",
+    ),
+)
+AFTER_EYES = ("epochs", "steps", "draft_steps", "noise_draws", "proprio_noise")
 
 
 def _require(holds: bool, field: str, got: object, expected: str) -> None:
@@ -173,3 +189,10 @@ class TrainConfig:
         """The fields that decide what comes out, but for those that came later, where they change nothing."""
         decides = {name: value for name, value in asdict(self).items() if name not in HOW}
         return without(decides, going=0.0)
+
+    def rate(self, step: int, steps: int) -> float:
+        """Of learning: linear warm-up, then half a cosine down to zero at the end (paper, supplementary)."""
+        if step < self.warmup_steps:
+            return self.learning_rate * (step + 1) / self.warmup_steps
+        part = (step - self.warmup_steps) / max(1, steps - self.warmup_steps)
+        return self.learning_rate * 0.5 * (1.0 + math.cos(math.pi * part))

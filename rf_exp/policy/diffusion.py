@@ -5,6 +5,7 @@ computes what stays the same once: the FiLM table over the diffusion steps and t
 observation.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -79,10 +80,12 @@ class DiffusionPolicy(nn.Module):
             proprio_size, action_size, context_size, seen if isinstance(self.encoder, Eyes) else 0
         )
         self.scheduler = scheduler(config)
-        self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
+        # Once the weights are final: (inference steps, F), and the U-Net as it acts.
+        self._film_table: Tensor | None = None
+        self._quick: Callable[[Tensor, Tensor], Tensor] | None = None
 
     def train(self, mode: bool = True) -> "DiffusionPolicy":
-        self._film_table = None  # weights may change: what was derived from them is no longer valid
+        self._film_table = self._quick = None  # weights may change: what was derived from them is not valid
         return super().train(mode)
 
     def encode(self, pictures: Tensor) -> Tensor:
@@ -232,9 +235,10 @@ class DiffusionPolicy(nn.Module):
 
     def _refined(self, noisy: Tensor, draft: Tensor | None, film: Tensor) -> Tensor:
         """The prediction of the U-Net: with a draft of clean actions, its difference from that."""
+        network = self._quick or self.unet.modulated
         if draft is None:
-            return self.unet.modulated(noisy, film)
-        return draft + self.unet.modulated(torch.cat([noisy, draft], dim=2), film)
+            return network(noisy, film)
+        return draft + network(torch.cat([noisy, draft], dim=2), film)
 
     def _features(self, batch: Batch) -> Tensor:
         """(B, O, F) of a batch."""
@@ -268,6 +272,9 @@ class DiffusionPolicy(nn.Module):
             sample, steps = draft, steps[:0]
         if self._film_table is None:
             self._film_table = self.unet.film_of_steps(steps.to(features.device))
+            if len(steps) and features.device.type == "cpu":
+                known = sample if draft is None else torch.cat([sample, draft], dim=2)
+                self._quick = self.unet.quick(known, film)
         for step, film_of_step in zip(steps, self._film_table, strict=True):
             prediction = self._refined(sample, draft, film + film_of_step)
             # A scheduler returns a tuple only when it is asked to.

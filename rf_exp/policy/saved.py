@@ -5,6 +5,9 @@ model.safetensors   averaged weights and normaliser, and the digest of config.js
 curves.csv          loss and learning rate over the steps
 state.safetensors   what an interrupted training goes on from; removed at the end
 
+Heat maps that are learned first are the same for all policies that differ in what comes after them, and lie
+where all of those find them (`eyes_file`).
+
 Tensors are written with a SHA-256 of all that is in their file, which is checked when they are read.
 """
 
@@ -22,7 +25,7 @@ from torch import Tensor
 
 from rf_exp.artifacts import digest, expect_same, plain, read_json, restored, sweep, whole, write_json
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import ACTING, LEARNER, PolicyConfig
+from rf_exp.policy.config import ACTING, AFTER_EYES, BESIDE_EYES, LEARNER, PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Senses
 from rf_exp.policy.view import View
@@ -117,6 +120,16 @@ def _weighty(key: str, value: Any) -> Any:
     if key != "policy" or not isinstance(value, Mapping):
         return value
     return {name: each for name, each in value.items() if name not in ACTING}
+
+
+def eyes_file(shared: Path, name: str, made_of: Mapping[str, Any]) -> Path:
+    """Where in a folder the heat maps are that are learned first by a policy made of these values."""
+    left_out = {"policy": BESIDE_EYES, "train": AFTER_EYES}
+    seeing = {
+        key: {each: v for each, v in value.items() if each not in left_out[key]} if key in left_out else value
+        for key, value in made_of.items()
+    }
+    return shared / f"{name}-{digest(seeing)}.safetensors"
 
 
 def made_of(folder: Path) -> dict[str, Any]:

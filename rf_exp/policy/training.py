@@ -34,6 +34,7 @@ from rf_exp.policy.saved import (
     STATE,
     claim,
     device_of,
+    eyes_file,
     policy_of,
     read_tensors,
     write_tensors,
@@ -53,12 +54,15 @@ def train(
     train_config: TrainConfig,
     folder: Path,
     progress: Callable[[Curve], None] | None = None,
+    shared: Path | None = None,
 ) -> Path:
     """Train one policy into its folder (layout: `rf_exp.policy.saved`) and return the folder.
 
-    A finished folder of the same configuration is returned untouched, an unfinished one is gone on
-    with. Ctrl-C and SIGTERM are answered between two steps, after what is needed to go on has been written,
-    by a KeyboardInterrupt.
+    Heat maps that are learned first are taken from the folder `shared` where another training has left the
+    same ones, or left there. The weights are those of one that has learned them itself.
+
+    A finished folder of the same configuration is returned untouched, an unfinished one is gone on with.
+    Ctrl-C and SIGTERM are answered between two steps by a KeyboardInterrupt, once the state is written.
     Raises StageError when the folder holds another configuration or the loss is no longer finite,
     ArgumentError when the store does not fit the view or the pictures.
     """
@@ -72,9 +76,10 @@ def train(
     }
     if claim(folder, made_of):
         return folder
-    device = device_of(train_config.device)
-    windows = Windows(store, view, policy_config, device)
+    windows = Windows(store, view, policy_config, device_of(train_config.device))
     training = Training(windows, view, policy_config, train_config)
+    if shared is not None and train_config.eyes_steps:
+        training.eyes = eyes_file(shared, view.name, made_of)
     training.resume(folder / STATE)
     with curves(folder / CURVES, training.step) as write, deferred_interrupt() as interrupted:
         for curve in training.run():
@@ -91,14 +96,6 @@ def train(
     write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
     (folder / STATE).unlink(missing_ok=True)
     return folder
-
-
-def learning_rate(step: int, steps: int, config: TrainConfig) -> float:
-    """Linear warm-up, then half a cosine down to zero at the end (paper, supplementary)."""
-    if step < config.warmup_steps:
-        return config.learning_rate * (step + 1) / config.warmup_steps
-    part = (step - config.warmup_steps) / max(1, steps - config.warmup_steps)
-    return config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * part))
 
 
 class Training:
@@ -132,6 +129,7 @@ class Training:
         self._average = self._ema(self._parameters)
         self._stage: tuple[EMAModel, list[nn.Parameter]] | None = None  # an average of what is learned now
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
+        self.eyes: Path | None = None  # where heat maps lie, or will, for other trainings too
         self._began_s = time.process_time()
 
     def _ema(self, parameters: Sequence[nn.Parameter]) -> EMAModel:
@@ -174,10 +172,9 @@ class Training:
             if self.step and self.step in (eyes, drafts):
                 self._settle(eyes == self.step)
             batch = order[self.step % self._per_epoch]
-            done, steps = next(
-                (a, b) for a, b in pairwise((0, eyes, drafts, self.steps)) if a <= self.step < b
-            )
-            rate = learning_rate(self.step - done, steps - done, config)
+            stages = pairwise((0, eyes, drafts, self.steps))
+            done, steps = next((a, b) for a, b in stages if a <= self.step < b)
+            rate = config.rate(self.step - done, steps - done)
             if self.step < eyes:
                 rate *= config.eyes_rate
             self._update(batch, rate)
@@ -240,6 +237,8 @@ class Training:
         self._stage = None
         if seeing:
             self.policy.lift_eyes(self._windows.pixels, self._windows.points)
+            if self.eyes is not None and not self.eyes.exists():
+                self._write(self.eyes, self.policy.encoder.state_dict())
             features = self._windows.look_once(self.policy.eval().encode_whole)
             pointed = self.policy.pointed(features[:, None], self._windows.context[:, None])[:, 0]
             self.policy.normaliser.seen.fit(pointed)
@@ -256,26 +255,33 @@ class Training:
         tensors |= {f"average.{k}": value for k, value in enumerate(self._average.shadow_params)}
         moments: dict[int, dict[str, Tensor]] = self._optimiser.state_dict()["state"]
         tensors |= {f"optimiser.{k}.{n}": v for k, state in moments.items() for n, v in state.items()}
-        write_tensors(
-            path, tensors | {"loss": self._loss}, {"step": str(self.step), "core_s": str(self._spent_s)}
-        )
+        self._write(path, tensors)
+
+    def _write(self, path: Path, tensors: dict[str, Tensor]) -> None:
+        said = {"step": str(self.step), "core_s": str(self._spent_s)}
+        write_tensors(path, tensors | {"loss": self._loss}, said)
 
     def resume(self, path: Path) -> None:
-        """Go on from a saved state, if there is one."""
-        if not path.exists():
+        """Go on from a saved state, if there is one, else from heat maps that are there already."""
+        found = next((each for each in (path, self.eyes) if each is not None and each.exists()), None)
+        if found is None:
             return
-        tensors, metadata = read_tensors(path)
+        tensors, metadata = read_tensors(found)
         self.step = int(metadata["step"])
         self._began_s -= float(metadata["core_s"])
-        parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         self._loss.copy_(tensors.pop("loss"))
+        self._stage = None
+        if found == self.eyes:
+            self.policy.encoder.load_state_dict(tensors)
+            self._average = self._ema(self._parameters)
+            return
+        parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         for key, value in tensors.items():
             part, name = key.split(".", 1)
             parts[part][name] = value
         self.policy.load_state_dict(parts["policy"])
         for k, shadow in enumerate(self._average.shadow_params):
             shadow.copy_(parts["average"][str(k)])
-        self._stage = None
         moments: dict[int, dict[str, Tensor]] = {}
         for key, value in parts["optimiser"].items():
             index, name = key.split(".", 1)

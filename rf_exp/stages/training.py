@@ -78,4 +78,4 @@ def _train(
     """One policy, in the process it is called in, which holds the right to make it itself."""
     torch.set_num_threads(threads)
     with owned(folder):
-        train(Store.open(data).first(demos), view, policy, config, folder)
+        train(Store.open(data).first(demos), view, policy, config, folder, shared=folder.parents[1] / "eyes")

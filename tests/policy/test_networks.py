@@ -60,6 +60,18 @@ def test_the_film_table_is_the_direct_computation() -> None:
     assert torch.allclose(quick, unet(sample, steps, observation), atol=1e-5)
 
 
+@pytest.mark.parametrize("channels", [(16, 32), (16, 32, 64)])
+def test_the_network_that_acts_is_the_one_that_learned_to_the_last_bit(channels: tuple[int, ...]) -> None:
+    torch.manual_seed(0)
+    unet = ConditionalUNet1D(8, 30, channels).eval()
+    film = torch.randn(7, unet.film.out_features)
+    quick = unet.quick(torch.zeros(1, 16, 8), film[:1])
+    with torch.inference_mode():
+        for rows in (1, 2, 3, 7):
+            sample = torch.randn(rows, 16, 8)
+            assert torch.equal(quick(sample, film[:rows]), unet.modulated(sample, film[:rows]))
+
+
 def test_every_weight_that_sees_data_learns() -> None:
     """Of the outer taps of a kernel of 5 at length 2 no data can be seen; all else must have a gradient."""
     torch.manual_seed(0)

@@ -37,7 +37,6 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.saved import CONFIG, STATE
-from rf_exp.policy.training import learning_rate
 from rf_exp.store import Store
 from tests.policy.conftest import ARCHS, STEPS, STILL, small_training
 
@@ -348,7 +347,7 @@ def test_cuda_without_a_gpu() -> None:
 
 def test_learning_rate_warms_up_and_falls_to_zero() -> None:
     config = TrainConfig(epochs=None, steps=100, warmup_steps=10, learning_rate=1.0)
-    rates = [learning_rate(step, 100, config) for step in range(101)]
+    rates = [config.rate(step, 100) for step in range(101)]
     assert rates[0] == pytest.approx(0.1)
     assert rates[9] == rates[10] == 1.0
     assert rates[55] == pytest.approx(0.5)
