@@ -1,9 +1,12 @@
 """Writes docs/policies.md, and a table of the README, from results/evaluate: python docs/policies.py"""
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from statistics import fmean
+
+from omegaconf import OmegaConf
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -25,8 +28,13 @@ HEADING = (
     *("task", "arms", "architecture", "recipe", "demos", "strict", "95 % interval", "scenes"),
     *("paper's criterion", "the paper", "rollouts with a violation", "core-minutes", "queries"),
 )
+RUNG = (
+    *("recipe", "what is otherwise", "strict", "95 % interval", "each training seed", "scenes"),
+    *("rollouts with a violation", "core-minutes"),
+)
 README, BEGIN, END = ROOT / "README.md", "<!-- written by docs/policies.py -->", "<!-- end -->"
 MOST = 3  # kinds of failures that are told of a policy
+LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
 
 INTRODUCTION = """\
 # Policies, measured
@@ -139,6 +147,12 @@ says. What the first policies did until then is stored too, but not learned.
 paper's.
 """
 
+STEPS = """\
+The ladder (`python -m rf_exp.run -m experiment=ladder`): `fast`, and the same recipe without one of its steps
+or with another one, where the main table leaves room to see it. Scenes are those of the table above, the same
+for every rung and every training seed; the interval takes all rollouts of a rung for independent, which those
+of one training seed are not quite. The core-minutes of heat maps that rungs share count for each of them."""
+
 
 def cells(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[EvaluationRow]]]:
     """The rows of each policy, in the order of the paper's tasks, with one of them."""
@@ -183,6 +197,57 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
     )
 
 
+def rungs() -> list[str]:
+    """The recipes of the ladder, `fast` first."""
+    return str(OmegaConf.load(LADDER).hydra.sweeper.params.policy).replace(",", " ").split()
+
+
+def step(recipe: str) -> str:
+    """What the first line of a recipe says it does otherwise than `fast`, which says nothing so."""
+    comment = (ROOT / "conf" / "policy" / f"{recipe}.yaml").read_text("utf-8").splitlines()[1:3]
+    told = " ".join(line.removeprefix("# ") for line in comment if line.startswith("#"))
+    return "" if recipe == rungs()[0] else re.split(r"\.(?: [A-Z]|$)", told.partition("): ")[2])[0]
+
+
+def ladder(rows: Iterable[EvaluationRow]) -> list[str]:
+    """What each step of the recipe gives: a table a task, a line a rung, all training seeds together."""
+    alone, node = rungs()[1:], OmegaConf.load(LADDER)
+    found: dict[tuple[str, str], list[EvaluationRow]] = {}
+    for row in rows:
+        plain = row.arch == BASELINE_ARCH and row.constraints == BASELINE_CONSTRAINTS and not row.shield
+        if plain and row.demos == node.demos and row.recipe in rungs():
+            found.setdefault((row.task, row.recipe), []).append(row)
+    parts = []
+    for task in paper().levels:
+        if not any((task, recipe) in found for recipe in alone):
+            continue
+        lines = [
+            rung(recipe, list(newest(found[task, recipe])[0]))
+            for recipe in rungs()
+            if (task, recipe) in found
+        ]
+        parts += ["", f"{title_of(task, configured())}, {node.demos} demonstrations:", ""]
+        parts += markdown_rows(RUNG, lines)
+    return parts
+
+
+def rung(recipe: str, group: list[EvaluationRow]) -> tuple[str, ...]:
+    """The line of a rung."""
+    rate = wilson(sum(row.success for row in group), len(group))
+    seeds = sorted({row.train_seed for row in group})
+    each = [fmean(row.success for row in group if row.train_seed == seed) for seed in seeds]
+    return (
+        recipe,
+        step(recipe),
+        f"**{percent(rate.value)}**",
+        f"{100 * rate.low:.0f} to {100 * rate.high:.0f}",
+        ", ".join(f"{100 * share:.0f}" for share in each),
+        str(len(group)),
+        percent(fmean(row.violations > 0 for row in group)),
+        f"{core_minutes(group):.1f}",
+    )
+
+
 def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
     """What failed most often, in one line."""
     kinds = Counter(r.account.kind for r in group if not r.success)
@@ -220,7 +285,7 @@ def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> list[
 
 def document() -> str:
     rows = load(ROOT).evaluation
-    groups = list(cells(rows))
+    groups = list(cells(row for row in rows if row.recipe not in rungs()[1:]))
     parts = [
         INTRODUCTION,
         "## Success",
@@ -241,6 +306,8 @@ def document() -> str:
     ]
     of_all = {(row.task, row.arch): group for row, group in groups if of_table(row)}
     parts += ["", *architectures(of_all)]
+    if steps := ladder(rows):
+        parts += ["", "## What each step gives", "", STEPS, *steps]
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
     if failed:
         parts += [
