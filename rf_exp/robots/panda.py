@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import StageError
-from rf_exp.robots.postures import postures
+from rf_exp.robots.postures import postures, upright_rad
 from rf_exp.transforms import Matrix, inverse, transform, wrapped_rad
 
 ARM_JOINTS = 7
@@ -157,12 +157,12 @@ class Panda:
     def facing(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
         """Angles (...) rad of the last joint that put the arm into an upright plane at TCP poses (..., 4, 4).
 
-        Where the tool does not point straight down no posture is quite so; this one comes near.
+        Where none is so, the one with which it would be if the tool pointed straight down.
         """
         pose = self._base_from_world @ world_from_tcp
         away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
         ahead = np.einsum("...i,...ij->...j", away, pose[..., :2, :2])
-        return wrapped_rad(np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0]))
+        return wrapped_rad(upright_rad(pose, np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0])))
 
     def solve(self, world_from_tcp: Matrix, near_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Joints (7,) rad that put the TCP at a pose, near to `near_rad` (7,); None where there are none.

@@ -22,6 +22,12 @@ _WRIST = np.array([-BEND_M, LOWER_M])  # from the elbow of a straight arm
 _LENGTHS_M = np.linalg.norm(_ELBOW), np.linalg.norm(_WRIST)
 _STRAIGHT_RAD = np.arctan2(*_WRIST[::-1]) - np.arctan2(*_ELBOW[::-1])
 _SIDES = np.array([1.0, -1.0])
+NEAR_RAD, STEP_RAD, SECANTS, CLOSE = (
+    0.3,
+    0.02,
+    3,
+    1e-6,
+)  # of `upright_rad`; what it looks for the zero of is smooth
 
 Floats = NDArray[np.float64]
 
@@ -36,14 +42,11 @@ def postures(base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> 
     # Vectors are (3, ...) here: NumPy is several times as fast along long rows as along three components.
     pose = np.broadcast_to(pose, (*np.broadcast_shapes(pose.shape[:-2], last.shape), 4, 4))
     x, y, out, position = np.ascontiguousarray(np.moveaxis(pose[..., :3, :], (-1, -2), (0, 1)))
-    turn = np.pi / 4 - last  # the hand is mounted 45 degrees askew
-    x6 = np.cos(turn) * x + np.sin(turn) * y  # from the sixth axis to the seventh
-    wrist = position - FLANGE_TO_TCP_M * out - WRIST_M * x6
-    wrist[2] -= SHOULDER_M
+    x6, wrist = _wrist(x, y, out, position, last)
     reach = _length(wrist)
     found = np.full((7, *reach.shape, 2, 2, 2), np.nan)  # bend, side, sign
     with np.errstate(invalid="ignore", divide="ignore"):
-        bend = np.arccos((reach**2 - _LENGTHS_M[0] ** 2 - _LENGTHS_M[1] ** 2) / (2 * np.prod(_LENGTHS_M)))
+        bend = _bend(reach)
         for k, elbow in enumerate((-bend - _STRAIGHT_RAD, bend - _STRAIGHT_RAD)):
             if (elbow <= limits_rad[1, 3]).any():  # bent the other way it is seldom within its limits
                 _fill(found[..., k, :, :], elbow, wrist / reach, reach, x6, out)
@@ -52,6 +55,63 @@ def postures(base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> 
         inside = ((found >= low) & (found <= high)).all(axis=0)
     found[:, ~inside] = np.nan
     return np.moveaxis(found.reshape(7, *reach.shape, BRANCHES), 0, -1)
+
+
+def upright_rad(base_from_tcp: Floats, near_rad: Floats) -> Floats:
+    """The last joint (...) rad, near to `near_rad`, of postures of TCP poses (..., 4, 4) in an upright plane.
+
+    The third joint is zero in them. Where the upper arm stands almost straight up, the first joint and the
+    third turn about nearly one axis, and such a posture is the only one of many that an arm reaches soon.
+    `near_rad` where there is none within NEAR_RAD of it.
+    """
+    x, y, out, position = np.ascontiguousarray(np.moveaxis(base_from_tcp[..., :3, :], (-1, -2), (0, 1)))
+    near = np.asarray(near_rad, dtype=float)
+    before, last = near, near + STEP_RAD
+    was, found = (_out_of_plane(x, y, out, position, each) for each in (before, last))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for _ in range(SECANTS):
+            change = np.nan_to_num(found * (last - before) / (found - was))
+            before, was, last = last, found, last - change
+            found = _out_of_plane(x, y, out, position, last)
+        good = (np.abs(found) < CLOSE) & (np.abs(last - near) < NEAR_RAD)
+    return np.where(good, last, near)
+
+
+def _out_of_plane(x: Floats, y: Floats, out: Floats, position: Floats, last: Floats) -> Floats:
+    """(...) zero where an arm can be in an upright plane: its fifth axis on the sixth, which are square."""
+    x6, wrist = _wrist(x, y, out, position, last)
+    reach = _length(wrist)
+    with np.errstate(invalid="ignore"):
+        elbow = -_bend(reach) - _STRAIGHT_RAD
+    beside, _, fifth_along, fifth_across = _plane(np.cos(elbow), np.sin(elbow), reach)
+    line = wrist / reach
+    up = -line[2] * line
+    up[2] += 1
+    across = np.where(beside < 0, -1.0, 1.0) * up / _length(up)  # the elbow is above the line
+    return _dot(fifth_along * line + fifth_across * across, _cross(out, x6))
+
+
+def _wrist(x: Floats, y: Floats, out: Floats, position: Floats, last: Floats) -> tuple[Floats, Floats]:
+    """From the sixth axis to the seventh, and from the shoulder to the wrist in m: both (3, ...)."""
+    turn = np.pi / 4 - last  # the hand is mounted 45 degrees askew
+    x6 = np.cos(turn) * x + np.sin(turn) * y
+    wrist = position - FLANGE_TO_TCP_M * out - WRIST_M * x6
+    wrist[2] -= SHOULDER_M
+    return x6, wrist
+
+
+def _bend(reach: Floats) -> Floats:
+    """(...) rad of the elbow, from how far it is from the shoulder to the wrist."""
+    return np.arccos((reach**2 - _LENGTHS_M[0] ** 2 - _LENGTHS_M[1] ** 2) / (2 * np.prod(_LENGTHS_M)))
+
+
+def _plane(cos: Floats, sin: Floats, reach: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """In the plane of an arm whose elbow is bent so: the line from shoulder to wrist, beside the upper arm and
+    along it, and the fifth axis, along that line and across it.
+    """
+    beside = (_ELBOW[0] + cos * _WRIST[0] - sin * _WRIST[1]) / reach
+    along = (_ELBOW[1] + sin * _WRIST[0] + cos * _WRIST[1]) / reach
+    return beside, along, cos * along - sin * beside, cos * beside + sin * along
 
 
 def crossed(found: Floats) -> Floats:
@@ -66,11 +126,7 @@ def _fill(found: Floats, elbow: Floats, line: Floats, reach: Floats, x6: Floats,
     """
     z6 = _cross(out, x6)  # the sixth axis
     cos, sin = np.cos(elbow), np.sin(elbow)
-    # That line in the plane of the arm, which has one axis beside the upper arm and one along it.
-    beside = (_ELBOW[0] + cos * _WRIST[0] - sin * _WRIST[1]) / reach
-    along = (_ELBOW[1] + sin * _WRIST[0] + cos * _WRIST[1]) / reach
-    # The fifth axis is in this plane too: its part along the line, and across.
-    fifth_along, fifth_across = cos * along - sin * beside, cos * beside + sin * along
+    beside, along, fifth_along, fifth_across = _plane(cos, sin, reach)
     on_line = _dot(line, z6)
     off = z6 - on_line * line
     square = _length(off)

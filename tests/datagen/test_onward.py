@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion import ways
+from rf_exp.datagen.motion import onward, ways
+from rf_exp.datagen.motion.onward import EXPECTED_M
 from rf_exp.datagen.motion.reach import above
 from rf_exp.datagen.motion.timing import duration_s
+from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal
 from rf_exp.tasks import REST_QPOS, default_of
 from rf_exp.transforms import planar, transform
-from rf_exp.types import JointLimits, Subgoal
+from rf_exp.types import CONTROL_DT_S, JointLimits, Subgoal
 from tests.conftest import read_task
 from tests.datagen.test_motion import plan
 from tests.scenes import start_scene
@@ -37,6 +39,29 @@ def test_a_thing_is_laid_so_that_giver_and_taker_need_the_least_together():
         known += steps(together, 4) + steps(together, 3)
         unknown += steps(alone, 4) + steps(then, 3)
     assert known < unknown
+
+
+@pytest.mark.slow
+def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_that(monkeypatch):
+    """RoboBrain proposes stage by stage: a grasp, and what the thing is grasped for once it is in the hand."""
+    task = read_task("take_photo")
+
+    def altogether(seed):
+        scene, total = start_scene(task, seed), 0
+        for agent, point in ((1, "left"), (2, "right")):
+            grasped, held = plan(task, Proposal((Subgoal(agent, "grasp", "camera", point),), ()), scene)
+            line = straight_up(task, scene, agent, held.qpos[agent])
+            total += steps(grasped, agent) + line
+        return total
+
+    def straight_up(task, scene, agent, joints):
+        arm = PlanningScene(task, scene).arms[agent - 1]
+        points = ways.straight(arm, joints, above(arm.tcp(joints), EXPECTED_M), LIMITS)
+        return float(duration_s(points, LIMITS)) / CONTROL_DT_S
+
+    known = sum(map(altogether, range(4)))
+    monkeypatch.setattr(onward, "_lifted", lambda reach, agent, height_m, points: points[-1:])
+    assert known < sum(map(altogether, range(4)))
 
 
 def test_the_way_back_and_to_rest_counts_where_an_arm_arrives(lift_barrier):

@@ -1,6 +1,7 @@
 """All postures of the Panda: inverse against forward kinematics, over the whole of its joints."""
 
 import numpy as np
+import pytest
 
 from rf_exp.robots import BRANCHES, OTHER_SIGN, Panda, limits_rad, tcp_pose
 from rf_exp.robots.postures import postures
@@ -54,6 +55,23 @@ def test_an_arm_that_crosses_over_its_shoulder_goes_on_in_the_branch_of_the_othe
     away = np.nan_to_num(np.abs(found - path[:, None]).max(axis=-1), nan=np.inf)
     first, last = away.argmin(axis=1)[[0, -1]]
     assert away.min(axis=1).max() < 1e-7 and last == OTHER_SIGN[first]
+
+
+def test_facing_a_pose_of_a_tilted_tool_the_arm_is_upright():
+    """Also where the upper arm stands almost straight up, and all postures nearby have the elbow aside."""
+    arm, rng = Panda(planar(0.2, -0.7, 1.2)), np.random.default_rng(0)
+    for _ in range(50):
+        low, high = (-1.5, -0.1, 0, -2.4, -0.15, -0.2, -1.0), (1.5, 0.8, 0, -1.4, 0.15, 0.2, 1.5)
+        joints = rng.uniform(low, high)
+        joints[5] += joints[1] - joints[3]  # with which it would point straight down
+        found = arm.postures(arm.tcp(joints), arm.facing(arm.tcp(joints)))
+        assert np.nanmin(np.abs(found - joints).max(axis=1)) < 1e-5
+
+
+def test_out_of_reach_the_last_joint_is_that_of_a_tool_that_points_down():
+    arm = Panda(planar(0.0, 0.0, 0.0))
+    tcp = planar(2.0, 0.0, 0.0, 0.15) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    assert arm.facing(tcp) == pytest.approx(np.pi / 4)
 
 
 def test_facing_a_pose_the_arm_is_upright():

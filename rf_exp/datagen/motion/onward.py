@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from rf_exp.types import Subgoal
 
 Line = Callable[[Points], Points | None]  # from joint points (K, 7) of a motion to those of the next
 
+EXPECTED_M = 0.15  # of a lift
 AWAY = 0.7  # share of its way home after which an arm is in nobody's way
 _WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
 
@@ -58,11 +60,12 @@ def once_placed(request: Request, state: State) -> Onward:
 
 
 def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: State) -> Iterator[Line]:
-    """The motions of the subgoals that move the thing."""
+    """The motions of the subgoals that move the thing; a lift, where a later proposal will say what comes."""
     reach, agent = request.reach, request.agent
-    for each in request.following:
-        if each.object != name or each.verb not in _WITH_HELD:
-            return
+    moving = [*takewhile(lambda each: each.object == name and each.verb in _WITH_HELD, request.following)]
+    if not moving:
+        yield partial(_lifted, reach, agent, EXPECTED_M)
+    for each in moving:
         if each.verb == "lift":
             assert each.height_m is not None  # parse_subgoal has seen to it
             yield partial(_lifted, reach, agent, each.height_m)

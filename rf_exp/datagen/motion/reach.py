@@ -159,7 +159,7 @@ class Reach:
 
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
         """Joint points (K, 7) of the straight TCP line from joints (7,) to a pose."""
-        return straight(self.arms[agent], joints, goal)
+        return straight(self.arms[agent], joints, goal, self.limits)
 
     def arrive(
         self, agent: int, tiers: Tiers, rest_rad: Points | None = None

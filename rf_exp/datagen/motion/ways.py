@@ -19,8 +19,8 @@ APART = 2  # steps of the last joint between postures that are worth trying one 
 TRIES = 4  # postures for each goal
 TURNS_RAD = np.array([0, *(sign * turn for turn in (0.05, 0.1, 0.2, 0.4, 0.7) for sign in (1, -1))])
 JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
-EASE = 0.01  # weight of the motion of all joints beside that of the one that moves most, which takes the time
-UPRIGHT = 0.03  # weight of the angle by which the elbow leaves the upright plane, where it is in others' way
+EASE = 0.01  # s/rad that the motion of all joints counts for, beside the time that it takes
+UPRIGHT = 0.03  # s/rad for the angle by which the elbow leaves the upright plane, where it is in others' way
 _SWIVEL = 2  # the joint that does it
 
 Points = NDArray[np.float64]  # (K, 7) rad
@@ -35,13 +35,6 @@ class Approach:
     points: Points  # only two while `exact` is missing
     branch: int  # of the posture in which it begins
     exact: bool = False
-
-
-def effort_rad(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) cost of joint paths (..., K, 7): time, but for starting and stopping; a little for each joint."""
-    moved = np.abs(np.diff(points, axis=-2))
-    longest, altogether = moved.max(axis=-1).sum(axis=-1), moved.reshape(*moved.shape[:-2], -1).sum(axis=-1)
-    return longest + EASE * altogether + UPRIGHT * np.abs(points[..., -1, _SWIVEL])
 
 
 class Approaches:
@@ -64,9 +57,9 @@ class Approaches:
 
     def estimated(self, rest: Points | None = None) -> Iterator[Approach]:
         """The soonest few to each goal. With `rest` (7,) rad, going back and on to there counts too."""
-        turns = _turns(self._arm, self._goals)  # (G, R)
         first, last = (  # (G, R, branches, 7)
-            self._arm.postures(poses[:, None], turns) for poses in (self._pregrasps, self._goals)
+            self._arm.postures(poses[:, None], _turns(self._arm, poses))
+            for poses in (self._pregrasps, self._goals)
         )
         ends = np.stack([np.roll(each, k, axis=1) for each in (last, crossed(last)) for k in NEXT])
         nearest = _cost(first, ends).argmin(axis=0)
@@ -120,8 +113,7 @@ class Approaches:
 
     def _dislike_s(self, begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """(...) s that another approach may take longer: for moving joints, and for the elbow aside."""
-        moved = np.abs(begin - self._before[-1]).sum(axis=-1) + np.abs(end - begin).sum(axis=-1)
-        return EASE * moved + UPRIGHT * (np.abs(begin[..., _SWIVEL]) + np.abs(end[..., _SWIVEL]))
+        return _dislike_s(self._before[-1], begin) + _dislike_s(begin, end)
 
 
 def leaving_s(
@@ -131,14 +123,18 @@ def leaving_s(
     return duration_s(_corners(low, high), limits) + duration_s(_corners(high, rest), limits)
 
 
-def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix) -> Points | None:
+def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix, limits: JointLimits) -> Points | None:
     """Joint points (K, 7) of the straight line of the TCP from joints (7,) to a pose, or None.
 
-    The last joint turns evenly, by what makes the line shortest.
+    The last joint turns evenly, by what makes the line take the least time.
     """
     turns = np.append(TURNS_RAD, arm.facing(goal) - joints[-1])
     lines = lines_to(arm, joints, goal, turns)
-    return lines[effort_rad(lines).argmin()] if len(lines) else None
+    if not len(lines):
+        return None
+    middle, end = lines[:, lines.shape[1] // 2], lines[:, -1]
+    takes_s = duration_s(_corners(joints, middle, end), limits)
+    return lines[(takes_s + _dislike_s(joints, end)).argmin()]
 
 
 def lines_to(
@@ -174,8 +170,9 @@ class Arrivals:
         goals: NDArray[np.float64],
         rest: NDArray[np.float64] | None = None,
     ) -> None:
-        turns = _turns(arm, goals)[:, 1::2]  # where the arm faces the goal is among them
-        self._high, low = (arm.postures(poses[:, None], turns) for poses in (above, goals))
+        self._high, low = (  # where the arm faces the goal is among them
+            arm.postures(poses[:, None], _turns(arm, poses)[:, 1::2]) for poses in (above, goals)
+        )
         # An upright shoulder may be passed on the way down.
         self._low = np.stack([low, crossed(low)])
         self._down = _cost(self._high, self._low)
@@ -190,6 +187,11 @@ class Arrivals:
         found = _corners(joints, self._high[goals, *index], self._low[way, goals, *index])
         found[np.isinf(cost.reshape(len(cost), -1).min(axis=1))] = np.nan
         return found
+
+
+def _dislike_s(begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) s that another motion may take longer: for moving joints (..., 7), for an elbow aside."""
+    return EASE * np.abs(end - begin).sum(axis=-1) + UPRIGHT * np.abs(end[..., _SWIVEL])
 
 
 def _turns(arm: Panda, goals: NDArray[np.float64]) -> NDArray[np.float64]:
