@@ -106,8 +106,8 @@ def _bend(reach: Floats) -> Floats:
 
 
 def _plane(cos: Floats, sin: Floats, reach: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """In the plane of an arm whose elbow is bent so: the line from shoulder to wrist, beside the upper arm and
-    along it, and the fifth axis, along that line and across it.
+    """In the plane of an arm whose elbow is bent so: the line from shoulder to wrist, beside the upper arm
+    and along it; the fifth axis, along that line and across it.
     """
     beside = (_ELBOW[0] + cos * _WRIST[0] - sin * _WRIST[1]) / reach
     along = (_ELBOW[1] + sin * _WRIST[0] + cos * _WRIST[1]) / reach

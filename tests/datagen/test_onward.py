@@ -43,7 +43,7 @@ def test_a_thing_is_laid_so_that_giver_and_taker_need_the_least_together():
 
 @pytest.mark.slow
 def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_that(monkeypatch):
-    """RoboBrain proposes stage by stage: a grasp, and what the thing is grasped for once it is in the hand."""
+    """RoboBrain proposes stage by stage: a grasp, and what it is for once the thing is in the hand."""
     task = read_task("take_photo")
 
     def altogether(seed):
