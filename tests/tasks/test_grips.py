@@ -7,13 +7,14 @@ from scipy.interpolate import interp1d
 from rf_exp.datagen.motion import ways as motion
 from rf_exp.robots import Panda
 from rf_exp.sim import Simulator
-from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets
+from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of
 from rf_exp.tasks.predicates import tilt_deg
 from rf_exp.transforms import Matrix, inverse, transform
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, JointLimits
 from tests.tasks.test_assets import about
 
 LIFT_M = 0.12
+LIMITS = JointLimits(**default_of("limits"))
 REST_RAD = (0.0, -0.2, 0.0, -2.3, 0.0, 2.1, np.pi / 4)  # retracted, clear of what stands in the middle
 CASES = [
     (name, tip_deg)
@@ -35,7 +36,10 @@ class Arms:
         command = self.simulator.command
         ways = []
         for arm, joints, goal in zip(self.arms, command[:, :7], goals, strict=True):
-            way = motion.straight(arm, joints, goal) if straight else np.stack([joints, _facing(arm, goal)])
+            if straight:
+                way = motion.straight(arm, joints, goal, LIMITS)
+            else:
+                way = np.stack([joints, _facing(arm, goal)])
             assert way is not None, f"no way to {goal[:3, 3]}"
             ways.append(interp1d(np.linspace(0, 1, len(way)), way, axis=0))
         for share in [*np.linspace(0, 1, steps)[1:], *[1.0] * 10]:
