@@ -57,6 +57,7 @@ def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_
     def straight_up(task, scene, agent, joints):
         arm = PlanningScene(task, scene).arms[agent - 1]
         points = ways.straight(arm, joints, above(arm.tcp(joints), EXPECTED_M), LIMITS)
+        assert points is not None
         return float(duration_s(points, LIMITS)) / CONTROL_DT_S
 
     known = sum(map(altogether, range(4)))
