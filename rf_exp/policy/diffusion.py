@@ -80,9 +80,8 @@ class DiffusionPolicy(nn.Module):
             proprio_size, action_size, context_size, seen if isinstance(self.encoder, Eyes) else 0
         )
         self.scheduler = scheduler(config)
-        # Once the weights are final: (inference steps, F), and the U-Net as it acts.
-        self._film_table: Tensor | None = None
-        self._quick: Callable[[Tensor, Tensor], Tensor] | None = None
+        self._film_table: Tensor | None = None  # (inference steps, F), once the weights are final
+        self._quick: Callable[[Tensor, Tensor], Tensor] | None = None  # the U-Net, then
 
     def train(self, mode: bool = True) -> "DiffusionPolicy":
         self._film_table = self._quick = None  # weights may change: what was derived from them is not valid

@@ -108,16 +108,20 @@ class Reach:
             before = up[[0, -1]] if len(up) > 1 else up
             ways = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
             takes_s = partial(self._takes_s, onward.after(goals))
+            # What comes next is worked out only where the way alone takes no longer than all of another one.
             open_ = [
-                (takes_s(each), number, each) for number, each in enumerate(ways.estimated(onward.rest_rad))
+                (round(each.takes_s, 6), number, False, each)
+                for number, each in enumerate(ways.estimated(onward.rest_rad))
             ]
             heapify(open_)
             while open_:
-                altogether_s, number, way = heappop(open_)
-                if not way.exact:
+                altogether_s, number, counted, way = heappop(open_)
+                if not counted:
+                    heappush(open_, (takes_s(way), number, True, way))
+                elif not way.exact:
                     exact = ways.exact(way)
                     if exact is not None:
-                        heappush(open_, (takes_s(exact), number, exact))
+                        heappush(open_, (round(exact.takes_s, 6), number, False, exact))
                 elif np.isfinite(altogether_s):
                     yield way.points
                 else:
