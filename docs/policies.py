@@ -126,9 +126,10 @@ not kept.
 
 Rows of one table are not all by one version of the code; each tells its commit. Those of `state` and
 `separate_coordinated` are by an older one, without delays and phases. All demonstrations are by generators 1
-and 2 ([expert.md](expert.md)), but those behind Take Photo's row of 50 and Long Pipeline Delivery's of 150, which
-are by generator 4. All rows but this last one are from before policies were told once more of what their hand is
-near to, which is part of `fast` since ([laboratory.md](laboratory.md#what-is-near)): 56 of 100 became 82.
+and 2 ([expert.md](expert.md)), but those behind Take Photo's row of 50 and Long Pipeline Delivery's of 150,
+which are by generator 4. All rows but this last one are from before policies were told once more of what
+their hand is near to, which is part of `fast` since ([laboratory.md](laboratory.md#what-is-near)): 56 of 100
+became 82.
 
 `separate_coordinated` is an architecture of ours: separate_local, and while policies act a coordinator tells
 each its subgoal and when it has to wait (`rf_exp/datagen/coordinator.py`). It follows the arms along a plan
