@@ -2,7 +2,8 @@
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from statistics import fmean
 
@@ -178,18 +179,22 @@ def of_paper(row: EvaluationRow) -> float | None:
     return paper().architectures.get(row.arch, {}).get(row.task) if row.demos == paper().demos[-1] else None
 
 
+def strict(group: Sequence[EvaluationRow]) -> tuple[str, str]:
+    """The share of the scenes that succeeded, and its 95 % interval."""
+    rate = wilson(sum(row.success for row in group), len(group))
+    return f"**{percent(rate.value)}**", f"{100 * rate.low:.0f} to {100 * rate.high:.0f}"
+
+
 def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
     known = configured().get(row.task)
-    rate, figure = wilson(sum(r.success for r in group), len(group)), of_paper(row)
-    cost = core_minutes(group)
+    figure, cost = of_paper(row), core_minutes(group)
     return (
         title_of(row.task, configured()),
         str(known.agents if known else paper().levels[row.task]),
         row.arch + ", shielded" * row.shield,
         row.recipe,
         str(row.demos),
-        f"**{percent(rate.value)}**",
-        f"{100 * rate.low:.0f} to {100 * rate.high:.0f}",
+        *strict(group),
         str(len(group)),
         percent(fmean(r.success_paper for r in group)),
         "-" if figure is None else percent(figure),
@@ -199,6 +204,7 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
     )
 
 
+@cache
 def rungs() -> list[str]:
     """The recipes of the ladder, `fast` first."""
     return str(OmegaConf.load(LADDER).hydra.sweeper.params.policy).replace(",", " ").split()
@@ -235,14 +241,12 @@ def ladder(rows: Iterable[EvaluationRow]) -> list[str]:
 
 def rung(recipe: str, group: list[EvaluationRow]) -> tuple[str, ...]:
     """The line of a rung."""
-    rate = wilson(sum(row.success for row in group), len(group))
     seeds = sorted({row.train_seed for row in group})
     each = [fmean(row.success for row in group if row.train_seed == seed) for seed in seeds]
     return (
         recipe,
         step(recipe),
-        f"**{percent(rate.value)}**",
-        f"{100 * rate.low:.0f} to {100 * rate.high:.0f}",
+        *strict(group),
         ", ".join(f"{100 * share:.0f}" for share in each),
         str(len(group)),
         percent(fmean(row.violations > 0 for row in group)),

@@ -22,12 +22,8 @@ _WRIST = np.array([-BEND_M, LOWER_M])  # from the elbow of a straight arm
 _LENGTHS_M = np.linalg.norm(_ELBOW), np.linalg.norm(_WRIST)
 _STRAIGHT_RAD = np.arctan2(*_WRIST[::-1]) - np.arctan2(*_ELBOW[::-1])
 _SIDES = np.array([1.0, -1.0])
-NEAR_RAD, STEP_RAD, SECANTS, CLOSE = (
-    0.3,
-    0.02,
-    3,
-    1e-6,
-)  # of `upright_rad`; what it looks for the zero of is smooth
+NEAR_RAD, STEP_RAD = 0.3, 0.02  # from the last joint of a tool that points down: at most, and first
+SECANTS, CLOSE = 3, 1e-6  # steps, and how near to zero they have to come
 
 Floats = NDArray[np.float64]
 
@@ -67,8 +63,8 @@ def upright_rad(base_from_tcp: Floats, near_rad: Floats) -> Floats:
     x, y, out, position = np.ascontiguousarray(np.moveaxis(base_from_tcp[..., :3, :], (-1, -2), (0, 1)))
     near = np.asarray(near_rad, dtype=float)
     before, last = near, near + STEP_RAD
-    was, found = (_out_of_plane(x, y, out, position, each) for each in (before, last))
     with np.errstate(invalid="ignore", divide="ignore"):
+        was, found = (_out_of_plane(x, y, out, position, each) for each in (before, last))
         for _ in range(SECANTS):
             change = np.nan_to_num(found * (last - before) / (found - was))
             before, was, last = last, found, last - change
@@ -81,8 +77,7 @@ def _out_of_plane(x: Floats, y: Floats, out: Floats, position: Floats, last: Flo
     """(...) zero where an arm can be in an upright plane: its fifth axis on the sixth, which are square."""
     x6, wrist = _wrist(x, y, out, position, last)
     reach = _length(wrist)
-    with np.errstate(invalid="ignore"):
-        elbow = -_bend(reach) - _STRAIGHT_RAD
+    elbow = -_bend(reach) - _STRAIGHT_RAD
     beside, _, fifth_along, fifth_across = _plane(np.cos(elbow), np.sin(elbow), reach)
     line = wrist / reach
     up = -line[2] * line

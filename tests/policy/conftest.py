@@ -1,5 +1,6 @@
 """A small learnable world: a block somewhere in the picture, and arms that must go where it says."""
 
+import csv
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.policy import PolicyConfig, TrainConfig
+from rf_exp.policy import CURVES, PolicyConfig, TrainConfig
 from rf_exp.store import Store
 from rf_exp.types import Arch, Episode
 
@@ -110,6 +111,12 @@ def small_policy(**changes: Any) -> PolicyConfig:
         "width": 128,
     }
     return PolicyConfig(**(values | changes))
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    """The curves of a training."""
+    with (folder / CURVES).open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def small_training(steps: int, **changes: Any) -> TrainConfig:

@@ -1,6 +1,5 @@
 """Heat maps are learned once for all policies that differ in what comes after them; nothing is lost by it."""
 
-import csv
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from rf_exp.policy import CURVES, MODEL, PolicyConfig, Stream, TrainConfig, View, train
+from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, train
 from rf_exp.policy.config import AFTER_EYES, BESIDE_EYES
 from rf_exp.store import Store
+from tests.policy.conftest import rows
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 EYES = 3  # steps of learning
@@ -45,11 +45,6 @@ def budget(train_config: TrainConfig) -> TrainConfig:
     return replace(train_config, eyes_steps=EYES)
 
 
-def curves(folder: Path) -> list[dict[str, str]]:
-    with (folder / CURVES).open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.slow
 def test_policies_that_differ_in_all_else_have_the_weights_that_they_would_have_alone(
     store: Store, first: PolicyConfig, budget: TrainConfig, tmp_path: Path
@@ -64,8 +59,8 @@ def test_policies_that_differ_in_all_else_have_the_weights_that_they_would_have_
     alone = train(store, LOCAL, other, longer, tmp_path / "alone")
     assert (after / MODEL).read_bytes() == (alone / MODEL).read_bytes()
     told = ("step", "loss", "learning_rate")
-    assert [[row[name] for name in told] for row in curves(after)] == [
-        [row[name] for name in told] for row in curves(alone) if int(row["step"]) > EYES
+    assert [[row[name] for name in told] for row in rows(after)] == [
+        [row[name] for name in told] for row in rows(alone) if int(row["step"]) > EYES
     ]
     assert len(list(shared.iterdir())) == 1
 
@@ -75,9 +70,9 @@ def test_what_it_costs_to_learn_them_is_counted_for_every_policy(
     store: Store, first: PolicyConfig, budget: TrainConfig, tmp_path: Path
 ) -> None:
     made = train(store, LOCAL, first, replace(budget, log_every=EYES), tmp_path / "first", shared=tmp_path)
-    seeing_s = float(curves(made)[0]["core_s"])
+    seeing_s = float(rows(made)[0]["core_s"])
     other = train(store, LOCAL, replace(first, loss="l1"), budget, tmp_path / "other", shared=tmp_path)
-    assert float(curves(other)[0]["core_s"]) > seeing_s
+    assert float(rows(other)[0]["core_s"]) > seeing_s
 
 
 @pytest.mark.slow

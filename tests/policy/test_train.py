@@ -1,6 +1,5 @@
 """Training: resumable bit for bit, never silently reused, and it learns."""
 
-import csv
 import json
 import math
 import random
@@ -38,7 +37,7 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.saved import CONFIG, STATE
 from rf_exp.store import Store
-from tests.policy.conftest import ARCHS, STEPS, STILL, small_training
+from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
@@ -50,11 +49,6 @@ def store(make_store: Callable[[int, int], Store]) -> Store:
 
 def interrupt(_: Curve, number: int = signal.SIGINT) -> None:
     signal.raise_signal(number)
-
-
-def rows(folder: Path) -> list[dict[str, str]]:
-    with (folder / CURVES).open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.mark.slow

@@ -74,7 +74,8 @@ def test_a_box_that_no_task_knows_is_avoided_by_what_the_cameras_see() -> None:
     with Simulator(replace(task, objects={**task.objects, "box": box})) as world:
         blind = make(task, world, "state", NullObserver())
         pushed = [each for each in blind.account.rejections if each.finding is Finding.PUSHES]
-        assert pushed and pushed[0].obstacles == ("box",)  # whether it gets past it in the end, or not
+        assert pushed and "arms stop at 20 N" in pushed[0].sentence
+        assert pushed[0].obstacles == ("box",)  # whether it gets past it in the end, or not
         outcome = make(task, world, "depth", NullObserver())
         assert outcome.success and outcome.attempts == 1, outcome.reason  # it meets nothing
         again = make(task, world, "depth", NullObserver())
