@@ -1,4 +1,4 @@
-"""Writes docs/policies.md, and a table of the README, from results/evaluate: python docs/policies.py"""
+"""Writes docs/policies.md from the rows in results/evaluate: python docs/policies.py"""
 
 import re
 from collections import Counter
@@ -34,7 +34,6 @@ RUNG = (
     *("recipe", "what is otherwise", "strict", "95 % interval", "each training seed", "scenes"),
     *("rollouts with a violation", "core-minutes"),
 )
-README, BEGIN, END = ROOT / "README.md", "<!-- written by docs/policies.py -->", "<!-- end -->"
 MOST = 3  # kinds of failures that are told of a policy
 LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
 
@@ -203,30 +202,5 @@ def document() -> str:
     )
 
 
-def readme() -> str:
-    """The README with the rates of our recipe at the largest number of demonstrations beside the paper's."""
-    found = {
-        row.task: (row, group)
-        for row, group in cells(load(ROOT).evaluation)
-        if row.arch == BASELINE_ARCH and of_table(row)
-    }
-    lines = []
-    for task, agents in paper().levels.items():
-        if task in found:
-            row, group = found[task]
-            rate, figure = fmean(r.success for r in group), of_paper(row)
-            ours, theirs = f"**{percent(rate)}**", percent(figure) if figure is not None else "-"
-            lines.append((title_of(task, configured()), str(agents), ours, theirs))
-    before, _, rest = README.read_text("utf-8").partition(BEGIN)
-    return "\n".join(
-        [
-            before + BEGIN,
-            table(("task", "arms", "rf_exp", "paper"), lines),
-            END + rest.partition(END)[2],
-        ]
-    )
-
-
 if __name__ == "__main__":
-    (Path(__file__).parent / "policies.md").write_text(document(), "utf-8")
-    README.write_text(readme(), "utf-8")
+    Path(__file__).with_suffix(".md").write_text(document(), "utf-8")

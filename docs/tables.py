@@ -1,0 +1,141 @@
+"""Writes tables of README.md, docs/ablation.md and docs/expert.md from the rows in results/:
+
+    python docs/tables.py
+
+A table stands between `<!-- NAME: docs/tables.py -->` and `<!-- end -->`. All else is written by hand.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from statistics import fmean
+
+from policies import cells, of_paper, of_table, percent, table
+
+from rf_exp.ablation import (
+    BASELINE_ARCH,
+    Estimate,
+    GenerationRow,
+    configured,
+    load,
+    mean,
+    paper,
+    read_rows,
+    title_of,
+    wilson,
+)
+
+ROOT = Path(__file__).parents[1]
+
+
+def policies() -> str:
+    """The rates of our recipe at the largest number of demonstrations beside the paper's."""
+    found = {
+        row.task: (row, group)
+        for row, group in cells(load(ROOT).evaluation)
+        if row.arch == BASELINE_ARCH and of_table(row)
+    }
+    lines = []
+    for task, agents in paper().levels.items():
+        if task in found:
+            row, group = found[task]
+            rate, figure = fmean(r.success for r in group), of_paper(row)
+            ours, theirs = f"**{percent(rate)}**", percent(figure) if figure is not None else "-"
+            lines.append((title_of(task, configured()), str(agents), ours, theirs))
+    return table(("task", "arms", "rf_exp", "paper"), lines)
+
+
+def experts() -> str:
+    """How often a demonstration comes out of a seed, and how long it is."""
+    lines = []
+    for task, agents in paper().levels.items():
+        rows = read_rows(ROOT / "results" / "expert" / f"{task}.jsonl", GenerationRow)
+        rate = wilson(sum(row.success for row in rows), len(rows))
+        lines.append(
+            (
+                title_of(task, configured()),
+                str(agents),
+                f"{sum(row.success for row in rows)} of {len(rows)}",
+                f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %",
+                str(sum(row.success_paper for row in rows)),
+                f"{_lengths(rows).value:.1f}",
+            )
+        )
+    heading = "task", "arms", "strict success", "95 % interval", "paper's criterion", "mean steps at 20 Hz"
+    return table(heading, lines)
+
+
+def ablation_success() -> str:
+    """Success at the first attempt and in the end, beside the paper's figures."""
+    heading, lines = ["success, %"], []
+    for name in _ablated():
+        heading += [f"{name}: first", "end", "paper"]
+    for kind, figures in paper().ablation_success.items():
+        line = [f"`{kind}`"]
+        for task in figures:
+            rows = _cell(task, kind)
+            first = sum(row.success and row.attempts == 1 for row in rows)
+            line += [_told(wilson(n, len(rows)), 100) for n in (first, sum(row.success for row in rows))]
+            line.append(f"{100 * figures[task]:.1f}")
+        lines.append(line)
+    return table(heading, lines)
+
+
+def ablation_length() -> str:
+    """Mean lengths of the successes, beside the paper's figures."""
+    heading, lines = ["control steps of the successes"], []
+    for name in _ablated():
+        heading += [name, "paper"]
+    for kind, figures in paper().ablation_length.items():
+        line = [f"`{kind}`"]
+        for task in figures:
+            line += [_told(_lengths(_cell(task, kind))), f"{figures[task]:g}"]
+        lines.append(line)
+    return table(heading, lines)
+
+
+def _ablated() -> Iterator[str]:
+    """The titles of the tasks of the paper's ablation."""
+    return (title_of(task, configured()) for task in next(iter(paper().ablation_success.values())))
+
+
+def _cell(task: str, kind: str) -> Sequence[GenerationRow]:
+    return read_rows(ROOT / "results" / "ablation" / task / f"{kind}.jsonl", GenerationRow)
+
+
+def _lengths(rows: Sequence[GenerationRow]) -> Estimate:
+    return mean([row.steps for row in rows if row.success])
+
+
+def _told(found: Estimate, scale: float = 1) -> str:
+    value, low, high = (scale * each for each in (found.value, *found.interval))
+    return f"**{value:.1f}** [{low:.1f}, {high:.1f}]"
+
+
+WRITTEN: Mapping[str, Mapping[str, Callable[[], str]]] = {
+    "README.md": {"policies": policies},
+    "docs/ablation.md": {"success": ablation_success, "length": ablation_length},
+    "docs/expert.md": {"experts": experts},
+}
+
+
+def documents() -> dict[Path, str]:
+    """Each document with its tables as the rows have them."""
+    found = {}
+    for name, made in WRITTEN.items():
+        text = (ROOT / name).read_text("utf-8")
+        for mark, write in made.items():
+            begin = f"<!-- {mark}: docs/tables.py -->\n"
+            between = re.compile(f"(?<={re.escape(begin)}).*?(?=<!-- end -->)", re.DOTALL)
+            text, count = between.subn(lambda _, write=write: write() + "\n", text)
+            if count != 1:
+                raise SystemExit(
+                    f"{name} has {begin.strip()} ... <!-- end --> {count} times; expected it once"
+                )
+        found[ROOT / name] = text
+    return found
+
+
+if __name__ == "__main__":
+    for path, text in documents().items():
+        path.write_text(text, "utf-8")
