@@ -27,8 +27,12 @@ from rf_exp.types import FOREIGN
 
 ROOT = Path(__file__).parents[1]
 HEADING = (
-    *("task", "arms", "architecture", "recipe", "demos", "strict", "95 % interval", "scenes"),
-    *("paper's criterion", "the paper", "rollouts with a violation", "core-minutes", "queries"),
+    *("task", "architecture", "recipe", "demos", "strict", "95 % interval", "scenes", "paper's criterion"),
+    *("the paper", "rollouts with a violation", "core-minutes", "queries"),
+)
+SHIELD = (
+    *("task", "demos", "scenes", "strict, without", "with"),
+    *("violations, without", "with", "contacts, without", "with", "scenes in which it intervened"),
 )
 RUNG = (
     *("recipe", "what is otherwise", "strict", "95 % interval", "each training seed", "scenes"),
@@ -38,6 +42,8 @@ MOST = 3  # kinds of failures that are told of a policy
 LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
 
 WORDS = Path(__file__).with_suffix(".jinja")
+
+Cells = Mapping[tuple[str, str, int], list[EvaluationRow]]  # task, architecture, demonstrations
 
 
 def cells(rows: Iterable[EvaluationRow]) -> Iterator[tuple[EvaluationRow, list[EvaluationRow]]]:
@@ -69,11 +75,9 @@ def strict(group: Sequence[EvaluationRow]) -> tuple[str, str]:
 
 
 def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
-    known = configured().get(row.task)
     figure, cost = of_paper(row), core_minutes(group)
     return (
         title_of(row.task, configured()),
-        str(known.agents if known else paper().levels[row.task]),
         row.arch + ", shielded" * row.shield,
         row.recipe,
         str(row.demos),
@@ -146,11 +150,6 @@ def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
     return f"- **{name}{', shielded' * row.shield}**: {told}{f'; others ({more})' if more else ''}."
 
 
-def of_table(row: EvaluationRow) -> bool:
-    """Whether it is by our recipe, with as many demonstrations as the paper's table of architectures."""
-    return row.recipe == "fast" and row.demos == paper().demos[-1] and not row.shield
-
-
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join(markdown_rows(heading, rows))
 
@@ -159,42 +158,82 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def architectures(found: Mapping[tuple[str, str], list[EvaluationRow]]) -> str:
-    """The paper's second table: strict, its figure behind; a dash where nothing was measured."""
-    known = paper().architectures
+def baseline(found: Cells) -> str:
+    """The paper's first table, and the mean over its tasks."""
+    lines, columns = [], paper().demos
+    for task, agents in paper().levels.items():
+        figures = paper().baseline[task]
+        rates = [beside(found.get((task, BASELINE_ARCH, demos)), figures[demos]) for demos in columns]
+        lines.append([title_of(task, configured()), str(agents), *rates])
+    means = ["mean", ""]
+    for demos in columns:
+        groups = [found.get((task, BASELINE_ARCH, demos)) for task in paper().levels]
+        theirs = percent(fmean(paper().baseline[task][demos] for task in paper().levels))
+        whole = all(groups) and percent(fmean(rate(group) for group in groups if group))
+        means.append(f"**{whole}** ({theirs})" if whole else f"- ({theirs})")
+    return table(("task", "arms", *(f"{demos} demonstrations" for demos in columns)), [*lines, means])
+
+
+def architectures(found: Cells) -> str:
+    """The paper's second table."""
+    known, demos = paper().architectures, paper().demos[-1]
     asked = {task for each in known.values() for task in each}
-    asked |= {task for task, arch in found if arch in known and arch != BASELINE_ARCH}
+    asked |= {task for task, arch, n in found if arch in known and arch != BASELINE_ARCH and n == demos}
     tasks = [task for task in paper().levels if task in asked]
-    rows = []
-    for arch, figures in known.items():
-        cells = [arch]
-        for task in tasks:
-            group, theirs = found.get((task, arch)), figures.get(task)
-            ours = f"**{percent(fmean(r.success for r in group))}**" if group else "-"
-            cells.append(ours if theirs is None else f"{ours} ({percent(theirs)})")
-        rows.append(cells)
+    rows = [
+        [arch, *(beside(found.get((task, arch, demos)), figures.get(task)) for task in tasks)]
+        for arch, figures in known.items()
+    ]
     return table(("architecture", *(title_of(task, configured()) for task in tasks)), rows)
+
+
+def shielded(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
+    """The same policies in the same scenes without the shield and with it."""
+    pairs: dict[tuple[object, ...], dict[bool, list[EvaluationRow]]] = {}
+    for row, group in groups:
+        key = row.task, row.arch, row.recipe, row.demos
+        pairs.setdefault(key, {})[row.shield] = group
+    lines = []
+    for (task, _, _, demos), pair in pairs.items():
+        if len(pair) < 2:
+            continue
+        seen = {row.scene_seed for row in pair[False]} & {row.scene_seed for row in pair[True]}
+        both = [[row for row in pair[shield] if row.scene_seed in seen] for shield in (False, True)]
+        rates = (" (".join(strict(group)) + ")" for group in both)
+        steps = [str(sum(row.violations for row in group)) for group in both]
+        steps += [str(sum(row.contacts for row in group)) for group in both]
+        kept = percent(fmean(row.interventions > 0 for row in both[1]))
+        lines.append((title_of(str(task), configured()), str(demos), str(len(seen)), *rates, *steps, kept))
+    return table(SHIELD, lines)
+
+
+def rate(group: Sequence[EvaluationRow]) -> float:
+    return fmean(row.success for row in group)
+
+
+def beside(group: Sequence[EvaluationRow] | None, figure: float | None) -> str:
+    """A strict rate, and the paper's in brackets; a dash where nothing was measured."""
+    ours = f"**{percent(rate(group))}**" if group else "-"
+    return ours if figure is None else f"{ours} ({percent(figure)})"
 
 
 def document() -> str:
     """The page: its words from the template, its figures from the rows."""
     rows = load(ROOT).evaluation
     groups = list(cells(row for row in rows if row.recipe not in rungs()[1:]))
-    ours = {(row.task, row.demos) for row, _ in groups if row.arch == BASELINE_ARCH and row.recipe == "fast"}
-    missing = [
-        f"{title_of(task, configured())} ({', '.join(map(str, counts))})"
-        for task in paper().levels
-        if (counts := [demos for demos in paper().demos if (task, demos) not in ours])
-    ]
-    of_all = {(row.task, row.arch): group for row, group in groups if of_table(row)}
+    of_tables = {
+        (row.task, row.arch, row.demos): group
+        for row, group in groups
+        if row.recipe == "fast" and not row.shield
+    }
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
     return rendered(
         WORDS,
-        success=table(HEADING, (line(row, group) for row, group in groups)),
-        missing="; ".join(missing),
-        baseline=BASELINE_ARCH,
+        baseline=baseline(of_tables),
+        architectures=architectures(of_tables),
+        shielded=shielded(groups),
+        every=table(HEADING, (line(row, group) for row, group in groups)),
         most=paper().demos[-1],
-        architectures=architectures(of_all),
         ladder=ladder(rows),
         ladder_demos=OmegaConf.load(LADDER).demos,
         failed="\n".join(failed),

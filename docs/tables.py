@@ -8,9 +8,8 @@ A table stands between `<!-- NAME: docs/tables.py -->` and `<!-- end -->`. All e
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from statistics import fmean
 
-from policies import cells, of_paper, of_table, percent, table
+from policies import cells, of_paper, percent, rate, table
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -30,17 +29,18 @@ ROOT = Path(__file__).parents[1]
 
 def policies() -> str:
     """The rates of our recipe at the largest number of demonstrations beside the paper's."""
+    most = paper().demos[-1]
     found = {
         row.task: (row, group)
         for row, group in cells(load(ROOT).evaluation)
-        if row.arch == BASELINE_ARCH and of_table(row)
+        if (row.arch, row.recipe, row.demos, row.shield) == (BASELINE_ARCH, "fast", most, False)
     }
     lines = []
     for task, agents in paper().levels.items():
         if task in found:
             row, group = found[task]
-            rate, figure = fmean(r.success for r in group), of_paper(row)
-            ours, theirs = f"**{percent(rate)}**", percent(figure) if figure is not None else "-"
+            figure = of_paper(row)
+            ours, theirs = f"**{percent(rate(group))}**", percent(figure) if figure is not None else "-"
             lines.append((title_of(task, configured()), str(agents), ours, theirs))
     return table(("task", "arms", "rf_exp", "paper"), lines)
 
@@ -50,13 +50,13 @@ def experts() -> str:
     lines = []
     for task, agents in paper().levels.items():
         rows = read_rows(ROOT / "results" / "expert" / f"{task}.jsonl", GenerationRow)
-        rate = wilson(sum(row.success for row in rows), len(rows))
+        found = wilson(sum(row.success for row in rows), len(rows))
         lines.append(
             (
                 title_of(task, configured()),
                 str(agents),
                 f"{sum(row.success for row in rows)} of {len(rows)}",
-                f"{100 * rate.low:.1f} to {100 * rate.high:.1f} %",
+                f"{100 * found.low:.1f} to {100 * found.high:.1f} %",
                 str(sum(row.success_paper for row in rows)),
                 f"{_lengths(rows).value:.1f}",
             )
