@@ -5,7 +5,7 @@ from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import owned
 
-SHOWN = ("architectures", "shield", "ablation_success", "ablation_length")
+SHOWN = ("architectures", "recipes", "shield", "ablation_success", "ablation_length")
 
 
 def write_tables(experiment: Experiment) -> None:

@@ -17,6 +17,7 @@ from rf_exp.ablation.tables.notes import learnt_from
 from rf_exp.ablation.tables.others import foreign
 from rf_exp.ablation.tables.overview import comparison, tasks
 from rf_exp.ablation.tables.policies import architectures, shield
+from rf_exp.ablation.tables.recipes import recipes
 from rf_exp.ablation.tables.selection import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, ours
 from rf_exp.ablation.tables.table import Column, Line, Table, title_of
 
@@ -44,7 +45,7 @@ __all__ = [
 TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
     builder.__name__: builder
     for builder in (
-        *(tasks, comparison, benchmark, architectures, shield),
+        *(tasks, comparison, benchmark, architectures, recipes, shield),
         *(ablation_success, ablation_length, foreign),
     )
 }

@@ -27,7 +27,8 @@ from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_vio
 def benchmark(everything: Results, suite: Suite) -> Table:
     """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline).
 
-    The averages are over the paper's tasks of a level, so that they stand beside the paper's.
+    The averages are over the paper's tasks of a level, so that they stand beside the paper's. The first
+    recipe has a line for every task, measured or not; further ones have those of tasks with rows.
     """
     results = unshielded(everything)
     demos, recipes = demos_of(results), recipes_of(results.evaluation)
@@ -38,6 +39,11 @@ def benchmark(everything: Results, suite: Suite) -> Table:
         Column("core_minutes", "Core-minutes", Text),
     )
 
+    measured = {(row.recipe, row.task) for row in results.evaluation if is_baseline(row)}
+
+    def has_line(task: str, recipe: str) -> bool:
+        return recipe == recipes[0] or (recipe, task) in measured
+
     def line_of(task: str, recipe: str) -> Line:
         said = Text(str(agents_of(task, suite) or "")), Text(recipe)
         cells = baseline_cells(results, task, demos, recipe)
@@ -46,12 +52,15 @@ def benchmark(everything: Results, suite: Suite) -> Table:
 
     lines = []
     for agents, recipe in product(paper().averages, recipes):
-        of_level = [line_of(name, recipe) for name, level in paper().levels.items() if level == agents]
-        key = f"average_{agents}{but_first(recipe, recipes)}"
-        lines += [*of_level, _average(key, agents, recipe, columns, of_level)]
+        level = [name for name, count in paper().levels.items() if count == agents]
+        of_level = [line_of(name, recipe) for name in level if has_line(name, recipe)]
+        lines += of_level
+        if len(of_level) == len(level):
+            key = f"average_{agents}{but_first(recipe, recipes)}"
+            lines.append(_average(key, agents, recipe, columns, of_level))
     further = tasks_of([*paper().levels, *suite], results.evaluation)
     further = [name for name in further if name not in paper().levels]
-    lines += [line_of(name, recipe) for recipe, name in product(recipes, further)]
+    lines += [line_of(name, recipe) for recipe, name in product(recipes, further) if has_line(name, recipe)]
     return Table(
         "benchmark",
         "Diffusion policy baseline",

@@ -22,7 +22,10 @@ from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_vio
 
 
 def architectures(everything: Results, suite: Suite) -> Table:
-    """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand."""
+    """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand.
+
+    Further recipes than the first have rows of the architectures that were measured, where they are several.
+    """
     results = unshielded(everything)
     rows = [row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS]
     names, recipes = tasks_of(paper().architectures[BASELINE_ARCH], rows), recipes_of(rows)
@@ -36,8 +39,10 @@ def architectures(everything: Results, suite: Suite) -> Table:
     for order, demos in at_hand or [(0, paper().demos[-1])]:
         recipe = recipes[order]
         alike = [r for r in rows if (r.demos, r.recipe) == (demos, recipe)]
-        known = paper().architectures
+        known, found = paper().architectures, {row.arch for row in alike}
         archs = [*known, *sorted({row.arch for row in rows} - {*known})]
+        if order:
+            archs = [arch for arch in archs if arch in found] if len(found) > 1 else []
         end = f"-{demos}{but_first(recipe, recipes)}"
         some = [_architecture(arch, end, Text(str(demos)), Text(recipe), alike, names) for arch in archs]
         lines += some

@@ -53,10 +53,15 @@ def demos_of(results: Results) -> list[int]:
 
 
 def recipes_of(rows: Iterable[EvaluationRow]) -> list[str]:
-    """The recipes that have rows: first the one with the most, last those that are told the state."""
+    """The recipes that have rows: first the one with the most, last those that are told the state.
+
+    Of those with as many, the ones that profiles choose come first: others differ from them.
+    """
     oracles = {row.recipe: row.observation == "state" for row in rows}
     counts = Counter(row.recipe for row in rows)
-    return sorted(counts, key=lambda name: (oracles[name], -counts[name], name)) or ["paper"]
+    of_profiles = ("fast", "paper")
+    key = {name: (oracles[name], -counts[name], name not in of_profiles, name) for name in counts}
+    return sorted(counts, key=key.__getitem__) or ["paper"]
 
 
 def but_first(recipe: str, recipes: Sequence[str]) -> str:

@@ -13,8 +13,8 @@ from rf_exp.ablation.suite import Suite, TaskFacts
 from rf_exp.ablation.tables import TABLES, Column, Length, Rate, Table
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
-NAMES = ["tasks", "comparison", "benchmark", "architectures", "shield", "ablation_success", "ablation_length"]
-NAMES += ["foreign"]
+NAMES = ["tasks", "comparison", "benchmark", "architectures", "recipes", "shield"]
+NAMES += ["ablation_success", "ablation_length", "foreign"]
 EMPTY = Results()
 SUITE = {
     "lift_barrier": TaskFacts("Lift Barrier", 2, "Two arms lift a barrier.", "It is up.", "1"),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rf_exp.ablation import wilson
+from rf_exp.ablation import paper, wilson
 from rf_exp.ablation.tables import build
 from tests.ablation.conftest import evaluation
 from tests.ablation.tables.making import SUITE, at, evaluated, made
@@ -74,13 +74,43 @@ def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
     assert at(table, "lift_barrier", "core_minutes").value == "1.5"
     assert at(table, "lift_barrier-state", "core_minutes").value == ""
     assert "Policies of recipe state are told the true poses of all things: an oracle." in table.notes
-    shown = made("architectures", evaluated(of_paper, ours, told))
+    other = evaluation("lift_barrier", "shared_local", 150, 1, 5)
+    shown = made("architectures", evaluated(of_paper, other, ours, told))
     assert [(line.key, line.cells[1].value) for line in shown.lines if "separate_local" in line.key] == [
         ("separate_local-50", "fast"),
         ("separate_local-150", "fast"),
-        ("separate_local-150-paper", "paper"),
-        ("separate_local-150-state", "state"),
+        ("separate_local-150-paper", "paper"),  # of state there is no other architecture
     ]
+
+
+def test_further_recipes_have_lines_where_they_have_rows() -> None:
+    ours = evaluation("lift_barrier", "separate_local", 50, 9, 1, recipe="fast")
+    other = evaluation("lift_barrier", "separate_local", 50, 5, 5, recipe="blind")
+    table = made("benchmark", evaluated(ours, other))
+    assert [line.key for line in table.lines if line.cells[1].value == "blind"] == ["lift_barrier-blind"]
+    of_first = [line for line in table.lines if line.cells[1].value == "fast"]
+    assert len(of_first) == len(paper().levels) + len(paper().averages)
+
+
+def test_recipes_are_compared_where_they_learned_the_same() -> None:
+    ours, rung = (
+        [
+            *evaluation("place_food", "separate_local", 50, wins, 10 - wins, recipe=recipe),
+            *evaluation("lift_barrier", "separate_local", 50, wins, 10 - wins, recipe=recipe, train_seed=1),
+        ]
+        for recipe, wins in (("fast", 9), ("blind", 4))
+    )
+    alone = evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast")
+    elsewhere = evaluation("place_food", "separate_local", 150, 1, 1, recipe="fast")
+    table = made("recipes", evaluated(rung, ours, alone, elsewhere))
+    assert [line.key for line in table.lines] == ["fast-50", "blind-50"]  # whom a profile chooses comes first
+    assert [column.key for column in table.columns if column.compared] == ["place_food", "lift_barrier"]
+    assert at(table, "blind-50", "place_food").value == 0.4
+    assert at(table, "blind-50", "place_food").paper == 0.05
+    assert any(
+        note.startswith("Place Food, 50 demos, against fast: blind -50.0 points") for note in table.notes
+    )
+    assert made("recipes", evaluated(ours)).lines == ()
 
 
 def test_policies_of_others_count_in_no_table_of_ours() -> None:
