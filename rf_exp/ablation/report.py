@@ -92,6 +92,7 @@ def _table(table: Table) -> Section:
             (line.title, plots.over_demos(line, table.columns, f"{table.name}-{line.key}"))
             for line in table.lines
             if not line.average and plots.measured(line.cells)
+            if table.cell(line.key, "recipe") == table.lines[0].cells[1]  # `recipes` draws the others
         ]
     elif table.name == "tasks":
         drawn = []  # its figures are drawn with the other tables
