@@ -6,7 +6,7 @@ from pathlib import Path
 from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.types import FOREIGN
 
-RECORDING, FILM, PICTURE = ".rrd", ".mp4", ".png"
+FILM, PICTURE = ".mp4", ".png"
 
 
 def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:

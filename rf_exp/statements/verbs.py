@@ -67,10 +67,6 @@ class Verb:
         return self._forms[0][1]
 
     @property
-    def participle(self) -> str:
-        return self._forms[0][3]
-
-    @property
     def gerund(self) -> str:
         return self._forms[0][4]
 
