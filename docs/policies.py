@@ -207,6 +207,14 @@ def shielded(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str
     return table(SHIELD, lines)
 
 
+def hours(found: Cells) -> tuple[str, str]:
+    """What learning and the scenes of the first table took, in hours of one core."""
+    groups = [found[key] for key in found if key[1] == BASELINE_ARCH and key[2] in paper().demos]
+    learning = sum(core_minutes(group) for group in groups) / 60
+    scenes = sum(row.wall_s for group in groups for row in group) / 3600
+    return f"{learning:.1f}", f"{scenes:.1f}"
+
+
 def rate(group: Sequence[EvaluationRow]) -> float:
     return fmean(row.success for row in group)
 
@@ -231,6 +239,7 @@ def document() -> str:
         WORDS,
         baseline=baseline(of_tables),
         architectures=architectures(of_tables),
+        hours=hours(of_tables),
         shielded=shielded(groups),
         every=table(HEADING, (line(row, group) for row, group in groups)),
         most=paper().demos[-1],
