@@ -39,6 +39,7 @@ RUNG = (
     *("rollouts with a violation", "core-minutes"),
 )
 MOST = 3  # kinds of failures that are told of a policy
+START = "paper_short"  # where the ladder begins
 LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
 
 WORDS = Path(__file__).with_suffix(".jinja")
@@ -105,25 +106,24 @@ def step(recipe: str) -> str:
     """What the first line of a recipe says it does otherwise than `fast`, which says nothing so."""
     comment = (ROOT / "conf" / "policy" / f"{recipe}.yaml").read_text("utf-8").splitlines()[1:3]
     told = " ".join(line.removeprefix("# ") for line in comment if line.startswith("#"))
-    return "" if recipe == rungs()[0] else re.split(r"\.(?: [A-Z]|$)", told.partition("): ")[2])[0]
+    told = told.partition("): ")[2] or told
+    return "" if recipe == rungs()[0] else re.split(r"\.(?: [A-Z]|$)", told)[0]
 
 
 def ladder(rows: Iterable[EvaluationRow]) -> list[tuple[str, str]]:
     """What each step of the recipe gives: of each task a line a rung, all training seeds together."""
-    alone, node = rungs()[1:], OmegaConf.load(LADDER)
+    listed, node = [START, *rungs()], OmegaConf.load(LADDER)
     found: dict[tuple[str, str], list[EvaluationRow]] = {}
     for row in rows:
         plain = row.arch == BASELINE_ARCH and row.constraints == BASELINE_CONSTRAINTS and not row.shield
-        if plain and row.demos == node.demos and row.recipe in rungs():
+        if plain and row.demos == node.demos and row.recipe in listed:
             found.setdefault((row.task, row.recipe), []).append(row)
     parts = []
     for task in paper().levels:
-        if not any((task, recipe) in found for recipe in alone):
+        if not any((task, recipe) in found for recipe in rungs()[1:]):
             continue
         lines = [
-            rung(recipe, list(newest(found[task, recipe])[0]))
-            for recipe in rungs()
-            if (task, recipe) in found
+            rung(recipe, list(newest(found[task, recipe])[0])) for recipe in listed if (task, recipe) in found
         ]
         parts.append((title_of(task, configured()), table(RUNG, lines)))
     return parts
