@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from policies import cells, of_paper, percent, rate, table
+from policies import cells, of_fast, percent, rate, table
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -29,19 +29,17 @@ ROOT = Path(__file__).parents[1]
 
 def policies() -> str:
     """The rates of our recipe at the largest number of demonstrations beside the paper's."""
-    most = paper().demos[-1]
-    found = {
-        row.task: (row, group)
-        for row, group in cells(load(ROOT).evaluation)
-        if (row.arch, row.recipe, row.demos, row.shield) == (BASELINE_ARCH, "fast", most, False)
-    }
-    lines = []
-    for task, agents in paper().levels.items():
-        if task in found:
-            row, group = found[task]
-            figure = of_paper(row)
-            ours, theirs = f"**{percent(rate(group))}**", percent(figure) if figure is not None else "-"
-            lines.append((title_of(task, configured()), str(agents), ours, theirs))
+    found, most = of_fast(cells(load(ROOT).evaluation)), paper().demos[-1]
+    lines = [
+        (
+            title_of(task, configured()),
+            str(agents),
+            f"**{percent(rate(found[task, BASELINE_ARCH, most]))}**",
+            percent(paper().baseline[task][most]),
+        )
+        for task, agents in paper().levels.items()
+        if (task, BASELINE_ARCH, most) in found
+    ]
     return table(("task", "arms", "rf_exp", "paper"), lines)
 
 

@@ -16,7 +16,14 @@ from rf_exp.ablation.rows import (
 )
 from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
 from rf_exp.ablation.suite import configured, facts
-from rf_exp.ablation.tables import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, title_of
+from rf_exp.ablation.tables import (
+    BASELINE_ARCH,
+    BASELINE_CONSTRAINTS,
+    both_ways,
+    core_minutes,
+    is_baseline,
+    title_of,
+)
 
 __all__ = [
     "BASELINE_ARCH",
@@ -29,10 +36,12 @@ __all__ = [
     "Paper",
     "Results",
     "append_row",
+    "both_ways",
     "configured",
     "core_minutes",
     "difference",
     "facts",
+    "is_baseline",
     "load",
     "markdown_rows",
     "mean",

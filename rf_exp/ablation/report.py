@@ -88,11 +88,12 @@ def _rollout_tiles(results: Results, kind: str, shield: bool) -> tuple[Tile, Til
 
 def _table(table: Table) -> Section:
     if table.name == "benchmark":
+        first = table.cell(table.lines[0].key, "recipe")  # `recipes` draws the others
         drawn = [
             (line.title, plots.over_demos(line, table.columns, f"{table.name}-{line.key}"))
             for line in table.lines
             if not line.average and plots.measured(line.cells)
-            if table.cell(line.key, "recipe") == table.lines[0].cells[1]  # `recipes` draws the others
+            if table.cell(line.key, "recipe") == first
         ]
     elif table.name == "tasks":
         drawn = []  # its figures are drawn with the other tables

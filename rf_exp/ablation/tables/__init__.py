@@ -18,7 +18,14 @@ from rf_exp.ablation.tables.others import foreign
 from rf_exp.ablation.tables.overview import comparison, tasks
 from rf_exp.ablation.tables.policies import architectures, shield
 from rf_exp.ablation.tables.recipes import recipes
-from rf_exp.ablation.tables.selection import BASELINE_ARCH, BASELINE_CONSTRAINTS, core_minutes, ours
+from rf_exp.ablation.tables.selection import (
+    BASELINE_ARCH,
+    BASELINE_CONSTRAINTS,
+    both_ways,
+    core_minutes,
+    is_baseline,
+    ours,
+)
 from rf_exp.ablation.tables.table import Column, Line, Table, title_of
 
 __all__ = [
@@ -35,9 +42,11 @@ __all__ = [
     "Table",
     "Text",
     "Violations",
+    "both_ways",
     "build",
     "core_minutes",
     "escape_latex",
+    "is_baseline",
     "ours",
     "title_of",
 ]
