@@ -5,6 +5,8 @@ SHELL := /bin/bash
 BIN := .venv/bin
 RENDER ?= yes
 export PYTHON RENDER
+# Without kept bytecode each process of the tests compiles them and everything they import again.
+unexport PYTHONDONTWRITEBYTECODE
 
 # The set-up is done again only when what it depends on has changed.
 STAMP := .venv/.setup-$(shell (echo "$(CURDIR) $(RENDER)"; cat pyproject.toml scripts/setup.sh) | sha256sum | cut -c1-16)

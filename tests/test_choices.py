@@ -29,6 +29,7 @@ def test_every_choice_composes(group, name):
     assert experiment(f"{group}={name}").tasks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["task", "arch", "constraints"])
 def test_all_means_every_file_there_is(group):
     everything = getattr(

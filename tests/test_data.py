@@ -105,6 +105,7 @@ def test_every_array_says_what_it_holds(tmp_path: Path) -> None:
         assert len(array.attrs.get("names", [0] * array.shape[-1])) == array.shape[-1], name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [({"judged": None}, r"judged by \[\]; .*'lifted'"), ({"extras": {}}, r"depth and segmentation \[\]")],
@@ -135,6 +136,7 @@ def test_merged_stores_are_the_one_made_in_one_go(tmp_path: Path, command: Comma
     assert digest(merged) == digest(whole)
 
 
+@pytest.mark.slow
 def test_stores_that_are_no_parts_of_one_are_refused(tmp_path: Path, command: Command) -> None:
     one = store_of(tmp_path / "one.zarr", range(2))
     other = store_of(tmp_path / "other.zarr", range(2, 3), {**IDENTITY, "attempts": 9})
@@ -173,6 +175,7 @@ def test_validation_names_what_is_wrong(tmp_path: Path, command: Command) -> Non
         assert message in said
 
 
+@pytest.mark.slow
 def test_a_summary_for_programs(tmp_path: Path, command: Command) -> None:
     path = store_of(tmp_path / "s.zarr", range(4))
     code, said, _ = command("summary", path, "--json")
@@ -216,6 +219,7 @@ def shown(folder: Path, table: Any, camera: str) -> np.ndarray[Any, Any]:
     return np.stack([np.frombuffer(frame, np.uint8).reshape(HEIGHT, WIDTH, 3) for frame in frames])
 
 
+@pytest.mark.slow
 def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, command: Command) -> None:
     """What robomimic itself makes of it: benchmarks/robomimic_reads.py."""
     path, to = store_of(tmp_path / "s.zarr", range(3)), tmp_path / "robomimic"
@@ -239,6 +243,7 @@ def test_statistics_of_episodes_together_are_those_of_all_rows() -> None:
         np.testing.assert_allclose(found[name], wanted[name])
 
 
+@pytest.mark.slow
 def test_an_export_that_cannot_be_leaves_nothing_and_loses_nothing(tmp_path: Path, command: Command) -> None:
     path, there = store_of(tmp_path / "s.zarr", range(2)), tmp_path / "there"
     there.mkdir()

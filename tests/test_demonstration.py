@@ -64,6 +64,7 @@ def test_every_check_of_a_plan_is_decided_in_one_of_its_phases(page):
         assert f"| holds | `VI(Agent_{agent}, barrier, {side})` |" in measured
 
 
+@pytest.mark.slow
 def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
     kept = json.loads(page.with_suffix(".json").read_text())
     assert len(kept["stl"]) == 2 and kept["certificate"]["evidence"]["lifted"]
@@ -91,6 +92,7 @@ def test_what_a_set_switches_off_is_marked_and_no_part_of_the_check_code(tmp_pat
     assert "switched off" not in page.read_text()  # all are on
 
 
+@pytest.mark.slow
 def test_pictures_and_recording_lie_beside_the_page(page):
     linked = re.findall(r"\]\((.*?)\)", page.read_text())
     assert {"lift_barrier-0/round-2-lanes.png", "lift_barrier-0/round-3-diagrams.png"} <= set(linked)

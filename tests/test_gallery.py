@@ -88,6 +88,7 @@ def test_a_task_that_nobody_solves_does_not_keep_the_others_from_being_shown(com
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("argument", "message"),
     [

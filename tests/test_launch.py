@@ -222,6 +222,7 @@ def test_no_slurm_and_options_that_it_does_not_have_are_said(tmp_path: Path) -> 
         list(results(wrong, [process], 1, tmp_path))
 
 
+@pytest.mark.slow
 def test_a_scheduler_s_file_that_is_not_there_is_said(tmp_path: Path) -> None:
     needs("distributed")
     with pytest.raises(StageError, match="no such file; Dask's scheduler writes it"):

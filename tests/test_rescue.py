@@ -95,6 +95,7 @@ def test_a_flipped_bit_in_a_picture_costs_the_episodes_it_is_in(path: Path, resc
     assert Store.open(path).seeds.tolist() == [1, 2, 3, 4, 5]
 
 
+@pytest.mark.slow
 def test_a_dry_run_says_what_would_be_kept_and_changes_nothing(path: Path, rescue) -> None:
     (path / "data/rgb_agent1/c/1/0/0/0").unlink()
     before = digest(path.parent)
@@ -134,6 +135,7 @@ def test_what_cannot_be_rescued_says_why(path: Path, rescue, tmp_path: Path) -> 
     assert digest(path) == before
 
 
+@pytest.mark.slow
 def test_an_earlier_damaged_store_is_not_overwritten(path: Path, rescue) -> None:
     path.with_name("quick.damaged.zarr").mkdir()
     flip(path / "data/qpos/c/0/0/0")

@@ -39,6 +39,7 @@ def run(*arguments, environment=None, timeout_s=600):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

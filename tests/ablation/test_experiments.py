@@ -24,6 +24,7 @@ def composed(*overrides: str) -> dict[str, Any]:
     return values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_an_experiment_composes_and_yields_to_the_command_line(experiment: str) -> None:
     values = composed(
@@ -41,6 +42,7 @@ def test_architectures() -> None:
     assert (values["demos"], values["scenes"]) == (150, 100)
 
 
+@pytest.mark.slow
 def test_ablation_draws_nothing_and_counts_seeds() -> None:
     values = composed("experiment=ablation")
     assert set(values["constraints"]) == ROWS

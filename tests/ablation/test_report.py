@@ -41,6 +41,7 @@ class Balance(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.slow
 def test_the_report_stands_alone(out: Path) -> None:
     path = write_report(out)
     assert path == out / "report.html"
@@ -77,6 +78,7 @@ def test_the_widest_table_fits_1400_pixels(out: Path) -> None:
     assert re.findall("<title>(.*)</title>", done.stdout) == ["wider: "]
 
 
+@pytest.mark.slow
 def test_the_summary_counts_the_rollouts_with_a_violation(out: Path) -> None:
     for row in evaluation("place_food", "separate_local", 150, 2, 3, violations=(0, 0, 1, 40, 0)):
         append_row(out / "results/evaluate/place_food/separate_local/full-150.jsonl", row)
@@ -90,6 +92,7 @@ def test_the_report_without_any_result(tmp_path: Path) -> None:
     assert "paper 97.5 %" in text
 
 
+@pytest.mark.slow
 def test_attempts_that_failed_alike_are_counted_together_whatever_their_numbers(out: Path) -> None:
     for row in generation("new_task", "logical", 1, 3, violations=(2,)):
         append_row(out / "results/generate/new_task/logical.jsonl", row)
@@ -106,6 +109,7 @@ DROPPED = Account(
 FELL = replace(DROPPED, closest=Closest(2, 4, 2.2, 0), lost=(Lost("barrier", "dropped", 0.9),))
 
 
+@pytest.mark.slow
 def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
     for row in evaluation("place_food", "separate_local", 50, 3, 5):
         account = Account() if row.success else DROPPED if row.scene_seed % 2 else FELL
@@ -118,6 +122,7 @@ def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
     assert f"<th>Place Food</th><td>separate_local</td><td>full, 50 demonstrations</td>{kind}" in section
 
 
+@pytest.mark.slow
 def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> None:
     folder = out / "recordings/place_food/full"
     folder.mkdir(parents=True)
@@ -142,6 +147,7 @@ def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> N
     assert '<section id="pictures">' not in text  # each is shown once
 
 
+@pytest.mark.slow
 def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
     curves = out / "policies/lift_barrier/full/separate_local/150-0/curves.csv"
     curves.parent.mkdir(parents=True)
@@ -172,12 +178,14 @@ def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
     assert "broken.zarr is damaged" in text
 
 
+@pytest.mark.slow
 def test_odd_files_of_rows_are_told(out: Path) -> None:
     with (out / "results/generate/lift_barrier/full.jsonl").open("a") as file:
         file.write('{"task')
     assert "full.jsonl, line 11: unfinished, left by a crash; not counted" in write_report(out).read_text()
 
 
+@pytest.mark.slow
 def test_names_are_escaped(out: Path) -> None:
     (row,) = generation("lift_barrier", "full", 0, 1, first=99)
     append_row(out / "results/generate/lift_barrier/full.jsonl", replace(row, account=Account(ended="<b>&")))

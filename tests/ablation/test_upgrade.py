@@ -19,6 +19,7 @@ def account(reason: str) -> Account:
     return restored(Account, upgraded({"schema": 5, "reason": reason})["account"])
 
 
+@pytest.mark.slow
 def test_kept_rows_of_rollouts_say_what_their_lines_say() -> None:
     failures = 0
     for path in sorted(RESULTS.glob("evaluate/**/*.jsonl")):
@@ -29,6 +30,7 @@ def test_kept_rows_of_rollouts_say_what_their_lines_say() -> None:
     assert failures > 100
 
 
+@pytest.mark.slow
 def test_kept_rows_of_generation_say_what_their_lines_say() -> None:
     failures = 0
     for path in sorted([*RESULTS.glob("ablation/**/*.jsonl"), *RESULTS.glob("expert/*.jsonl")]):

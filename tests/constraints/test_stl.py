@@ -128,6 +128,7 @@ def changed(execution: Execution, **values: Any) -> Execution:
     return Execution(execution.plan, scenes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("far_m", [0.0, POSITION_MEASURED_M - 1e-6, POSITION_MEASURED_M, 0.031])
 def test_where_the_gripper_meets_an_object(episodes, far_m):
     made, execution = episodes["lift_barrier"][0]
@@ -144,6 +145,7 @@ def test_where_the_gripper_meets_an_object(episodes, far_m):
         assert verdict == (far_m < POSITION_MEASURED_M)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [0.0, ANGLE_MEASURED_DEG - 3, ANGLE_MEASURED_DEG + 3])
 def test_how_the_gripper_meets_an_object(episodes, turn_deg):
     made, execution = episodes["lift_barrier"][0]

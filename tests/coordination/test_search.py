@@ -4,6 +4,7 @@ from collections import deque
 from itertools import product
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -71,6 +72,7 @@ def check_moves(problem: Problem, positions) -> None:
         assert np.searchsorted(positions[:, agent], position) <= latest
 
 
+@pytest.mark.slow
 @settings(max_examples=250, deadline=None)
 @given(problems())
 def test_the_makespan_is_that_of_breadth_first_search(problem):

@@ -32,6 +32,7 @@ from tests.conftest import CONF, read_task
 from tests.scenes import start_scene
 
 
+@pytest.mark.slow
 def test_scripted_plan_survives_the_round_trip(task):
     scene = start_scene(task, 0)
     text = ScriptedBrain().answer(Question(task, scene, {}))
@@ -105,6 +106,7 @@ BAD = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("answer", "message"), BAD)
 def test_bad_answers_say_what_is_wrong(answer, message, lift_barrier):
     with pytest.raises(BadAnswer, match=re.escape(message)):
@@ -137,6 +139,7 @@ READ = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", READ)
 def test_the_answer_is_found_in_what_models_write(way, lift_barrier):
     proposal = from_json(READ[way], lift_barrier)
@@ -198,6 +201,7 @@ def composed(*overrides: str) -> dict[str, Any]:
     return brain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind"),
     {"scripted": ScriptedSpec, "openai": OpenAISpec, "replay": ReplaySpec, "faulty": FaultySpec}.items(),
@@ -213,6 +217,7 @@ def test_every_file_makes_a_brain_that_can_travel(name, kind, lift_barrier, monk
     assert b"sk-some-key" not in pickle.dumps(spec)
 
 
+@pytest.mark.slow
 def test_options_are_what_decides_the_answers():
     chosen = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.timeout_s=9"))
     patient = read_brain(composed("brain=openai", "brain.model=a", "brain.temperature=1", "brain.retries=9"))
@@ -236,6 +241,7 @@ def test_a_brain_that_cannot_be_read_names_what_is_wrong(node, message):
         read_brain(node)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
@@ -254,6 +260,7 @@ def test_options_that_cannot_be_used_are_refused(key, value, message):
 SECRET = "sk-live-abcdefgh12345678"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "value"),
     [

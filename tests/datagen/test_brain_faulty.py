@@ -103,6 +103,7 @@ def test_a_constraint_left_out_is_made_up_for(worlds):
     assert brain.placed and outcome.success and not watcher.reasons
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_every_fault_applies_somewhere_and_says_what_it_breaks(fault):
     assert FAULTS[fault].description.endswith(".")
@@ -180,6 +181,7 @@ def test_an_unknown_fault_names_those_there_are():
         FaultySpec("bad_luck")
 
 
+@pytest.mark.slow
 def test_every_sentence_of_plans_and_faults_says_its_statement(task):
     """Over all tasks: what plans and faults state is read again as what it was."""
     scene = start_scene(task, 0)

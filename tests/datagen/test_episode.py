@@ -184,6 +184,7 @@ def test_the_budget_of_attempts_ends_an_episode_with_its_reason(lift_world):
     assert "not the expected JSON" in outcome.reason and outcome.steps == 0
 
 
+@pytest.mark.slow
 def test_arms_take_turns_without_a_model_of_time(lift_world):
     watcher = Watcher()
     EpisodeMaker(settings(lift_world.task, LOGICAL), lift_world, ScriptedBrain(), watcher).make(0)
@@ -209,6 +210,7 @@ def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     assert not turns.success and "Agent" in turns.reason
 
 
+@pytest.mark.slow
 def test_the_expert_goes_on_from_where_others_have_led(lift_world):
     """Their steps are stored as they were done, and as nobody's subgoal."""
     setting = settings(read_task("lift_barrier"))

@@ -34,32 +34,36 @@ def bomb(of_bytes: int) -> bytes:
     return first + again * (of_bytes // len(piece))
 
 
-BOMB = bomb(2 * 2**30)
 LONG = f"longer than {LARGEST_BODY} bytes"
 LATE = f"did not answer within {DEADLINE_S:g} s"
-HOSTILE = {
-    "a bomb of 2 GB": (Reply(BOMB, headers=PACKED), LONG),
-    "a bomb of 2 GB in an error": (Reply(BOMB, 500, PACKED), LONG),
-    "a bomb in a bomb": (Reply(gzip.compress(BOMB), headers={"Content-Encoding": "gzip, gzip"}), "packed as"),
-    "a bomb by its charset": (
-        Reply(zlib.compress(bytes(2**29)), 400, {"Content-Type": "text/plain; charset=zlib"}), "400",
-    ),
-    "a body without end": (Reply(b"{", endless=b" " * 2**16), LONG),
-    "an error without end": (Reply(b"{", 400, endless=b" " * 2**16), LONG),
-    "empty blocks without end": (
-        Reply(gzip.compress(b"")[:10], headers=PACKED, endless=b"\x00\x00\x00\xff\xff" * 2**12), LONG,
-    ),
-    "headers without end": (Reply(b"", headers={"X": "y" * 2**24}), "the model was not reached"),
-    "drop by drop": (completion(GOOD, drip_s=0.3), LATE),
-    "drop by drop, packed": (Reply(gzip.compress(completion(GOOD).body), headers=PACKED, drip_s=0.3), LATE),
-    "silence": (completion(GOOD, delay_s=60.0), LATE),
-    "come back in a year": (Reply(b"{}", 429, {"Retry-After": "31536000"}), "too many requests"),
-    "depth": (Reply(b'{"choices":' * 90_000), "not a chat completion"),
-    "small things": (Reply(b'{"choices": [' + b"[]," * 300_000), "not a chat completion"),
-    "a long text": (completion("[" * 10**6), "an answer has up to"),
-    "many objects": (completion('{"a":1}' * 28_000), "lacks 'Subgoals'"),
-    "many braces": (completion('{"' * 90_000), "not the expected JSON"),
-}  # fmt: skip
+
+
+def hostile() -> dict[str, tuple[Reply, str]]:
+    """Name -> what the server sends, and what is to be in the reason."""
+    zeros, good, twice = bomb(2 * 2**30), gzip.compress(completion(GOOD).body), "gzip, gzip"
+    return {
+        "a bomb of 2 GB": (Reply(zeros, headers=PACKED), LONG),
+        "a bomb of 2 GB in an error": (Reply(zeros, 500, PACKED), LONG),
+        "a bomb in a bomb": (Reply(gzip.compress(zeros), headers={"Content-Encoding": twice}), "packed as"),
+        "a bomb by its charset": (
+            Reply(zlib.compress(bytes(2**29)), 400, {"Content-Type": "text/plain; charset=zlib"}), "400",
+        ),
+        "a body without end": (Reply(b"{", endless=b" " * 2**16), LONG),
+        "an error without end": (Reply(b"{", 400, endless=b" " * 2**16), LONG),
+        "empty blocks without end": (
+            Reply(gzip.compress(b"")[:10], headers=PACKED, endless=b"\x00\x00\x00\xff\xff" * 2**12), LONG,
+        ),
+        "headers without end": (Reply(b"", headers={"X": "y" * 2**24}), "the model was not reached"),
+        "drop by drop": (completion(GOOD, drip_s=0.3), LATE),
+        "drop by drop, packed": (Reply(good, headers=PACKED, drip_s=0.3), LATE),
+        "silence": (completion(GOOD, delay_s=60.0), LATE),
+        "come back in a year": (Reply(b"{}", 429, {"Retry-After": "31536000"}), "too many requests"),
+        "depth": (Reply(b'{"choices":' * 90_000), "not a chat completion"),
+        "small things": (Reply(b'{"choices": [' + b"[]," * 300_000), "not a chat completion"),
+        "a long text": (completion("[" * 10**6), "an answer has up to"),
+        "many objects": (completion('{"a":1}' * 28_000), "lacks 'Subgoals'"),
+        "many braces": (completion('{"' * 90_000), "not the expected JSON"),
+    }  # fmt: skip
 
 
 def asked(replies: Mapping[str, list[Reply]], deadlines_s: Sequence[float]) -> dict:
@@ -82,9 +86,10 @@ def asked(replies: Mapping[str, list[Reply]], deadlines_s: Sequence[float]) -> d
 @pytest.mark.slow
 def test_hostile_servers_cost_neither_memory_nor_time():
     # Who is to be stopped by the limit on bytes has time enough to fill the memory without it.
-    deadlines_s = [DEADLINE_S if reason == LATE else PATIENCE_S for _, reason in HOSTILE.values()]
-    told = asked({name: [reply] for name, (reply, _) in HOSTILE.items()}, deadlines_s)
-    for (name, (_, reason)), outcome in zip(HOSTILE.items(), told["outcomes"], strict=True):
+    servers = hostile()
+    deadlines_s = [DEADLINE_S if reason == LATE else PATIENCE_S for _, reason in servers.values()]
+    told = asked({name: [reply] for name, (reply, _) in servers.items()}, deadlines_s)
+    for (name, (_, reason)), outcome in zip(servers.items(), told["outcomes"], strict=True):
         assert reason in outcome["reason"], (name, outcome)
         assert outcome["wall_s"] < DEADLINE_S + SPARE_S, (name, outcome)
     assert told["peak_mb"] < MOST_MB

@@ -118,6 +118,7 @@ def test_what_is_placed_ends_where_it_should(place_food):
     assert state.held == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("subgoals", "message"),
     [

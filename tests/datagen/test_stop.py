@@ -98,11 +98,13 @@ def test_arms_that_stop_stay_on_their_way(planned):
         assert np.linalg.norm(ahead - row, axis=(1, 2)).min() <= between.max()
 
 
+@pytest.mark.slow
 def test_who_stands_still_stops_at_once(planned):
     still = np.tile(planned[0][:1], (10, 1, 1))
     np.testing.assert_array_equal(come_to_rest(still, 5, LIMITS), still[:1])
 
 
+@pytest.mark.slow
 def test_arms_are_let_off_to_where_they_were_measured(planned):
     command = planned[0][0]
     qpos = np.hstack([command[:, :7], np.zeros((3, 2))])

@@ -40,6 +40,7 @@ def test_straight_line_takes_the_shortest_time():
     assert len(timed) == np.ceil(2 * np.sqrt(0.6 / 0.9) * 20)  # never reaches full speed
 
 
+@pytest.mark.slow
 def test_durations_of_approaches_are_estimated_without_bias(lift_barrier):
     arm, rng = lift_barrier.arms[1], np.random.default_rng(0)
     off_s = []

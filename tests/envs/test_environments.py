@@ -31,6 +31,7 @@ def held(env: CentralEnv) -> NDArray[np.float32]:
     return np.column_stack([qpos[:, :7], np.ones(len(qpos))]).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TASKS)
 def test_the_tasks_are_those_of_the_command(name: str) -> None:
     given = experiment(f"task={name}").tasks[0]
@@ -63,6 +64,7 @@ def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Ta
     env.close()
 
 
+@pytest.mark.slow
 def test_without_a_seed_scenes_follow_from_the_last_one_and_are_never_those_of_evaluation() -> None:
     single, several = CentralEnv("pick_meat"), parallel_env("pick_meat")
     runs = []
@@ -75,6 +77,7 @@ def test_without_a_seed_scenes_follow_from_the_last_one_and_are_never_those_of_e
     assert len(set(runs[0])) == 4 and max(runs[0]) < EVALUATION_SEED
 
 
+@pytest.mark.slow
 def test_both_faces_give_the_same_episode() -> None:
     single, several = CentralEnv("place_food"), parallel_env("place_food")
     observed, _ = single.reset(seed=1)
@@ -135,6 +138,7 @@ def test_actions_are_the_panda_s_joints_and_what_is_beyond_is_clipped() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overlaps", [False, True])
 def test_arms_that_are_driven_into_one_another_are_violations(overlaps: bool) -> None:
     core = EpisodeCore("lift_barrier", overlaps=overlaps)
@@ -164,6 +168,7 @@ def test_a_task_outside_of_the_package() -> None:
     several.close()
 
 
+@pytest.mark.slow
 def test_environments_in_processes_of_their_own() -> None:
     envs = gymnasium.make_vec(environment_id("pick_meat"), num_envs=2, vectorization_mode="async")
     observed, infos = envs.reset(seed=4)

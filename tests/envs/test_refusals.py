@@ -35,6 +35,7 @@ def test_options_that_are_not_possible(make: Callable[[], Any], says: str) -> No
     assert says in str(error.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("action", "says"),
     [
@@ -59,6 +60,7 @@ def test_actions_that_are_none(action: Any, says: str) -> None:
     env.close()
 
 
+@pytest.mark.slow
 def test_actions_of_agents_that_are_none() -> None:
     env = parallel_env("lift_barrier")
     env.reset(seed=0)

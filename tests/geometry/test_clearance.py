@@ -57,6 +57,7 @@ def test_long_smooth_paths_agree_with_brute_force_at_random_cells():
         assert exact < (1 + DOUBT) * 0.01 + 2 * SLACK_M if diagram[row, column] else exact >= 0.01
 
 
+@pytest.mark.slow
 def test_what_is_forbidden_between_positions_is_not_more_than_the_doubt():
     """Both sides of the limit, over every cell of smooth paths: what pieces have to spare."""
     rng = np.random.default_rng(11)

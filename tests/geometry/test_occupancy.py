@@ -61,6 +61,7 @@ def test_finer_voxels_hold_every_point_and_lie_in_the_coarse_ones():
         assert {*map(tuple, np.floor(points / (VOXEL_M / 2)).astype(int).tolist())} <= filled
 
 
+@pytest.mark.slow
 def test_arms_that_touch_share_a_voxel_and_few_others_do():
     rng = np.random.default_rng(4)
     planning_scene = PlanningScene(TWO, scene_of(TWO))
@@ -95,6 +96,7 @@ def test_shared_voxels_are_sorted_and_may_be_none():
     assert shared(far, np.concatenate([far, a])).tolist() == sorted(far.tolist())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("margin_m", [0.0, 0.03])
 def test_voxels_beside_a_body_are_those_within_a_margin_of_it(margin_m):
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, random_qpos(np.random.default_rng(6), 1))

@@ -28,6 +28,7 @@ def inside(piece: Piece, count: int, rng: np.random.Generator):
     return np.concatenate([weights @ piece.vertices, piece.vertices])
 
 
+@pytest.mark.slow
 @pieces
 def test_the_cover_and_the_sphere_hold_every_point_of_the_hull(piece):
     points = inside(piece, 4000, np.random.default_rng(0))

@@ -120,6 +120,7 @@ def test_a_number_means_the_same_subgoal_in_every_episode(make_store) -> None:
     assert numbered(Told)[1] == ()  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.slow
 def test_a_rollout_tells_policies_what_the_coordinator_says(
     make_store, knowing: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:

@@ -53,6 +53,7 @@ def test_the_action_executed_first_is_the_one_of_the_newest_frame(
     assert np.array_equal(batch.action[0, policy_config.observation_steps - 1], store.action[10, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, tmp_path: Path) -> None:
     """Agent 2 pauses for 4 steps at its 9th: what it learns then is what comes after, as if it did not."""

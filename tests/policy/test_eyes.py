@@ -345,6 +345,7 @@ def test_what_does_not_fit_is_refused(seeing: PolicyConfig, change: dict, messag
         replace(seeing, **change)
 
 
+@pytest.mark.slow
 def test_what_is_seen_is_told_with_the_step(
     make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path
 ) -> None:

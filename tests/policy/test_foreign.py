@@ -159,6 +159,7 @@ def test_a_factory_that_gives_no_policy(name: str, options: dict, error: type, m
         make_policy(name, options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
@@ -182,6 +183,7 @@ def test_what_cannot_be_evaluated_is_refused(overrides: list[str], message: str)
         experiment("stages=[evaluate]", *overrides)
 
 
+@pytest.mark.slow
 def test_rows_say_whose_policy_it_is_and_what_it_was_told() -> None:
     made = experiment("stages=[evaluate]", "arch=all", "foreign.name=x", "foreign.factory=a:b", *BLIND)
     assert [arch.name for arch in made.archs] == ["foreign"] and made.method == "x"
@@ -338,6 +340,7 @@ def test_a_policy_that_breaks_costs_no_row_and_the_command_goes_on(command: Any,
     assert other.returncode == 1 and "foreign.action_steps: found " in other.stderr
 
 
+@pytest.mark.slow
 def test_without_demonstrations_somebody_has_to_say_how_long_a_scene_is(command: Any, tmp_path: Path) -> None:
     done = command("stages=[evaluate]", "foreign.name=x", "foreign.factory=a:b", *BLIND, f"out={tmp_path}")
     assert done.returncode == 1 and "run stages=[generate] first, or give foreign.step_limit" in done.stderr

@@ -60,6 +60,7 @@ def test_the_film_table_is_the_direct_computation() -> None:
     assert torch.allclose(quick, unet(sample, steps, observation), atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channels", [(16, 32), (16, 32, 64)])
 def test_the_network_that_acts_is_the_one_that_learned_to_the_last_bit(channels: tuple[int, ...]) -> None:
     torch.manual_seed(0)
@@ -117,6 +118,7 @@ def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("prediction", ["epsilon", "sample", "v_prediction"])
 @pytest.mark.parametrize("sampler", ["ddpm", "ddim"])
 def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: str) -> None:
@@ -150,6 +152,7 @@ def test_without_steps_of_diffusion_the_draft_acts() -> None:
     torch.testing.assert_close(found, policy.normaliser.action.restore(drafted))
 
 
+@pytest.mark.slow
 def test_the_film_table_does_not_outlive_its_weights() -> None:
     torch.manual_seed(0)
     policy = DiffusionPolicy(small_policy(unet_channels=(16, 32)), 8, 8).eval()

@@ -38,6 +38,7 @@ def told(policy_config: PolicyConfig) -> PolicyConfig:
     return replace(policy_config, observation="state", context=True, observation_steps=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 @pytest.mark.parametrize("agents", [1, 2, 3])
 def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents) -> None:

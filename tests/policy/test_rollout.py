@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -69,17 +70,25 @@ def judge(scene: Scene) -> Verdict:
 
 @pytest.fixture
 def make_runner(policy_config: PolicyConfig):
-    """view -> an runner with random weights that demonstrations of FASTEST_RAD a step would give."""
+    """view -> a runner with random weights that demonstrations of FASTEST_RAD a step would give."""
 
     def make(view: View, seed: int = 0, **changes) -> DiffusionRunner:
-        torch.manual_seed(seed)
-        policy = DiffusionPolicy(replace(policy_config, **changes), view.proprio_size, view.action_size)
-        policy.normaliser.fastest.fill_(FASTEST_RAD)
-        return DiffusionRunner(policy, view)
+        config = replace(policy_config, **changes)
+        return DiffusionRunner(random_policy(config, view.proprio_size, view.action_size, seed), view)
 
     return make
 
 
+@cache
+def random_policy(config: PolicyConfig, proprio: int, action: int, seed: int) -> DiffusionPolicy:
+    """Acting changes no weight, and a policy traces its network once: runners of several tests share it."""
+    torch.manual_seed(seed)
+    policy = DiffusionPolicy(config, proprio, action)
+    policy.normaliser.fastest.fill_(FASTEST_RAD)
+    return policy
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("agents", range(1, 5))
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 def test_every_architecture_commands_every_agent(arch, agents: int, make_runner) -> None:
@@ -93,6 +102,7 @@ def test_every_architecture_commands_every_agent(arch, agents: int, make_runner)
     assert (np.ptp(actions[..., :7], axis=0).max(axis=1) > 0).all()  # every arm moved
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_actions_whatever_ran_before(make_runner) -> None:
     world, runners = Table(2), [make_runner(view) for view in views(ARCHS[3], 2)]
     runs = []
@@ -103,6 +113,7 @@ def test_the_same_seed_gives_the_same_actions_whatever_ran_before(make_runner) -
     assert not np.array_equal(runs[0], runs[1])
 
 
+@pytest.mark.slow
 def test_an_agent_acts_the_same_in_a_batch_and_alone(make_runner) -> None:
     """Agents with shared weights are rows of one batch; a row must not depend on its neighbours."""
     world, (shared,) = Table(2), views(ARCHS[1], 2)
@@ -112,6 +123,7 @@ def test_an_agent_acts_the_same_in_a_batch_and_alone(make_runner) -> None:
     assert np.allclose(np.stack(world.actions), batched, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_jumps_become_motions_at_the_speed_of_the_demonstrations(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     rollout(world, judge, runners, 0, 20)
@@ -130,6 +142,7 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     assert np.allclose(runner(scene, {})[0], target)
 
 
+@pytest.mark.slow
 def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
     """Older ones more, as in ACT; and one alone is what it is without an ensemble."""
     decay, world = 0.5, Table(2)
@@ -242,6 +255,7 @@ def test_a_failure_has_its_reason_and_a_success_has_none(make_runner) -> None:
     assert rollout(world, lambda scene: Verdict(True, True, {"held": True}), runners, 0, 9).reason == ""
 
 
+@pytest.mark.slow
 def test_an_observer_is_told_what_was_predicted_and_what_was_done(make_runner) -> None:
     world, runners = Table(2), [make_runner(view) for view in views(ARCHS[3], 2)]
     told: list[RolloutStep] = []
@@ -288,6 +302,7 @@ def test_a_shield_that_lets_all_go_on_changes_no_bit(make_runner) -> None:
         assert runs[0][1:] == runs[1][1:]
 
 
+@pytest.mark.slow
 def test_an_agent_that_is_kept_back_does_the_rest_later(make_runner) -> None:
     """Separate policies have clocks of their own; agents of one policy get their next chunks together."""
     told: list[RolloutStep] = []

@@ -75,6 +75,7 @@ def test_resuming_equals_an_uninterrupted_run(
     assert [row[0] for row in curves[0]] == ["4", "6"]
 
 
+@pytest.mark.slow
 def test_checkpoints_between_curves_resume_too(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
@@ -136,6 +137,7 @@ def test_another_configuration_is_named_key_by_key(
     )
 
 
+@pytest.mark.slow
 def test_the_policy_loads_as_it_was_saved(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
@@ -152,6 +154,7 @@ def test_the_policy_loads_as_it_was_saved(
     assert made_of["data"] == {"identity": store.identity, "seeds": [0, 1, 2]}
 
 
+@pytest.mark.slow
 def test_every_flipped_bit_is_noticed(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
@@ -220,6 +223,7 @@ def test_an_empty_configuration_says_what_helps(
         train(store, LOCAL, policy_config, train_config, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_weights_and_another_does_not(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
@@ -244,6 +248,7 @@ HEATMAPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["compact", "heatmaps", "state"])
 def test_the_version_of_the_learner_stands_for_what_it_learns(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, kind: str

@@ -73,6 +73,7 @@ def test_collisions_and_excused_pairs_are_the_originals() -> None:
     assert collisions(light) == collisions(source)
 
 
+@pytest.mark.slow
 def test_meshes_are_made_once(empty_cache: Path) -> None:
     first = meshes.light_urdf()
     assert first.is_relative_to(empty_cache)

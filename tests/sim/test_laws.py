@@ -38,6 +38,7 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
 # Starts
 
 
+@pytest.mark.slow
 def test_a_hundred_seeds_give_a_hundred_starts(task: Task) -> None:
     starts = [task.start(seed) for seed in range(100)]
 
@@ -52,6 +53,7 @@ def test_a_hundred_seeds_give_a_hundred_starts(task: Task) -> None:
         assert different(start.tints[name] for start in starts) == 100
 
 
+@pytest.mark.slow
 def test_things_weigh_what_they_should(task: Task) -> None:
     usual = {name: task.asset(name).mass_kg for name in task.objects}
     assert task.start(5).masses_kg == usual

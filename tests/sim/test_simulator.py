@@ -183,6 +183,7 @@ def test_arms_that_meet_are_reported_with_a_force(lift_barrier: Task) -> None:
     assert forces and max(forces) > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 4])
 def test_any_number_of_arms(lift_barrier: Task, count: int) -> None:
     bases = tuple(RobotSpec(x, y, 90) for x in (-0.6, 0.7) for y in (-1.0, 0.3))[:count]

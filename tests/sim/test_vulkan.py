@@ -124,6 +124,7 @@ def test_a_driver_that_ends_the_process_is_reported(tmp_path: Path, monkeypatch:
     assert probe.reason == "the driver ended the process with SIGABRT"
 
 
+@pytest.mark.slow
 def test_a_driver_that_hangs_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "sapien.py").write_text("import time\ntime.sleep(60)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

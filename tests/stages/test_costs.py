@@ -31,6 +31,7 @@ def test_the_published_table_is_foretold(tmp_path: Path) -> None:
     assert "generate" not in only and minutes(only) < minutes(one)
 
 
+@pytest.mark.slow
 def test_what_is_there_is_not_foretold(tmp_path: Path) -> None:
     asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1"
     whole = fast(tmp_path, *asked)

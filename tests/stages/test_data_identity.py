@@ -93,6 +93,7 @@ def test_pictures_decide_where_they_are_looked_at() -> None:
         assert seen["width"] == width
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("constant", "key"), [("VERSION", "criteria"), ("PLAN_VERSION", "plan")])
 def test_versions_of_a_task_decide(monkeypatch: pytest.MonkeyPatch, constant: str, key: str) -> None:
     before = identities()
@@ -128,6 +129,7 @@ def own(tmp_path: Path) -> Callable[..., str]:
     return write
 
 
+@pytest.mark.slow
 def test_an_edited_asset_or_mesh_decides(own: Callable[..., str]) -> None:
     before = own()
     assert own() == before

@@ -176,6 +176,7 @@ def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
     assert path.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -23,6 +23,7 @@ CONTENT = (
 UNDERSTOOD = [text.rstrip(".").split() for text, _ in [*LOGICAL, *TEMPORAL, *SPATIAL]]
 
 
+@pytest.mark.slow
 @settings(max_examples=600, deadline=500)
 @given(
     words=st.sampled_from(UNDERSTOOD),

@@ -27,6 +27,7 @@ def test_an_episode_with_other_arrays_is_refused(
         store.append(replace(make_episode(1), **change))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [

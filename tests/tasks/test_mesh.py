@@ -33,6 +33,7 @@ def box(height_m: float = 0.04) -> trimesh.Trimesh:
     return shape.apply_translation((0, 0, height_m / 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in assets.available() if not assets.load(name).ghost])
 def test_a_built_in_asset_comes_back_from_its_own_mesh_and_annotation(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

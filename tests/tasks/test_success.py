@@ -13,6 +13,7 @@ from rf_exp.types import ConstraintSet
 from tests.scenes import start_scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_nothing_has_succeeded_at_the_start(task, seed):
     scene = start_scene(task, seed)
@@ -21,6 +22,7 @@ def test_nothing_has_succeeded_at_the_start(task, seed):
     assert not all(verdict.evidence.values())
 
 
+@pytest.mark.slow
 def test_the_plan_names_only_what_exists_and_every_constraint_is_understood(task):
     scene = start_scene(task, 3)
     proposal = task.module.plan(scene, task)

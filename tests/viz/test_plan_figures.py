@@ -1,6 +1,7 @@
 """Coordination diagrams and lanes: who does what when."""
 
 import numpy as np
+import pytest
 
 from rf_exp.types import Schedule
 from rf_exp.viz import VIOLATED
@@ -44,6 +45,7 @@ def test_every_pair_has_a_diagram_of_its_own():
     assert hits == [False, False, True]
 
 
+@pytest.mark.slow
 def test_the_picture_of_lanes_shows_motion_and_waiting():
     picture = lanes(TWO, TIMED)
     shown = {tuple(colour) for colour in picture.reshape(-1, 3).tolist()}

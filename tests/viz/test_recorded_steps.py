@@ -99,6 +99,7 @@ def test_what_is_predicted_belongs_to_the_steps_to_come(path):
     assert content.steps("/world/paths/agent1/predicted", "LineStrips3D:strips") == [4]
 
 
+@pytest.mark.slow
 def test_a_hundred_steps_with_three_pictures_stay_small(path):
     """Pictures without any flat ground: blobs of 20 pixels in all colours."""
     rng = np.random.default_rng(0)

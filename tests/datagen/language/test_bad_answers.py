@@ -92,6 +92,7 @@ READ = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", READ)
 def test_the_text_is_found_in_every_kind_of_completion(way, lift_barrier, server):
     server.replies = [READ[way]]
@@ -122,6 +123,7 @@ def test_an_answer_that_is_none_is_repaired_by_the_next_one(kind, lift_world, se
     assert reason in str(feedback)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["wrong JSON", "refused by the model", "connection closed half-way"])
 def test_an_answer_that_stays_bad_is_a_clear_failure(kind, lift_world, server):
     bad, reason = BAD[kind]
@@ -148,6 +150,7 @@ def test_too_many_requests_waits_as_long_as_the_server_says(lift_barrier, server
     assert second - first >= 0.7
 
 
+@pytest.mark.slow
 def test_calls_keep_their_interval_and_their_budget(lift_barrier, server):
     server.replies = [completion(GOOD)]
     brain = openai_spec(server.url, min_interval_s=0.4, budget=2).make(lift_barrier, FULL, 0)

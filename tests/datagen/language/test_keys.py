@@ -17,6 +17,7 @@ def holds(folder: Path, text: str) -> list[Path]:
     return [path for path in folder.rglob("*") if path.is_file() and text.encode() in path.read_bytes()]
 
 
+@pytest.mark.slow
 def test_the_key_is_in_no_file_and_no_reason(lift_world, server, tmp_path):
     """Also where the server repeats it, in errors and in answers."""
     task = lift_world.task
@@ -44,6 +45,7 @@ def test_a_key_is_needed_only_where_no_address_is_given(lift_barrier, monkeypatc
     assert ask(openai_spec(None), lift_barrier) and server.keys == ["Bearer none"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
 def test_neither_key_nor_question_goes_where_a_redirect_points(status, lift_barrier, server):
     with LanguageServer([completion(GOOD)]) as other:

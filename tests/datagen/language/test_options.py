@@ -65,6 +65,7 @@ def test_what_is_not_possible_is_refused_with_what_is(changes, reason):
     assert KEY not in str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("overrides", "reason"),
     [
@@ -79,6 +80,7 @@ def test_a_run_that_would_show_something_else_does_not_begin(overrides, reason):
         experiment(MODEL, *overrides)
 
 
+@pytest.mark.slow
 def test_cameras_that_are_there_will_do():
     """The defaults, with and without pictures, and what is a part of what is taken."""
     experiment(MODEL, GENERATE, "render=false")

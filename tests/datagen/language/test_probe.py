@@ -42,6 +42,7 @@ def patience_s(kind: str) -> float:
     return 0.3 if kind == "unreachable, slow" else 30.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SAID)
 def test_one_request_tells_what_becomes_of_the_schema(kind, lift_barrier, server):
     reply, _, words = SAID[kind]
@@ -66,6 +67,7 @@ def test_what_shows_that_the_schema_was_honoured_is_an_answer(lift_barrier):
     assert from_json(NOTHING, lift_barrier).subgoals == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SAID)
 def test_the_doctor_says_it_in_a_line(kind, server, monkeypatch):
     reply, state, words = SAID[kind]

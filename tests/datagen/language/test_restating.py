@@ -40,6 +40,7 @@ def test_unclear_constraints_are_restated_in_one_call_and_recorded(lift_world, s
     assert again.success and len(server.requests) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sentences",
     [
