@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import fmean
 
 from omegaconf import OmegaConf
+from origins import origins
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -40,6 +41,7 @@ RUNG = (
     *("recipe", "what is otherwise", "strict", "95 % interval", "each training seed", "scenes"),
     *("rollouts with a violation", "core-minutes"),
 )
+ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
 MOST = 3  # kinds of failures that are told of a policy
 START = "paper_short"  # where the ladder begins
 LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
@@ -269,6 +271,7 @@ def document() -> str:
         compared=compared(of_tables),
         shielded=shielded(groups),
         every=table(HEADING, (line(row, group) for row, group in groups)),
+        origins=table(ORIGIN, origins(row for row, _ in groups)),
         most=paper().demos[-1],
         ladder=ladder(rows),
         ladder_demos=OmegaConf.load(LADDER).demos,

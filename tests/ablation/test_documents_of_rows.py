@@ -9,7 +9,8 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.slow
-def test_the_page_of_policies_is_what_its_script_writes() -> None:
+def test_the_page_of_policies_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
     written = runpy.run_path(str(DOCS / "policies.py"))["document"]()
     assert (DOCS / "policies.md").read_text("utf-8") == written, "run: python docs/policies.py"
 
