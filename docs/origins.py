@@ -1,4 +1,4 @@
-"""What policies were made of: the generator of their demonstrations, and keys of the recipe that have changed."""
+"""What policies were made of: the generator of their demonstrations, and changed keys of their recipe."""
 
 from collections.abc import Iterable, Mapping
 from functools import cache
