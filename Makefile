@@ -5,7 +5,7 @@ SHELL := /bin/bash
 BIN := .venv/bin
 RENDER ?= yes
 export PYTHON RENDER
-# Without kept bytecode each process of the tests compiles them and everything they import again.
+# Without kept bytecode each process of the tests compiles them, and the package, again.
 unexport PYTHONDONTWRITEBYTECODE
 
 # The set-up is done again only when what it depends on has changed.

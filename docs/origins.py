@@ -37,7 +37,7 @@ def origin(row: EvaluationRow) -> tuple[str, str]:
         return "-", "not recorded"
     generator = read_json(made, RESTORE)["data"]["identity"]["generator"].partition(".")[0]
     then, now = flat(read_json(asked, RESTORE)), today(row.recipe.partition("+")[0])
-    told = [f"`{key}` {then[key]}" for key in sorted(then) if key in now and then[key] != now[key]]
+    told = [f"`{key}` {then[key]}" for key in sorted(then) if key not in now or then[key] != now[key]]
     if missing := [f"`{key}`" for key in sorted(now.keys() - then.keys())]:
         told.append(f"without {', '.join(missing)}")
     return generator, ", ".join(told)
