@@ -172,7 +172,9 @@ def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def percent(share: float) -> str:
-    return f"{100 * share:.0f} %"
+    """In whole per cent, but for what would be none or all by rounding alone."""
+    whole = round(100 * share)
+    return f"{100 * share:.1f} %" if whole in (0, 100) and whole != 100 * share else f"{whole} %"
 
 
 def baseline(found: Cells) -> str:

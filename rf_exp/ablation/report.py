@@ -70,7 +70,7 @@ def _summary(results: Results) -> Section:
         Tile(f"{made / hours:,.0f}" if hours else "missing", "demonstrations an hour of one worker's time"),
         *_rollout_tiles(own, "rollouts", shield=False),
         *(_rollout_tiles(own, "shielded rollouts", True) if any(r.shield for r in own.evaluation) else ()),
-        Tile(str(len(tasks)), "tasks with results"),
+        Tile(str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"),
     )
     command = "" if tried or results.evaluation else "python -m rf_exp.run"
     return Section("summary", "Summary", command, tiles, notes=results.notes)
@@ -80,8 +80,9 @@ def _rollout_tiles(results: Results, kind: str, shield: bool) -> tuple[Tile, Til
     rows = [row for row in results.evaluation if row.shield is shield]
     policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
     won, violated = sum(r.success for r in rows), sum(r.violations > 0 for r in rows)
+    acted = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
     return (
-        Tile(f"{won} of {len(rows)}", f"{kind} of {len(policies)} policies succeeded"),
+        Tile(f"{won} of {len(rows)}", f"{kind} of {acted} succeeded"),
         Tile(f"{violated} of {len(rows)}", f"{kind} had a violation: arms touched"),
     )
 

@@ -25,7 +25,15 @@ if TYPE_CHECKING:
     )
     from rf_exp.policy.rollouts import rollout
     from rf_exp.policy.runner import PolicyRunner
-    from rf_exp.policy.saved import CURVES, MODEL, device_of, expect_policy, load_policy, made_of
+    from rf_exp.policy.saved import (
+        CURVES,
+        MODEL,
+        device_of,
+        expect_policy,
+        load_policy,
+        made_of,
+        write_small,
+    )
     from rf_exp.policy.shield import SHIELD_VERSION, Decision, Shield
     from rf_exp.policy.training import Training, train
     from rf_exp.policy.view import Stream, View, views
@@ -49,7 +57,15 @@ else:
             ),
             "rollouts": ("rollout",),
             "runner": ("PolicyRunner",),
-            "saved": ("CURVES", "MODEL", "device_of", "expect_policy", "load_policy", "made_of"),
+            "saved": (
+                "CURVES",
+                "MODEL",
+                "device_of",
+                "expect_policy",
+                "load_policy",
+                "made_of",
+                "write_small",
+            ),
             "shield": ("SHIELD_VERSION", "Decision", "Shield"),
             "training": ("Training", "train"),
             "view": ("Stream", "View", "views"),
@@ -90,4 +106,5 @@ __all__ = [
     "train",
     "unpack",
     "views",
+    "write_small",
 ]

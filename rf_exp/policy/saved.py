@@ -13,6 +13,7 @@ Tensors are written with a SHA-256 of all that is in their file, which is checke
 
 import hashlib
 import json
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,7 @@ from rf_exp.policy.view import View
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
 SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
 CHECKSUM = "sha256"
+MATRIX = 1024  # numbers in a tensor from which on halves will do: scales and lenses have fewer
 ANEW = "delete the folder and train again (stages=[train])"
 
 
@@ -169,6 +171,21 @@ def load_policy(
     policy = policy_of(restored(PolicyConfig, {**said["policy"], **how}), view, senses)
     policy.load_state_dict(tensors)
     return policy.to(device_of(device)).eval(), view, senses
+
+
+def write_small(folder: Path, target: Path) -> Path:
+    """A copy of a finished policy for others, with its matrices in bfloat16; returns its folder.
+
+    It is loaded like any other and computes in single precision. Raises StageError where there is none.
+    """
+    _require_model(folder)
+    tensors, metadata = read_tensors(folder / MODEL)
+    small = {name: value.bfloat16() if value.numel() >= MATRIX else value for name, value in tensors.items()}
+    target.mkdir(parents=True, exist_ok=True)
+    for name in (CONFIG, CURVES):
+        shutil.copyfile(folder / name, target / name)
+    write_tensors(target / MODEL, small, metadata)
+    return target
 
 
 def _require_model(folder: Path) -> None:

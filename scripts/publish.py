@@ -1,0 +1,105 @@
+"""Puts measured policies into results/: rows, what they were made of, and how they learned.
+
+    python scripts/publish.py outputs/benchmark [--scenes 100]
+
+Then `python docs/policies.py` and `python docs/tables.py` write the pages. A training seed that has all its
+scenes takes the place of the same one in results/; others there stay as long as they were evaluated alike.
+"""
+
+import argparse
+import csv
+import shutil
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from statistics import fmean
+
+from rf_exp.ablation import EvaluationRow, append_row, read_rows
+from rf_exp.artifacts import read_json, whole
+from rf_exp.command import guarded
+from rf_exp.errors import ArgumentError
+from rf_exp.progress import console
+
+RESULTS = Path(__file__).parents[1] / "results"
+EVERY = 200  # steps of learning to a row of published curves
+REMEDY = "evaluate again (stages=[evaluate])"
+
+
+def publish(out: Path, results: Path, scenes: int) -> None:
+    """Every finished training seed below `out/results/evaluate`. Raises ArgumentError where there is none."""
+    if not (files := sorted(out.glob("results/evaluate/*/*/*.jsonl"))):
+        raise ArgumentError(f"no rows of policies below {out}/results/evaluate; expected the `out` of a run")
+    for path in files:
+        rows = read_rows(path, EvaluationRow)
+        finished = [seed for seed in _seeds(rows) if sum(r.train_seed == seed for r in rows) >= scenes]
+        to = results / path.relative_to(out / "results")
+        if finished:
+            kept = _replace(path, to, [row for row in rows if row.train_seed in finished])
+            for seed in finished:
+                _curves(out, path, to, seed)
+            console.print(f"{to}: training seeds {finished}" + (f", beside {kept}" if kept else ""))
+        for seed in _seeds(rows) - {*finished}:
+            console.print(f"{to}: training seed {seed} is not finished, nothing of it is published")
+
+
+def _seeds(rows: Iterable[EvaluationRow]) -> set[int]:
+    return {row.train_seed for row in rows}
+
+
+def _replace(path: Path, to: Path, rows: list[EvaluationRow]) -> list[int]:
+    """Write rows and the configurations beside them; returns the training seeds that stay there."""
+    asked = _beside(path)
+    before: list[EvaluationRow] = []
+    if to.exists() and read_json(_beside(to), REMEDY) == read_json(asked, REMEDY):
+        before = [row for row in read_rows(to, EvaluationRow) if row.train_seed not in _seeds(rows)]
+    else:  # what is there was evaluated otherwise: no row of it shares a cell with these
+        for old in to.parent.glob(f"{to.stem}-[0-9]*.*"):
+            old.unlink()
+    to.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(asked, _beside(to))
+    for seed in _seeds(rows):
+        shutil.copyfile(_beside(path, f"-{seed}"), _beside(to, f"-{seed}"))
+    with whole(to) as draft:
+        for row in sorted([*before, *rows], key=lambda row: (row.train_seed, row.scene_seed)):
+            append_row(draft, row)
+    return sorted(_seeds(before))
+
+
+def _beside(path: Path, seed: str = "") -> Path:
+    return path.with_name(f"{path.stem}{seed}.configuration.json")
+
+
+def _curves(out: Path, path: Path, to: Path, seed: int) -> None:
+    """The mean loss of every EVERY steps of all policies, where this recipe has learned any."""
+    constraints, _, learned = path.stem.removesuffix("-shield").partition("-")
+    folder = out / "policies" / Path(*path.parts[-3:-1]).parent / constraints / path.parent.name
+    found = sorted(folder.glob(f"{learned}-{seed}/*/curves.csv"))
+    if not found or path.stem.endswith("-shield"):
+        return
+    with whole(to.with_name(f"{to.stem}-{seed}.curves.csv")) as draft, draft.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(("policy", "step", "loss", "core_s"))
+        for policy in found:
+            with policy.open(newline="") as each:
+                logged = list(csv.DictReader(each))
+            bins: dict[int, list[dict[str, str]]] = {}
+            for row in logged:
+                bins.setdefault((int(row["step"]) - 1) // EVERY, []).append(row)
+            for of in bins.values():
+                loss = fmean(float(row["loss"]) for row in of)
+                writer.writerow((policy.parent.name, of[-1]["step"], f"{loss:.4g}", of[-1]["core_s"]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("out", type=Path, help="of the runs, such as outputs/benchmark")
+    parser.add_argument("--scenes", type=int, default=100, help="that a training seed must have (100)")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="where to (results/)")
+    arguments = parser.parse_args()
+    publish(arguments.out, arguments.results, arguments.scenes)
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))

@@ -1,0 +1,72 @@
+"""What a release carries: policies in half the bytes that act as the whole ones do, and what judges them."""
+
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+
+from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train, write_small
+from rf_exp.store import Store
+
+LOCAL = View("agent1", (Stream("agent1", (1,)),))
+SCRIPT = Path(__file__).parents[2] / "scripts" / "release.py"
+PLACE = Path("task/full/separate_local/fast-50-0/agent1")
+
+
+@pytest.fixture
+def out(
+    make_store: Callable[[int, int], Store],
+    policy_config: PolicyConfig,
+    train_config: TrainConfig,
+    tmp_path: Path,
+) -> Path:
+    out = tmp_path / "outputs"
+    train(make_store(2, 3), LOCAL, policy_config, train_config, out / "policies" / PLACE)
+    rows = out / "results" / "generate" / "task"
+    rows.mkdir(parents=True)
+    for name in ("full.jsonl", "full-disturbed.jsonl", "full-disturbed.configuration.json", "logical.jsonl"):
+        (rows / name).write_text("{}")
+    return out
+
+
+def packed(*arguments: Path | str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, SCRIPT, *arguments], capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.slow
+def test_the_small_copy_of_a_policy_acts_as_the_whole_one(out: Path, tmp_path: Path) -> None:
+    whole = out / "policies" / PLACE
+    small = write_small(whole, tmp_path / "small")
+    assert (small / MODEL).stat().st_size < 0.6 * (whole / MODEL).stat().st_size
+    (one, view, senses), (other, *rest) = load_policy(whole, "cpu"), load_policy(small, "cpu")
+    assert rest == [view, senses]
+    for weight, half in zip(one.state_dict().values(), other.state_dict().values(), strict=True):
+        assert half.dtype == weight.dtype
+        torch.testing.assert_close(half, weight, atol=0, rtol=2**-8)
+
+
+@pytest.mark.slow
+def test_a_release_is_the_part_of_outputs_that_evaluation_needs(out: Path, tmp_path: Path) -> None:
+    done = packed(out / "policies" / PLACE.parent, "--to", tmp_path)
+    assert done.returncode == 0, done.stderr
+    with zipfile.ZipFile(tmp_path / "task-separate_local-fast-50-0.zip") as file:
+        found = {name for name in file.namelist() if not name.endswith("/")}
+        file.extractall(tmp_path / "released")
+    policy = {f"policies/{PLACE}/{name}" for name in (MODEL, "config.json", "curves.csv")}
+    assert found == policy | {
+        f"results/generate/task/{name}"
+        for name in ("full.jsonl", "full-disturbed.jsonl", "full-disturbed.configuration.json")
+    }
+    load_policy(tmp_path / "released" / "policies" / PLACE, "cpu")
+
+
+@pytest.mark.slow
+def test_what_is_no_folder_of_policies_is_refused(out: Path, tmp_path: Path) -> None:
+    done = packed(out / "policies" / PLACE, "--to", tmp_path)  # of one agent alone
+    assert done.returncode == 2
+    assert "is not the folder of trained policies; expected one such as" in done.stderr
+    assert not list(tmp_path.glob("*.zip"))
