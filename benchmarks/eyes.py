@@ -36,16 +36,27 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--going", type=float, default=0.5, help="part of the pictures in which it may go on")
     parser.add_argument("--rate", type=float, default=3e-3)
+    parser.add_argument("--shrink", type=int, default=1, help="times, of the picture that heat maps cover")
+    parser.add_argument("--close-up", type=int, default=0, help="pixels, side of the squares looked at again")
+    parser.add_argument("--shift", type=int, default=0, help="pixels, of the pictures that are learned from")
     given = parser.parse_args()
     torch.set_num_threads(1)
     store = Store.open(given.store)
     size = {"height": store.attrs["height"], "width": store.attrs["width"]}
     config = PolicyConfig(
-        encoder="heatmaps", context=True, observation_steps=1, crop=1.0, drop_idle=True, **size
+        encoder="heatmaps",
+        context=True,
+        observation_steps=1,
+        crop=1.0,
+        drop_idle=True,
+        shrink=given.shrink,
+        close_up=given.close_up,
+        **size,
     )
     recipe = TrainConfig(
         epochs=None,
         eyes_steps=given.steps,
+        eyes_shift_px=given.shift,
         going=given.going,
         steps=1,
         warmup_steps=50,

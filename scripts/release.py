@@ -40,7 +40,7 @@ def release(folder: Path, to: Path) -> Path:
         for policy in found:
             write_small(policy, Path(draft) / policy.relative_to(out))
         rows = out / "results" / "generate" / task
-        for path in (*rows.glob(f"{constraints}.*"), *rows.glob(f"{constraints}-disturbed.*")):
+        for path in (*rows.glob(f"{constraints}.*"), *rows.glob(f"{constraints}-disturbed*")):
             target = Path(draft) / path.relative_to(out)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)

@@ -1,6 +1,7 @@
 """Result rows: one line of JSON for each attempt, also for the failed ones.
 
-results/generate/<task>/<constraints>.jsonl                  GenerationRow; disturbed: <constraints>-disturbed
+results/generate/<task>/<constraints>.jsonl                           GenerationRow; disturbed: ..-disturbed,
+                                                                      and with delay_s=0 ..-disturbed-punctual
 results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
 
 A line holds the fields of its row, in their order; behind them `reason`, a sentence that is written from them
@@ -13,6 +14,7 @@ known any more, so they are refused by name and have to be made again. Schema 3 
 what there was none of before (disturbances, policies that see the state, a shield), schema 4 the recipe and
 what learning cost, schema 5 how often the expert was asked: older rows are read as that. Schema 6 put an
 account in the place of a sentence that told why an attempt failed; `upgrade` reads those of older rows.
+Schema 7 tells of demonstrations how late an arm may have been.
 """
 
 import json
@@ -33,8 +35,9 @@ from rf_exp.findings import Account
 
 log = logging.getLogger(__name__)
 
-SCHEMA = 6
-OLDER = (2, 3, 4, 5)  # schemas that are read as well
+SCHEMA = 7
+OLDER = (2, 3, 4, 5, 6)  # schemas that are read as well
+WITH_SENTENCES = 5  # and before: no account
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
 
 
@@ -72,7 +75,7 @@ class _Row:
 class GenerationRow(_Row):
     """One scene seed for which a demonstration was tried."""
 
-    key: ClassVar = ("task", "constraints", "brain", "seed", "version", "disturbance_rad")
+    key: ClassVar = ("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s")
     task: str
     constraints: str
     brain: str
@@ -89,6 +92,7 @@ class GenerationRow(_Row):
     commit: str  # git commit of that code, with a + where it was changed since; empty outside of a checkout
     schema: int = SCHEMA
     disturbance_rad: float = 0.0  # of executed motion
+    delay_s: float = 0.0  # how late an arm may have been
     account: Account = field(
         default_factory=Account
     )  # which violations ended proposals, which arms touched, what failed
@@ -276,7 +280,7 @@ def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
     """
     if values.get("schema") not in (*OLDER, SCHEMA):
         raise ArgumentError(f"a row of schema {values.get('schema')}; this version reads schema {SCHEMA}")
-    known = dict(upgraded(values) if values["schema"] in OLDER else values)
+    known = dict(upgraded(values) if values["schema"] <= WITH_SENTENCES else values)
     known.pop(REASON, None)
     if not isinstance(known.get("account"), dict):
         raise ArgumentError(f"account is {known.get('account')!r}; expected an object")

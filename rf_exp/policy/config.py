@@ -21,6 +21,7 @@ LOSSES = ("mse", "l1")
 ACTING = ("action_steps", "ensemble", "hold_rad", "patience", "sampler", "inference_diffusion_steps")
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 6
+SMALLEST_SQUARE = 8  # pixels
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 # Of a policy and of its training, what heat maps that are learned first (`eyes_steps`) do not depend on.
 BESIDE_EYES = (
@@ -62,6 +63,8 @@ class PolicyConfig:
     encoder: str = "resnet18"  # resnet18 | compact | heatmaps: see eyes.py
     # On what heat maps see (m, and parts of a picture), while the rest learns from it.
     keypoint_noise: float = 0.0
+    shrink: int = 1  # times, of the picture that heat maps cover
+    close_up: int = 0  # pixels, side of the squares of the whole picture that are looked at again; 0: none
     unet_channels: tuple[int, ...] = (256, 512, 1024)
     horizon: int = 8  # actions predicted, the first at the oldest observation
     observation_steps: int = 3
@@ -100,11 +103,9 @@ class PolicyConfig:
         _one_of(self, "prediction", PREDICTIONS)
         _one_of(self, "observation", OBSERVATIONS)
         _one_of(self, "loss", LOSSES)
-        looks = self.encoder != "heatmaps" or (self.context and self.crop == 1.0)
-        _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
+        self._require_eyes()
         _require(self.hold_rad >= 0, "hold_rad", self.hold_rad, "0 or above")
         _require(self.patience >= 0, "patience", self.patience, "0 or above")
-        _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
         refines = not self.draft or self.prediction == "sample"
         _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
         _require(0.0 <= self.dropout < 1.0, "dropout", self.dropout, "a number in [0, 1)")
@@ -130,10 +131,25 @@ class PolicyConfig:
         if self.sampler == "ddpm":
             _require(steps == most, "inference_diffusion_steps", steps, f"{most} with sampler ddpm")
 
+    def _require_eyes(self) -> None:
+        """What heat maps need, and what only they can do."""
+        eyes = self.encoder == "heatmaps"
+        looks = not eyes or (self.context and self.crop == 1.0)
+        _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
+        _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
+        _require(self.shrink == 1 or eyes, "shrink", self.shrink, f"1 with encoder={self.encoder}")
+        whole = self.shrink >= 1 and not (self.height % self.shrink or self.width % self.shrink)
+        expected = f"a whole part of the picture's sides, {self.width} x {self.height}"
+        _require(whole, "shrink", self.shrink, expected)
+        _require(not self.close_up or eyes, "close_up", self.close_up, f"0 with encoder={self.encoder}")
+        most = min(self.height, self.width)
+        fits = not self.close_up or SMALLEST_SQUARE <= self.close_up <= most
+        _require(fits, "close_up", self.close_up, f"0, or {SMALLEST_SQUARE} to {most} pixels")
+
     @property
     def identity(self) -> dict[str, Any]:
         """All fields, but for those that came later, where they change nothing."""
-        return without(asdict(self), ensemble=None, patience=0.0)
+        return without(asdict(self), ensemble=None, patience=0.0, shrink=1, close_up=0)
 
     def cropped(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of what the encoder sees of such a picture, pixels."""

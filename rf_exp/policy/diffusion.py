@@ -56,7 +56,9 @@ class DiffusionPolicy(nn.Module):
         self.encoder: ResNet18 | Compact | Eyes | Blind = Blind()
         if config.observation == "pictures":
             self.encoder = (
-                Eyes(keypoints, *watched) if config.encoder == "heatmaps" else encoder(config.encoder)
+                Eyes(keypoints, *watched, config.shrink, config.close_up)
+                if config.encoder == "heatmaps"
+                else encoder(config.encoder)
             )
         seen = self.encoder.features
         if isinstance(self.encoder, Eyes):

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rf_exp.policy.close_up import CloseUp
 from rf_exp.policy.keypoints import HAND, HEADING
 
 CELL = 4  # pixels of a picture to a cell of a map
@@ -58,13 +59,17 @@ class Eyes(nn.Module):
     """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT + N * S).
 
     Of M keypoints, each P = len(HAND) points, and of each of N others how likely it is at each of S subgoals.
+    Maps are of pictures shrunk so many times; with `close_up`, squares of so many pixels of the whole picture
+    are looked at once more.
     """
 
     lift: Tensor  # (M * P, TERMS, 3) m
 
-    def __init__(self, keypoints: int, others: int = 0, subgoals: int = 0) -> None:
+    def __init__(
+        self, keypoints: int, others: int = 0, subgoals: int = 0, shrink: int = 1, close_up: int = 0
+    ) -> None:
         super().__init__()
-        self.keypoints, self._others = keypoints, others
+        self.keypoints, self._others, self._shrink = keypoints, others, shrink
         self.features = keypoints * OUT + others * subgoals
         self.trunk = nn.Sequential(
             nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
@@ -82,9 +87,12 @@ class Eyes(nn.Module):
             self.tell = nn.Sequential(
                 nn.Linear(keypoints * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, others * subgoals)
             )
+        self.close_up = CloseUp(keypoints * len(HAND), close_up) if close_up else None
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
+        if self._shrink > 1:
+            pictures = functional.avg_pool2d(pictures, self._shrink)
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
@@ -120,6 +128,8 @@ class Eyes(nn.Module):
     def see(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
         places, headings, sure, doing = self.read(*self.look(pictures))
+        if self.close_up is not None:
+            places = self.close_up(pictures, places)
         points = torch.einsum("bkt,ktc->bkc", _terms(places), self.lift).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
@@ -146,6 +156,8 @@ class Eyes(nn.Module):
         hands = inside[:, :: len(HAND)]
         turn = (turned - headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
+        if self.close_up is not None:
+            loss = loss + PIXEL_WEIGHT * self.close_up.loss(pictures, found, pixels)
         return loss if self.tell is None else loss + functional.cross_entropy(told.mT, doing)
 
 

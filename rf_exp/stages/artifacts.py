@@ -20,8 +20,10 @@ def data_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet)
 
 
 def generation_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Path:
-    name = f"{constraint_set.name}{'-disturbed' * (experiment.disturbance_rad > 0)}.jsonl"
-    return experiment.out / "results" / "generate" / task.name / name
+    name = constraint_set.name
+    if experiment.disturbance_rad:
+        name += "-disturbed" if experiment.delay_s else "-disturbed-punctual"
+    return experiment.out / "results" / "generate" / task.name / f"{name}.jsonl"
 
 
 def shards_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, digest: str) -> Path:

@@ -118,8 +118,7 @@ def attempts(
     `make` gives the outcome of a seed, made as `settings` say, in a process of this machine.
     """
     for outcome in generate(make, seeds, experiment.workers, experiment.seed_limit_s):
-        who = settings.brain.name, outcome, settings.disturbance_rad
-        row = generation_row(settings.task, settings.constraint_set, *who)
+        row = generation_row(settings, outcome)
         yield row, None if outcome.episode is None else _with_row(outcome.episode, row)
         if wanted is not None and not (wanted := wanted - outcome.success):
             return
@@ -188,14 +187,13 @@ def _record(experiment: Experiment, task: Task, constraint_set: ConstraintSet, s
     close_shared_simulator()
 
 
-def generation_row(
-    task: Task, constraint_set: ConstraintSet, brain: str, outcome: Outcome, disturbance_rad: float = 0.0
-) -> GenerationRow:
+def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
     """The row of one attempt under the constraints."""
+    task = settings.task
     return GenerationRow(
         task=task.name,
-        constraints=constraint_set.name,
-        brain=brain,
+        constraints=settings.constraint_set.name,
+        brain=settings.brain.name,
         seed=outcome.seed,
         success=outcome.success,
         success_paper=outcome.success_paper,
@@ -207,6 +205,7 @@ def generation_row(
         contacts=outcome.contacts,
         generator=generator_version(task),
         commit=commit(),
-        disturbance_rad=disturbance_rad,
+        disturbance_rad=settings.disturbance_rad,
+        delay_s=settings.delay_s,
         account=outcome.account,
     )

@@ -67,7 +67,7 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
 def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(GENERATION)) == (
         "task constraints brain seed success success_paper steps attempts wall_s version "
-        "violations contacts generator commit schema disturbance_rad account"
+        "violations contacts generator commit schema disturbance_rad delay_s account"
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
@@ -88,7 +88,7 @@ def test_older_rows_are_read_as_rollouts_without_what_came_later(
     path.write_text(signed({**values, "schema": schema, "reason": EVALUATION.reason}) + "\n")
     append_row(path, replace(EVALUATION, shield=True, interventions=3))
     old, new = read_rows(path, EvaluationRow)
-    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 6)
+    assert old == EVALUATION and (old.shield, old.interventions, old.schema) == (False, 0, 7)
     assert (new.shield, new.interventions) == (True, 3)
     assert old.identity != new.identity
 
@@ -130,11 +130,11 @@ def test_a_wrong_value_is_refused(change: dict[str, object], message: str) -> No
         ("[]", "found list, expected an object"),
         (sealed(steps="80"), r"steps of a GenerationRow is '80' \(str\)"),
         (sealed(color=1), "unknown fields: color; available: account, attempts"),
-        (sealed(schema=7), "a row of schema 7; this version reads schema 6"),
+        (sealed(schema=8), "a row of schema 8; this version reads schema 7"),
         (sealed(account={"fell": 1}), "can not match"),
         (sealed(account="fell"), "account is 'fell'; expected an object"),
         (json.dumps({"task": "lift_barrier"}), "fields missing: account, attempts, brain, commit"),
-        (OLD, "a row of schema 1; this version reads schema 6"),
+        (OLD, "a row of schema 1; this version reads schema 7"),
         (
             json.dumps({**plain(GENERATION), "reason": "", "crc32": "00000000"}),
             "damaged or edited: its checksum is",

@@ -9,8 +9,11 @@ import pytest
 import trimesh
 
 from rf_exp.artifacts import differing
+from rf_exp.command import CONF
 from rf_exp.experiment import Experiment
-from rf_exp.stages.identity import evaluation_identity, generation_identity
+from rf_exp.policy.config import ACTING
+from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path
+from rf_exp.stages.identity import evaluation_identity, generation_identity, store_identity
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
 from tests.conftest import experiment
@@ -151,3 +154,21 @@ def test_every_part_of_an_asset_is_content() -> None:
     ]
     assert len({cube.content, *(other.content for other in others)}) == len(others) + 1
     assert replace(cube, name="another").content == cube.content
+
+
+@pytest.mark.slow
+def test_all_recipes_share_an_output_folder() -> None:
+    """Whatever has one place is made of the same, by whichever recipe: a sweep over them runs to its end."""
+    found: dict[Path, dict[str, Any]] = {}
+    for recipe in sorted(path.stem for path in (CONF / "policy").glob("*.yaml")):
+        made = experiment("task=pick_meat", f"policy={recipe}", f"recipe={recipe}")
+        (task,), (row,), (arch,) = made.tasks, made.constraint_sets, made.archs
+        learned = {name: each for name, each in made.policy.identity.items() if name not in ACTING}
+        of = made, task, row
+        for path, identity in (
+            (generation_path(*of), generation_identity(*of)),
+            (data_path(*of), store_identity(*of, made.pictures)),
+            (policy_path(*of, arch), {"policy": learned, "training": made.training.identity}),
+            (evaluation_path(*of, arch), evaluation_identity(*of, arch, 100)),
+        ):
+            assert not differing(found.setdefault(path, identity), identity), (recipe, path)

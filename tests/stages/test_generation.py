@@ -59,7 +59,7 @@ def test_a_row_counts_the_violations_of_its_attempt(lift_barrier: Task) -> None:
             seen = Rejections()
             settings = Settings.configured(lift_barrier, FULL, ScriptedSpec(), attempts=3)
             outcome = EpisodeMaker(settings, world, Answers(*answers), seen).make(0)
-            row = generation_row(lift_barrier, FULL, "scripted", outcome)
+            row = generation_row(settings, outcome)
             assert (row.success, row.violations) == (success, expected) == (outcome.success, seen.count)
             assert (row.contacts, row.generator) == (outcome.contacts, generator_version(lift_barrier))
 
