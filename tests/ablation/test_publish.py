@@ -2,13 +2,13 @@
 
 import csv
 import json
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import pytest
 
 from rf_exp.ablation import EvaluationRow, append_row, read_rows
+from rf_exp.errors import ArgumentError
 from tests.ablation.conftest import evaluation
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "publish.py"
@@ -27,9 +27,8 @@ def measured(out: Path, seed: int, wins: int, *, scenes: int = SCENES, steps: in
     (out / PLACE / f"{STEM}-{seed}.configuration.json").write_text(json.dumps({"of": wins}))
 
 
-def publish(out: Path, results: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, SCRIPT, out, "--results", results, "--scenes", str(SCENES)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
+def publish(out: Path, results: Path) -> None:
+    runpy.run_path(str(SCRIPT))["publish"](out, results, SCENES)
 
 
 def won(results: Path) -> dict[int, int]:
@@ -38,7 +37,6 @@ def won(results: Path) -> dict[int, int]:
     return {r.train_seed: sum(row.success for row in rows if row.train_seed == r.train_seed) for r in rows}
 
 
-@pytest.mark.slow
 def test_training_seeds_come_beside_those_that_are_there_and_take_the_place_of_the_same(
     tmp_path: Path,
 ) -> None:
@@ -47,37 +45,35 @@ def test_training_seeds_come_beside_those_that_are_there_and_take_the_place_of_t
     measured(first, 1, 2)
     measured(later, 1, 3)
     measured(later, 2, 4)
-    assert publish(first, results).returncode == 0
+    publish(first, results)
     assert won(results) == {0: 1, 1: 2}
-    assert publish(later, results).returncode == 0
+    publish(later, results)
     assert won(results) == {0: 1, 1: 3, 2: 4}
     of = [json.loads((results / PLACE.relative_to("results") / f"{STEM}-{k}.configuration.json").read_text())
           for k in range(3)]  # fmt: skip
     assert of == [{"of": 1}, {"of": 3}, {"of": 4}]
 
 
-@pytest.mark.slow
 def test_what_was_evaluated_otherwise_goes(tmp_path: Path) -> None:
     results = tmp_path / "results"
     measured(tmp_path / "first", 0, 1)
     measured(tmp_path / "later", 1, 2, steps=120)
     for out in ("first", "later"):
-        assert publish(tmp_path / out, results).returncode == 0
+        publish(tmp_path / out, results)
     assert won(results) == {1: 2}
     assert not (results / PLACE.relative_to("results") / f"{STEM}-0.configuration.json").exists()
 
 
-@pytest.mark.slow
-def test_an_unfinished_seed_is_told_and_left_out(tmp_path: Path) -> None:
+def test_an_unfinished_seed_is_told_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     measured(tmp_path / "out", 0, 2)
     measured(tmp_path / "out", 1, 1, scenes=SCENES - 1)
-    done = publish(tmp_path / "out", tmp_path / "results")
-    assert "training seed 1 is not finished" in " ".join(done.stdout.split())
+    publish(tmp_path / "out", tmp_path / "results")
+    assert "training seed 1 is not finished" in " ".join(capsys.readouterr().out.split())
     assert won(tmp_path / "results") == {0: 2}
-    assert publish(tmp_path / "nothing", tmp_path / "results").returncode == 2
+    with pytest.raises(ArgumentError, match="no rows of policies below"):
+        publish(tmp_path / "nothing", tmp_path / "results")
 
 
-@pytest.mark.slow
 def test_curves_are_means_over_many_steps(tmp_path: Path) -> None:
     out = tmp_path / "out"
     measured(out, 0, 2)
@@ -85,7 +81,7 @@ def test_curves_are_means_over_many_steps(tmp_path: Path) -> None:
     learned.mkdir(parents=True)
     steps = [f"{step},{step / 20:g},{step / 10:g}" for step in range(20, 281, 20)]
     (learned / "curves.csv").write_text("\n".join(["step,loss,core_s", *steps]))
-    assert publish(out, tmp_path / "results").returncode == 0
+    publish(out, tmp_path / "results")
     path = tmp_path / "results" / PLACE.relative_to("results") / f"{STEM}-0.curves.csv"
     with path.open(newline="") as file:
         rows = list(csv.reader(file))

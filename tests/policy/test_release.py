@@ -1,7 +1,6 @@
 """What a release carries: policies in half the bytes that act as the whole ones do, and what judges them."""
 
-import subprocess
-import sys
+import runpy
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from rf_exp.errors import ArgumentError
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train, write_small
 from rf_exp.store import Store
 
@@ -33,8 +33,8 @@ def out(
     return out
 
 
-def packed(*arguments: Path | str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, SCRIPT, *arguments], capture_output=True, text=True, timeout=120)
+def release(folder: Path, to: Path) -> Path:
+    return runpy.run_path(str(SCRIPT))["release"](folder, to)
 
 
 @pytest.mark.slow
@@ -51,9 +51,9 @@ def test_the_small_copy_of_a_policy_acts_as_the_whole_one(out: Path, tmp_path: P
 
 @pytest.mark.slow
 def test_a_release_is_the_part_of_outputs_that_evaluation_needs(out: Path, tmp_path: Path) -> None:
-    done = packed(out / "policies" / PLACE.parent, "--to", tmp_path)
-    assert done.returncode == 0, done.stderr
-    with zipfile.ZipFile(tmp_path / "task-separate_local-fast-50-0.zip") as file:
+    packed = release(out / "policies" / PLACE.parent, tmp_path)
+    assert packed == tmp_path / "task-separate_local-fast-50-0.zip"
+    with zipfile.ZipFile(packed) as file:
         found = {name for name in file.namelist() if not name.endswith("/")}
         file.extractall(tmp_path / "released")
     policy = {f"policies/{PLACE}/{name}" for name in (MODEL, "config.json", "curves.csv")}
@@ -66,7 +66,6 @@ def test_a_release_is_the_part_of_outputs_that_evaluation_needs(out: Path, tmp_p
 
 @pytest.mark.slow
 def test_what_is_no_folder_of_policies_is_refused(out: Path, tmp_path: Path) -> None:
-    done = packed(out / "policies" / PLACE, "--to", tmp_path)  # of one agent alone
-    assert done.returncode == 2
-    assert "is not the folder of trained policies; expected one such as" in done.stderr
+    with pytest.raises(ArgumentError, match="is not the folder of trained policies; expected one such as"):
+        release(out / "policies" / PLACE, tmp_path)  # of one agent alone
     assert not list(tmp_path.glob("*.zip"))
