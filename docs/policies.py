@@ -17,6 +17,7 @@ from rf_exp.ablation import (
     both_ways,
     configured,
     core_minutes,
+    difference,
     is_baseline,
     load,
     markdown_rows,
@@ -38,7 +39,7 @@ SHIELD = (
     *("violations, without", "with", "contacts, without", "with", "scenes in which it intervened"),
 )
 RUNG = (
-    *("recipe", "what is otherwise", "strict", "95 % interval", "each training seed", "scenes"),
+    *("recipe", "what is otherwise", "strict", "points above `fast`", "each training seed", "scenes"),
     *("rollouts with a violation", "core-minutes"),
 )
 ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
@@ -135,26 +136,36 @@ def ladder(rows: Iterable[EvaluationRow]) -> list[tuple[str, str]]:
     for task in paper().levels:
         if not any((task, recipe) in found for recipe in rungs()[1:]):
             continue
-        lines = [
-            rung(recipe, list(newest(found[task, recipe])[0])) for recipe in listed if (task, recipe) in found
-        ]
+        groups = {r: list(newest(found[task, r])[0]) for r in listed if (task, r) in found}
+        lines = [rung(recipe, group, groups.get(rungs()[0], [])) for recipe, group in groups.items()]
         parts.append((title_of(task, configured()), table(RUNG, lines)))
     return parts
 
 
-def rung(recipe: str, group: list[EvaluationRow]) -> tuple[str, ...]:
-    """The line of a rung."""
+def rung(recipe: str, group: list[EvaluationRow], first: list[EvaluationRow]) -> tuple[str, ...]:
+    """The line of a rung, beside the first one's rollouts of the same training seeds."""
     seeds = sorted({row.train_seed for row in group})
     each = [fmean(row.success for row in group if row.train_seed == seed) for seed in seeds]
+    same = [row for row in first if row.train_seed in seeds]
+    rate, interval = strict(group)
     return (
         recipe,
         step(recipe),
-        *strict(group),
+        f"{rate} ({interval})",
+        "" if not same or group == first else above(group, same),
         ", ".join(f"{100 * share:.0f}" for share in each),
         str(len(group)),
         percent(fmean(row.violations > 0 for row in group)),
         f"{core_minutes(group):.1f}",
     )
+
+
+def above(group: Sequence[EvaluationRow], other: Sequence[EvaluationRow]) -> str:
+    """By how many points of strict success a group is above another, with the 95 % interval."""
+    rates = (wilson(sum(row.success for row in each), len(each)) for each in (group, other))
+    gap = difference(*rates)
+    points, low, high = (f"{round(100 * each):+d}" for each in (gap.value, gap.low, gap.high))
+    return f"{points} ({low} to {high})"
 
 
 def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
