@@ -6,7 +6,9 @@ The file is the part of `outputs/` that evaluation needs: the policies of all ag
 bfloat16, and the expert's rows, from which the step limit follows. With it policies act without learning:
 
     unzip lift_barrier-separate_local-fast-50-0.zip -d outputs/released
-    python -m rf_exp.run out=outputs/released stages=[evaluate,report]
+    python -m rf_exp.run out=outputs/released training.draft_steps=5000 stages=[evaluate,report]
+
+That is for the demo's; others want the keys with which they were learned.
 """
 
 import argparse
