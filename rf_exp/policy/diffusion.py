@@ -27,6 +27,16 @@ from rf_exp.types import ARM_JOINTS
 NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
 
 
+def _encoder(
+    config: PolicyConfig, keypoints: int, watched: tuple[int, int]
+) -> ResNet18 | Compact | Eyes | Blind:
+    if config.observation != "pictures":
+        return Blind()
+    if config.encoder == "heatmaps":
+        return Eyes(keypoints, *watched, config.shrink, config.close_up)
+    return encoder(config.encoder)
+
+
 class DiffusionPolicy(nn.Module):
     """One policy: actions of size A from proprioception of size P and context of size C in O frames.
 
@@ -53,13 +63,7 @@ class DiffusionPolicy(nn.Module):
         self.config, self._keys, self._agents = config, keys, action_size // ACTION_SIZE
         action_size += self._agents * POSE * config.tcp_actions
         self.action_size = action_size  # of joints and grippers, and behind them of the poses of TCPs
-        self.encoder: ResNet18 | Compact | Eyes | Blind = Blind()
-        if config.observation == "pictures":
-            self.encoder = (
-                Eyes(keypoints, *watched, config.shrink, config.close_up)
-                if config.encoder == "heatmaps"
-                else encoder(config.encoder)
-            )
+        self.encoder = _encoder(config, keypoints, watched)
         seen = self.encoder.features
         if isinstance(self.encoder, Eyes):
             seen += self._agents * NEXT
