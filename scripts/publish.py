@@ -11,10 +11,11 @@ import csv
 import shutil
 import sys
 from collections.abc import Iterable
+from itertools import groupby
 from pathlib import Path
 from statistics import fmean
 
-from rf_exp.ablation import EvaluationRow, append_row, read_rows
+from rf_exp.ablation import EvaluationRow, append_row, read_curves, read_rows
 from rf_exp.artifacts import read_json, whole
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
@@ -80,14 +81,12 @@ def _curves(out: Path, path: Path, to: Path, seed: int) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("policy", "step", "loss", "core_s"))
         for policy in found:
-            with policy.open(newline="") as each:
-                logged = list(csv.DictReader(each))
-            bins: dict[int, list[dict[str, str]]] = {}
-            for row in logged:
-                bins.setdefault((int(row["step"]) - 1) // EVERY, []).append(row)
-            for of in bins.values():
-                loss = fmean(float(row["loss"]) for row in of)
-                writer.writerow((policy.parent.name, of[-1]["step"], f"{loss:.4g}", of[-1]["core_s"]))
+            logged = read_curves(policy)
+            rows = zip(logged["step"], logged["loss"], logged["core_s"], strict=True)
+            for _, of in groupby(rows, lambda row: (row[0] - 1) // EVERY):
+                steps, losses, spent_s = zip(*of, strict=True)
+                loss = fmean(losses)
+                writer.writerow((policy.parent.name, f"{steps[-1]:.0f}", f"{loss:.4g}", f"{spent_s[-1]:g}"))
 
 
 def main() -> None:

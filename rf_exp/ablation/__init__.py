@@ -1,6 +1,7 @@
 """Result rows, statistics, the paper's tables and the report. Never needs torch or a simulator."""
 
 from rf_exp.ablation.formats import markdown_rows, show
+from rf_exp.ablation.plots import read_curves
 from rf_exp.ablation.published import Paper, paper
 from rf_exp.ablation.report import publish
 from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
@@ -48,6 +49,7 @@ __all__ = [
     "newest",
     "paper",
     "publish",
+    "read_curves",
     "read_rows",
     "rollout_name",
     "row_of",

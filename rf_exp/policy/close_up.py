@@ -8,6 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rf_exp.policy.layers import inside_picture
+
 WIDE = 16  # channels
 STRIDE = 2  # pixels of the picture to a cell of a square
 REACH = 0.25  # of a square's side: in training its middle is at most so far from its keypoint
@@ -40,7 +42,7 @@ class CloseUp(nn.Module):
 
     def loss(self, pictures: Tensor, places: Tensor, true: Tensor) -> Tensor:
         """How far in pixels the places are off the true ones (B, K, 2), of which NaN counts for nothing."""
-        known = ((true >= 0) & (true <= 1)).all(dim=2)
+        known = inside_picture(true)
         size = torch.tensor(pictures.shape[:1:-1], device=places.device)
         reach = REACH * self._side / size
         true = torch.where(known[..., None], true, places.detach())

@@ -12,6 +12,7 @@ from torch.nn import functional
 
 from rf_exp.policy.close_up import CloseUp
 from rf_exp.policy.keypoints import HAND, HEADING
+from rf_exp.policy.layers import inside_picture
 
 CELL = 4  # pixels of a picture to a cell of a map
 CHANNELS = 32
@@ -120,7 +121,7 @@ class Eyes(nn.Module):
     def fit(self, pixels: Tensor, points: Tensor) -> None:
         """Lift places (N, M * P, 2) to points (N, M * P, 3) in m, by least squares; NaN is left out."""
         for key in range(len(self.lift)):
-            seen = _inside(pixels[:, key])
+            seen = inside_picture(pixels[:, key])
             terms, targets = _terms(pixels[seen, key]).double(), points[seen, key].double()
             normal = terms.T @ terms + RIDGE * max(1, len(terms)) * torch.eye(TERMS, device=terms.device)
             self.lift[key] = torch.linalg.solve(normal, terms.T @ targets).float()
@@ -148,7 +149,7 @@ class Eyes(nn.Module):
         """
         maps, seen = self.look(pictures)
         found, turned, _, told = self.read(maps, seen)
-        inside = _inside(pixels)
+        inside = inside_picture(pixels)
         if not inside.any():
             return maps.sum() * 0.0
         cross = _cross_entropy(maps[inside], pixels[inside])
@@ -159,11 +160,6 @@ class Eyes(nn.Module):
         if self.close_up is not None:
             loss = loss + PIXEL_WEIGHT * self.close_up.loss(pictures, found, pixels)
         return loss if self.tell is None else loss + functional.cross_entropy(told.mT, doing)
-
-
-def _inside(pixels: Tensor) -> Tensor:
-    """Which of places (..., 2) are in the picture; NaN is not."""
-    return ((pixels >= 0) & (pixels <= 1)).all(dim=-1)
 
 
 def _terms(pixels: Tensor) -> Tensor:

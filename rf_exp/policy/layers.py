@@ -32,6 +32,11 @@ def scaled(pictures: Tensor) -> Tensor:
     return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
 
 
+def inside_picture(places: Tensor) -> Tensor:
+    """Which of places (..., 2), from 0 to 1 over a picture, are in it; NaN is not."""
+    return ((places >= 0) & (places <= 1)).all(dim=-1)
+
+
 def hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
     """Linear layers between these sizes, each with Mish behind it."""
     for inputs, outputs in pairwise(sizes):
