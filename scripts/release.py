@@ -3,26 +3,34 @@
     python scripts/release.py outputs/policies/lift_barrier/full/separate_local/fast-50-0 [--to build]
 
 The file is the part of `outputs/` that evaluation needs: the policies of all agents, their matrices in
-bfloat16, and the expert's rows, from which the step limit follows. With it policies act without learning:
+bfloat16, and the expert's rows, from which the step limit follows. An experiment in it says how they have
+learned, so that they act with
 
     unzip lift_barrier-separate_local-fast-50-0.zip -d outputs/released
-    python -m rf_exp.run out=outputs/released training.draft_steps=5000 stages=[evaluate,report]
-
-That is for the demo's; others want the keys with which they were learned.
+    python -m rf_exp.run --config-dir outputs/released experiment=released out=outputs/released scenes=100
 """
 
 import argparse
+import re
 import shutil
 import sys
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from omegaconf import OmegaConf
+
+from rf_exp.artifacts import plain, restored
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import MODEL, write_small
+from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, made_of, write_small
 from rf_exp.progress import console
 
 LARGEST_MB = 5.0
+EXPERIMENT = Path("experiment/released.yaml")
+GROUPS = ("task", "constraints", "arch")
+NAME = re.compile(r"([^+]+)-(\d+)-(\d+)")  # recipe, demonstrations, seed; of what was never corrected
 
 
 def release(folder: Path, to: Path) -> Path:
@@ -32,12 +40,14 @@ def release(folder: Path, to: Path) -> Path:
     """
     folder = folder.resolve()
     found = sorted(path.parent for path in folder.glob(f"*/{MODEL}"))
-    if not found or folder.parents[3].name != "policies":
+    named = NAME.fullmatch(folder.name)
+    if not found or not named or folder.parents[3].name != "policies":
         raise ArgumentError(
             f"{folder} is not the folder of trained policies; "
             "expected one such as outputs/policies/TASK/CONSTRAINTS/ARCH/fast-50-0"
         )
-    out, (task, constraints, arch) = folder.parents[4], folder.parts[-4:-1]
+    out, chosen = folder.parents[4], folder.parts[-4:-1]
+    task, constraints, arch = chosen
     with TemporaryDirectory(prefix="rf_exp-") as draft:
         for policy in found:
             write_small(policy, Path(draft) / policy.relative_to(out))
@@ -46,6 +56,11 @@ def release(folder: Path, to: Path) -> Path:
             target = Path(draft) / path.relative_to(out)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
+        says = Path(draft) / EXPERIMENT
+        says.parent.mkdir()
+        says.write_text(
+            experiment(found[0], dict(zip(GROUPS, chosen, strict=True)), *named.groups()), "utf-8"
+        )
         to.mkdir(parents=True, exist_ok=True)
         name = "-".join((task, *(() if constraints == "full" else (constraints,)), arch, folder.name))
         packed = Path(shutil.make_archive(str(to / name), "zip", draft))
@@ -55,6 +70,26 @@ def release(folder: Path, to: Path) -> Path:
         raise ArgumentError(f"{folder} takes {size_mb:.1f} MB; a release carries at most {LARGEST_MB:g}")
     console.print(f"{packed}: {len(found)} policies, {size_mb:.1f} MB")
     return packed
+
+
+def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:
+    """An experiment in which policies act that were learned as the one in this folder."""
+    made = made_of(folder)
+    policy = asdict(restored(PolicyConfig, made["policy"]))
+    training = asdict(restored(TrainConfig, made["train"]))
+    del training["seed"]
+    said = {
+        "defaults": [{f"override /{group}": value} for group, value in chosen.items()],
+        "stages": ["evaluate", "report"],
+        "recipe": recipe,
+        "demos": int(demos),
+        "train_seed": int(seed),
+        **{key: made["data"]["identity"].get(key, 0.0) for key in ("disturbance_rad", "delay_s")},
+        "picture": {side: policy.pop(side) for side in ("width", "height")},
+        "policy": policy,
+        "training": training,
+    }
+    return "# @package _global_\n" + OmegaConf.to_yaml(plain(said))
 
 
 def main() -> None:

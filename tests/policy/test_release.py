@@ -1,20 +1,26 @@
 """What a release carries: policies in half the bytes that act as the whole ones do, and what judges them."""
 
 import runpy
+import shutil
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
 
 from rf_exp.errors import ArgumentError
+from rf_exp.experiment import read_experiment
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train, write_small
 from rf_exp.store import Store
+from tests.conftest import CONF
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SCRIPT = Path(__file__).parents[2] / "scripts" / "release.py"
-PLACE = Path("task/full/separate_local/fast-50-0/agent1")
+PLACE = Path("lift_barrier/full/separate_local/fast-50-0/agent1")
 
 
 @pytest.fixture
@@ -26,7 +32,7 @@ def out(
 ) -> Path:
     out = tmp_path / "outputs"
     train(make_store(2, 3), LOCAL, policy_config, train_config, out / "policies" / PLACE)
-    rows = out / "results" / "generate" / "task"
+    rows = out / "results" / "generate" / "lift_barrier"
     rows.mkdir(parents=True)
     for name in ("full.jsonl", "full-disturbed.jsonl", "full-disturbed.configuration.json", "logical.jsonl"):
         (rows / name).write_text("{}")
@@ -52,16 +58,31 @@ def test_the_small_copy_of_a_policy_acts_as_the_whole_one(out: Path, tmp_path: P
 @pytest.mark.slow
 def test_a_release_is_the_part_of_outputs_that_evaluation_needs(out: Path, tmp_path: Path) -> None:
     packed = release(out / "policies" / PLACE.parent, tmp_path)
-    assert packed == tmp_path / "task-separate_local-fast-50-0.zip"
+    assert packed == tmp_path / "lift_barrier-separate_local-fast-50-0.zip"
     with zipfile.ZipFile(packed) as file:
         found = {name for name in file.namelist() if not name.endswith("/")}
         file.extractall(tmp_path / "released")
     policy = {f"policies/{PLACE}/{name}" for name in (MODEL, "config.json", "curves.csv")}
-    assert found == policy | {
-        f"results/generate/task/{name}"
+    assert found == policy | {"experiment/released.yaml"} | {
+        f"results/generate/lift_barrier/{name}"
         for name in ("full.jsonl", "full-disturbed.jsonl", "full-disturbed.configuration.json")
     }
     load_policy(tmp_path / "released" / "policies" / PLACE, "cpu")
+
+
+@pytest.mark.slow
+def test_its_experiment_asks_for_policies_that_learned_so(
+    out: Path, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
+) -> None:
+    shutil.unpack_archive(release(out / "policies" / PLACE.parent, tmp_path), tmp_path / "released")
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        found = f"hydra.searchpath=[file://{tmp_path}/released]", "experiment=released"
+        node = OmegaConf.to_container(compose("config", [*found]), resolve=True)
+    experiment = read_experiment(node)  # pyright: ignore[reportArgumentType]
+    assert experiment.policy == policy_config
+    assert experiment.training.identity == replace(train_config, seed=0).identity
+    assert experiment.train_seed == 0
+    assert experiment.policies == PLACE.parent.name
 
 
 @pytest.mark.slow
