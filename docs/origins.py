@@ -8,8 +8,8 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.ablation import BASELINE_ARCH, EvaluationRow, configured, title_of
-from rf_exp.artifacts import read_json
+from rf_exp.ablation import BASELINE_ARCH, EvaluationRow, configured, of_training_seed, rows_file, title_of
+from rf_exp.artifacts import configuration_file, read_json
 from rf_exp.experiment import read_experiment
 
 ROOT = Path(__file__).parents[1]
@@ -29,10 +29,8 @@ def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
 
 def origin(row: EvaluationRow) -> tuple[str, str]:
     """Of one policy: the generator, and what is otherwise now."""
-    folder = ROOT / "results" / "evaluate" / row.task / row.arch
-    stem = f"{row.constraints}-{row.recipe}-{row.demos}"
-    asked = folder / f"{stem}.configuration.json"
-    made = folder / f"{stem}-{row.train_seed}.configuration.json"
+    rows = ROOT / rows_file(row.task, row.constraints, row.arch, row.recipe, row.demos)
+    asked, made = configuration_file(rows), configuration_file(of_training_seed(rows, row.train_seed))
     if not made.exists():
         return "-", "not recorded"
     generator = read_json(made, RESTORE)["data"]["identity"]["generator"].partition(".")[0]

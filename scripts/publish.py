@@ -15,8 +15,8 @@ from itertools import groupby
 from pathlib import Path
 from statistics import fmean
 
-from rf_exp.ablation import EvaluationRow, append_row, read_curves, read_rows
-from rf_exp.artifacts import read_json, whole
+from rf_exp.ablation import EvaluationRow, append_row, of_training_seed, read_curves, read_rows
+from rf_exp.artifacts import configuration_file, read_json, whole
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import console
@@ -37,7 +37,7 @@ def publish(out: Path, results: Path, scenes: int) -> None:
         if finished:
             kept = _replace(path, to, [row for row in rows if row.train_seed in finished])
             for seed in finished:
-                _curves(out, path, to, seed)
+                _curves(out, rows[0], to, seed)
             console.print(f"{to}: training seeds {finished}" + (f", beside {kept}" if kept else ""))
         for seed in _seeds(rows) - {*finished}:
             console.print(f"{to}: training seed {seed} is not finished, nothing of it is published")
@@ -49,35 +49,34 @@ def _seeds(rows: Iterable[EvaluationRow]) -> set[int]:
 
 def _replace(path: Path, to: Path, rows: list[EvaluationRow]) -> list[int]:
     """Write rows and the configurations beside them; returns the training seeds that stay there."""
-    asked = _beside(path)
+    asked, there = configuration_file(path), configuration_file(to)
     before: list[EvaluationRow] = []
-    if to.exists() and read_json(_beside(to), REMEDY) == read_json(asked, REMEDY):
+    if to.exists() and read_json(there, REMEDY) == read_json(asked, REMEDY):
         before = [row for row in read_rows(to, EvaluationRow) if row.train_seed not in _seeds(rows)]
     else:  # what is there was evaluated otherwise: no row of it shares a cell with these
         for old in to.parent.glob(f"{to.stem}-[0-9]*.*"):
             old.unlink()
     to.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(asked, _beside(to))
+    shutil.copyfile(asked, there)
     for seed in _seeds(rows):
-        shutil.copyfile(_beside(path, f"-{seed}"), _beside(to, f"-{seed}"))
+        of_seed, copy = (configuration_file(of_training_seed(each, seed)) for each in (path, to))
+        shutil.copyfile(of_seed, copy)
     with whole(to) as draft:
         for row in sorted([*before, *rows], key=lambda row: (row.train_seed, row.scene_seed)):
             append_row(draft, row)
     return sorted(_seeds(before))
 
 
-def _beside(path: Path, seed: str = "") -> Path:
-    return path.with_name(f"{path.stem}{seed}.configuration.json")
-
-
-def _curves(out: Path, path: Path, to: Path, seed: int) -> None:
+def _curves(out: Path, row: EvaluationRow, to: Path, seed: int) -> None:
     """The mean loss of every EVERY steps of all policies, where this recipe has learned any."""
-    constraints, _, learned = path.stem.removesuffix("-shield").partition("-")
-    folder = out / "policies" / Path(*path.parts[-3:-1]).parent / constraints / path.parent.name
-    found = sorted(folder.glob(f"{learned}-{seed}/*/curves.csv"))
-    if not found or path.stem.endswith("-shield"):
+    folder = out / "policies" / row.task / row.constraints / row.arch
+    found = sorted(folder.glob(f"{row.recipe}-{row.demos}-{seed}/*/curves.csv"))
+    if not found or row.shield:
         return
-    with whole(to.with_name(f"{to.stem}-{seed}.curves.csv")) as draft, draft.open("w", newline="") as file:
+    with (
+        whole(of_training_seed(to, seed).with_suffix(".curves.csv")) as draft,
+        draft.open("w", newline="") as file,
+    ):
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(("policy", "step", "loss", "core_s"))
         for policy in found:

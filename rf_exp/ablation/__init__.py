@@ -4,7 +4,7 @@ from rf_exp.ablation.formats import markdown_rows, show
 from rf_exp.ablation.plots import read_curves
 from rf_exp.ablation.published import Paper, paper
 from rf_exp.ablation.report import publish
-from rf_exp.ablation.rollouts import FILM, PICTURE, rollout_name, worth_seeing
+from rf_exp.ablation.rollouts import FILM, PICTURE, of_training_seed, rollout_name, rows_file, worth_seeing
 from rf_exp.ablation.rows import (
     EvaluationRow,
     GenerationRow,
@@ -47,12 +47,14 @@ __all__ = [
     "markdown_rows",
     "mean",
     "newest",
+    "of_training_seed",
     "paper",
     "publish",
     "read_curves",
     "read_rows",
     "rollout_name",
     "row_of",
+    "rows_file",
     "show",
     "title_of",
     "wilson",

@@ -20,6 +20,17 @@ def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
     return (*won[:count], *[*first, *others][:count])
 
 
+def rows_file(task: str, constraints: str, arch: str, recipe: str, demos: int, shield: bool = False) -> Path:
+    """The rows of policies of all training seeds, below the output folder."""
+    name = f"{constraints}-{recipe}-{demos}{'-shield' * shield}.jsonl"
+    return Path("results", "evaluate", task, arch, name)
+
+
+def of_training_seed(rows: Path, seed: int) -> Path:
+    """How what is known of one training seed is called, beside the rows of all."""
+    return rows.with_name(f"{rows.stem}-{seed}{rows.suffix}")
+
+
 def rollout_name(arch: str, recipe: str, demos: int, train_seed: int, shield: bool = False) -> str:
     """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
     return (

@@ -1,6 +1,14 @@
 """What every artifact has, whatever is in it: who made it and of what, and that it is whole."""
 
-from rf_exp.artifacts.files import keep_text, read_json, sweep, whole, write_json, write_text
+from rf_exp.artifacts.files import (
+    configuration_file,
+    keep_text,
+    read_json,
+    sweep,
+    whole,
+    write_json,
+    write_text,
+)
 from rf_exp.artifacts.identity import canonical, differing, digest, expect_same, plain, restored, without
 from rf_exp.artifacts.lines import append_line, read_lines
 from rf_exp.artifacts.locks import hold_folder, locked
@@ -11,6 +19,7 @@ __all__ = [
     "append_line",
     "canonical",
     "commit",
+    "configuration_file",
     "differing",
     "digest",
     "expect_same",

@@ -57,6 +57,11 @@ def write_json(path: Path, value: object) -> None:
     write_text(path, json.dumps(value, indent=2) + "\n")
 
 
+def configuration_file(artifact: Path) -> Path:
+    """Beside an artifact: what it was made of."""
+    return artifact.with_suffix(".configuration.json")
+
+
 def read_json(path: Path, remedy: str) -> Any:
     """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged."""
     content = path.read_bytes()

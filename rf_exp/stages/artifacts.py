@@ -8,7 +8,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts import expect_same, locked, read_json, sweep, write_json
+from rf_exp.ablation import rows_file
+from rf_exp.artifacts import configuration_file, expect_same, locked, read_json, sweep, write_json
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
 from rf_exp.tasks import Task
@@ -48,9 +49,8 @@ def policy_path(experiment: Experiment, task: Task, constraint_set: ConstraintSe
 
 
 def evaluation_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
-    shielded = "-shield" * experiment.shield
-    name = f"{constraint_set.name}-{experiment.method}-{experiment.learned_from}{shielded}.jsonl"
-    return experiment.out / "results" / "evaluate" / task.name / arch.name / name
+    how = experiment.method, experiment.learned_from, experiment.shield
+    return experiment.out / rows_file(task.name, constraint_set.name, arch.name, *how)
 
 
 def recording_path(
@@ -91,7 +91,7 @@ def same_configuration(
 
     Raises StageError naming what differs and all that has to go before it can be made anew.
     """
-    record = artifact.with_name(f"{artifact.stem}.configuration.json")
+    record = configuration_file(artifact)
     if not made:
         write_json(record, configuration)
         return

@@ -9,7 +9,16 @@ from typing import Any
 
 import torch
 
-from rf_exp.ablation import FILM, PICTURE, EvaluationRow, append_row, read_rows, rollout_name, worth_seeing
+from rf_exp.ablation import (
+    FILM,
+    PICTURE,
+    EvaluationRow,
+    append_row,
+    of_training_seed,
+    read_rows,
+    rollout_name,
+    worth_seeing,
+)
 from rf_exp.artifacts import commit, sweep, whole
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator
@@ -37,7 +46,7 @@ def evaluate_policies(experiment: Experiment, task: Task, constraint_set: Constr
     )
     with owned(path, evaluation_identity(experiment, task, constraint_set, arch, who.limit)):
         known = read_rows(path, EvaluationRow) if path.exists() else ()
-        of_seed = path.with_name(f"{path.stem}-{experiment.train_seed}{path.suffix}")
+        of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, learned.made_of, there, [path])
         sweep(recording_path(experiment, task, constraint_set, "evaluate", 0).parent)
