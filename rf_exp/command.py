@@ -1,7 +1,9 @@
 """What all commands of the suite share: their configuration, and how they end, whatever ends them."""
 
+import difflib
 import functools
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -14,7 +16,7 @@ from typing import Any
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from rf_exp.errors import ArgumentError, RfError, StageError
@@ -22,6 +24,7 @@ from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.secrets import refuse_keys
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
+KEYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"
 FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
 WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
 
@@ -99,13 +102,32 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
 def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
-        return 2, f"wrong argument: {error}"
+        return 2, f"wrong argument: {_unknown_key(error) or error}"
     if isinstance(error, OSError) and error.filename is not None:  # not of the job: Hydra makes its folder
         why = f"cannot make {error.filename}: {error.strerror}"
         return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
     if not isinstance(error, RfError):
         error = _unexpected(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
     return 1, f"failed: {error}"
+
+
+def _unknown_key(error: Exception) -> str | None:
+    """What is said of an override whose key no configuration has: Hydra would advise to add it."""
+    if not (found := re.match(r"Could not override '([^']+)'", str(error))):
+        return None
+    places = [(path, "") for path in KEYS] + [(path, "task.") for path in (CONF / "task").glob("*.yaml")]
+    known = [at + key for path, at in places for key in _keys(OmegaConf.to_container(OmegaConf.load(path)))]
+    near = difflib.get_close_matches(found[1], known, 1)
+    hint = f"; did you mean {near[0]}?" if near else "."
+    files = " and ".join(str(path.relative_to(CONF.parent)) for path in KEYS)
+    return f"there is no key {found[1]!r}{hint} The keys are in {files}, those of tasks in conf/task"
+
+
+def _keys(node: Any) -> Iterator[str]:
+    """The dotted keys of a configuration, inner ones too."""
+    for key, value in node.items() if isinstance(node, dict) else ():
+        yield key
+        yield from (f"{key}.{inner}" for inner in _keys(value))
 
 
 def _unexpected(error: Exception, folder: Path) -> StageError:

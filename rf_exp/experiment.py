@@ -2,9 +2,9 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import dacite
 
@@ -243,6 +243,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
         }
         if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
             plain |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
+        _expect_lists(Experiment, plain)
         experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
         if any(override.startswith("demos=") for override in given):
             _refuse_demos_without_effect(experiment)
@@ -254,6 +255,19 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
         return replace(experiment, tasks=tuple(tasks))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error
+
+
+def _expect_lists(kind: Any, values: Mapping[str, Any], within: str = "") -> None:
+    """Raises ArgumentError for one value where a dataclass holds several: a word would be its letters."""
+    for field in fields(kind):
+        if field.name not in values:
+            continue
+        key, value = within + field.name, values[field.name]
+        if is_dataclass(field.type) and isinstance(value, Mapping):
+            _expect_lists(field.type, value, f"{key}.")
+        many = isinstance(value, Sequence) and not isinstance(value, str)
+        if get_origin(field.type) is tuple and not many:
+            raise ArgumentError(f"{key} is {value!r}; expected a list: {key}=[...]")
 
 
 def _refuse_demos_without_effect(experiment: Experiment) -> None:

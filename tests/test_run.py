@@ -48,6 +48,11 @@ def run(*arguments, environment=None, timeout_s=600):
         (["constraints=none_at_all"], "logical_spatial"),
         (["brain=oracle"], "scripted"),
         (["stages=[bake]"], "unknown stage 'bake'; available: generate, train, evaluate, report"),
+        (["stages=generate"], "stages is 'generate'; expected a list: stages=[...]"),
+        (
+            ["policy.unet_channels=32"],
+            "policy.unet_channels is 32; expected a list: policy.unet_channels=[...]",
+        ),
         (["demos=-3"], "demos is -3; it must be at least 1"),
         (["attempts=0"], "attempts is 0; it must be at least 1"),
         (["training.steps=-5"], "steps is -5; expected a number above 0"),
@@ -76,7 +81,12 @@ def run(*arguments, environment=None, timeout_s=600):
         ),
         (["episodes=3", "demos=5"], "episodes=3 demos=5: 3 seeds cannot give 5 demonstrations"),
         (["experiment=ablation", "demos=5"], "episodes=1000 demos=5: episodes already says"),
-        (["demoz=3"], "demoz"),
+        (["demoz=3"], "there is no key 'demoz'; did you mean demos? The keys are in conf/config.yaml and"),
+        (["policy.hold_rads=0.1"], "did you mean policy.hold_rad?"),
+        (
+            ["task.lift_barrier.objects.barier.x_m=[0,0]"],
+            "did you mean task.lift_barrier.objects.barrier.x_m?",
+        ),
         (["workers=many"], "workers"),
     ],
 )

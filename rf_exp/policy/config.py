@@ -22,6 +22,7 @@ ACTING = ("action_steps", "ensemble", "hold_rad", "patience", "sampler", "infere
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 6
 SMALLEST_SQUARE = 8  # pixels
+CELL = 4  # pixels of a picture, shrunk, to a cell of a heat map
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 # Of a policy and of its training, what heat maps that are learned first (`eyes_steps`) do not depend on.
 BESIDE_EYES = (
@@ -138,9 +139,11 @@ class PolicyConfig:
         _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
         _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
         _require(self.shrink == 1 or eyes, "shrink", self.shrink, f"1 with encoder={self.encoder}")
-        whole = self.shrink >= 1 and not (self.height % self.shrink or self.width % self.shrink)
-        expected = f"a whole part of the picture's sides, {self.width} x {self.height}"
-        _require(whole, "shrink", self.shrink, expected)
+        _require(self.shrink >= 1, "shrink", self.shrink, "1 or above")
+        for side in ("height", "width") if eyes else ():
+            cell = CELL * self.shrink
+            expected = f"a multiple of {cell} with encoder=heatmaps and shrink={self.shrink}"
+            _require(getattr(self, side) % cell == 0, side, getattr(self, side), expected)
         _require(not self.close_up or eyes, "close_up", self.close_up, f"0 with encoder={self.encoder}")
         most = min(self.height, self.width)
         fits = not self.close_up or SMALLEST_SQUARE <= self.close_up <= most

@@ -11,10 +11,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rf_exp.policy.close_up import CloseUp
+from rf_exp.policy.config import CELL
 from rf_exp.policy.keypoints import HAND, HEADING
 from rf_exp.policy.layers import inside_picture
 
-CELL = 4  # pixels of a picture to a cell of a map
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
 PEAK = 5  # cells, side of the square round the largest one whose middle is taken

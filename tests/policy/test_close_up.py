@@ -99,8 +99,9 @@ def test_a_policy_learns_with_it_and_acts(
     [
         ({"shrink": 2}, "shrink is 2; expected 1 with encoder=compact"),
         ({"close_up": 16}, "close_up is 16; expected 0 with encoder=compact"),
-        ({"encoder": "heatmaps", "shrink": 0}, "shrink is 0; expected a whole part of the picture's sides"),
-        ({"encoder": "heatmaps", "shrink": 5}, "shrink is 5; expected a whole part of the picture's sides"),
+        ({"encoder": "heatmaps", "shrink": 0}, "shrink is 0; expected 1 or above"),
+        ({"encoder": "heatmaps", "shrink": 5}, "height is 32; expected a multiple of 20 with"),
+        ({"encoder": "heatmaps", "width": 47}, "width is 47; expected a multiple of 4 with encoder=heatmaps"),
         ({"encoder": "heatmaps", "close_up": 4}, "close_up is 4; expected 0, or 8 to 32 pixels"),
         ({"encoder": "heatmaps", "close_up": 33}, "close_up is 33; expected 0, or 8 to 32 pixels"),
     ],

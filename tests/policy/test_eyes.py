@@ -22,8 +22,9 @@ from rf_exp.policy import (
     train,
     views,
 )
+from rf_exp.policy.config import CELL
 from rf_exp.policy.coordination import may_go
-from rf_exp.policy.eyes import CELL, Eyes
+from rf_exp.policy.eyes import Eyes
 from rf_exp.policy.hands import followed, with_hands
 from rf_exp.policy.keypoints import HAND, keypoints
 from rf_exp.policy.moments import by_episode
