@@ -29,6 +29,10 @@ from rf_exp.progress import console
 
 LARGEST_MB = 5.0
 EXPERIMENT = Path("experiment/released.yaml")
+HEAD = (
+    "# @package _global_\n# The policies in this folder act in scenes that they have never seen:\n"
+    "#   python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER\n"
+)
 GROUPS = ("task", "constraints", "arch")
 NAME = re.compile(r"([^+]+)-(\d+)-(\d+)")  # recipe, demonstrations, seed; of what was never corrected
 
@@ -89,7 +93,7 @@ def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str,
         "policy": policy,
         "training": training,
     }
-    return "# @package _global_\n" + OmegaConf.to_yaml(plain(said))
+    return HEAD + OmegaConf.to_yaml(plain(said))
 
 
 def main() -> None:
