@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 VARIABLES = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")  # the loader obeys the first before the second
@@ -110,15 +111,19 @@ def select_driver() -> str:
 def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
     """Ask SAPIEN for a device and, with `picture`, draw 32 x 32 pixels on it.
 
-    Runs in a process of its own, because a bad driver can end the process. About half a second for
-    the device; the first picture of the software driver takes 1 to 4 s.
+    Runs in a process of its own, because a bad driver can end the process; one that did is asked
+    again, for SAPIEN that finds no device crashes once in thousands of starts. About half a second
+    for the device; the first picture of the software driver takes 1 to 4 s.
     """
     # -P: this folder must not shadow the standard library in the child.
     command = [sys.executable, "-P", __file__, "draw" if picture else "device"]
     driver = find_driver(os.environ)
     begin = time.perf_counter()
+    ask = partial(subprocess.run, command, capture_output=True, text=True, timeout=timeout_s)
     try:
-        child = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s)
+        child = ask()
+        if child.returncode < 0:
+            child = ask()
     except subprocess.TimeoutExpired:
         return Probe(driver, "", timeout_s, f"no answer from the driver in {timeout_s:g} s")
     seconds = time.perf_counter() - begin

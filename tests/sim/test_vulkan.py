@@ -124,6 +124,21 @@ def test_a_driver_that_ends_the_process_is_reported(tmp_path: Path, monkeypatch:
     assert probe.reason == "the driver ended the process with SIGABRT"
 
 
+def test_a_driver_that_ended_the_process_once_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sapien.py").write_text(
+        "import os, pathlib\n"
+        "asked = pathlib.Path(__file__).with_name('asked')\n"
+        "if not asked.exists():\n"
+        "    asked.touch()\n"
+        "    os.abort()\n"
+        "raise RuntimeError('no device at all')\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert vulkan.render_probe().reason == "RuntimeError: no device at all"
+
+
 @pytest.mark.slow
 def test_a_driver_that_hangs_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "sapien.py").write_text("import time\ntime.sleep(60)\n")
