@@ -116,19 +116,19 @@ def _policy_failures(results: Results, suite: Suite) -> Section:
             kind = (*policy, row.account.kind)
             kinds[kind] += 1
             scenes[kind] = min(row.scene_seed, scenes.get(kind, row.scene_seed))
-    order = sorted(kinds, key=lambda kind: (kind[:3], -kinds[kind], kind))
+    common = sorted(kinds, key=lambda kind: (-kinds[kind] / tried[kind[:3]], kind))[:REASONS]
     lines = [
         (title_of(kind[0], suite), *kind[1:], f"{kinds[kind]} of {tried[kind[:3]]}", str(scenes[kind]))
-        for kind in order[:REASONS]
+        for kind in sorted(common, key=lambda kind: (kind[:3], -kinds[kind], kind))
     ]
-    rest = len(order) - len(lines)
+    rest = len(kinds) - len(lines)
     heading = ("Task", "Architecture", "Learnt from", "What failed", "Scenes", "First scene")
     return Section(
         "policies",
         "Why policies failed",
         lead="Conditions of success that did not hold at the end, and what happened before.",
         texts=Texts(heading, tuple(lines)) if lines else None,
-        notes=(f"{rest} more kinds are in the result rows.",) if rest else (),
+        notes=(f"{rest} rarer kinds are in the result rows.",) if rest else (),
     )
 
 

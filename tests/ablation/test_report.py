@@ -123,6 +123,20 @@ def test_why_policies_failed_is_counted_by_kind(out: Path) -> None:
 
 
 @pytest.mark.slow
+def test_of_many_kinds_of_failure_the_most_common_are_told(out: Path) -> None:
+    path = out / "results/evaluate/place_food/separate_local/full-50.jsonl"
+    common = Account(
+        unmet=(Unmet("upright", 0.0, 0.1, 0.1, 0.15, "m", True),)
+    )  # after all others in the alphabet
+    for place, row in enumerate(evaluation("place_food", "separate_local", 50, 0, 40)):
+        alone = Account(unmet=(Unmet("a" * (place + 1), 0.0, 0.1, 0.1, 0.15, "m", True),))
+        append_row(path, replace(row, account=alone if place < 35 else common))
+    text = write_report(out).read_text("utf-8")
+    assert re.search(r"<td>upright</td><td>5 of \d+</td>", text)
+    assert re.search(r"[5-9] rarer kinds are in the result rows\.", text)
+
+
+@pytest.mark.slow
 def test_rollouts_have_a_film_or_a_picture_with_the_whole_reason(out: Path) -> None:
     folder = out / "recordings/place_food/full"
     folder.mkdir(parents=True)

@@ -28,7 +28,7 @@ def benchmark(everything: Results, suite: Suite) -> Table:
     """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline).
 
     The averages are over the paper's tasks of a level, so that they stand beside the paper's. The first
-    recipe has a line for every task, measured or not; further ones have those of tasks with rows.
+    recipe has a line for every task, measured or not; below it, further ones have those of tasks with rows.
     """
     results = unshielded(everything)
     demos, recipes = demos_of(results), recipes_of(results.evaluation)
@@ -51,7 +51,7 @@ def benchmark(everything: Results, suite: Suite) -> Table:
         return Line(task + but_first(recipe, recipes), title_of(task, suite), cells)
 
     lines = []
-    for agents, recipe in product(paper().averages, recipes):
+    for recipe, agents in product(recipes, paper().averages):
         level = [name for name, count in paper().levels.items() if count == agents]
         of_level = [line_of(name, recipe) for name in level if has_line(name, recipe)]
         lines += of_level

@@ -90,6 +90,7 @@ def test_further_recipes_have_lines_where_they_have_rows() -> None:
     assert [line.key for line in table.lines if line.cells[1].value == "blind"] == ["lift_barrier-blind"]
     of_first = [line for line in table.lines if line.cells[1].value == "fast"]
     assert len(of_first) == len(paper().levels) + len(paper().averages)
+    assert list(table.lines[: len(of_first)]) == of_first  # the paper's table stands whole, above all others
 
 
 def test_recipes_are_compared_where_they_learned_the_same() -> None:
