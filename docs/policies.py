@@ -1,4 +1,4 @@
-"""Writes docs/policies.md from the rows in results/evaluate: python docs/policies.py"""
+"""Writes docs/policies.md and its figure from the rows in results/evaluate: python docs/policies.py"""
 
 import re
 from collections import Counter
@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from statistics import fmean
 
+from figure import Panel, figure
 from omegaconf import OmegaConf
 from origins import origins
 
@@ -48,6 +49,7 @@ START = "paper_short"  # where the ladder begins
 LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
 
 WORDS = Path(__file__).with_suffix(".jinja")
+FIGURE = Path(__file__).parent / "images" / "policies.svg"
 
 PEERS = [  # what others report: the first RERUN of them in a public rerun
     *("lift_barrier", "camera_alignment", "long_pipeline_delivery", "take_photo", "pass_shoe", "place_food"),
@@ -204,6 +206,18 @@ def baseline(found: Cells) -> str:
     return table(("task", "arms", *(f"{demos} demonstrations" for demos in columns)), [*lines, means])
 
 
+def panels(found: Cells) -> list[Panel]:
+    """The paper's first table as its figure has it."""
+    parts = []
+    for task in paper().levels:
+        groups = {
+            n: found[task, BASELINE_ARCH, n] for n in paper().demos if (task, BASELINE_ARCH, n) in found
+        }
+        ours = {n: wilson(sum(r.success for r in group), len(group)) for n, group in groups.items()}
+        parts.append((title_of(task, configured()), ours, paper().baseline[task]))
+    return parts
+
+
 def architectures(found: Cells) -> str:
     """The paper's second table."""
     known, demos = paper().architectures, paper().demos[-1]
@@ -270,9 +284,8 @@ def beside(group: Sequence[EvaluationRow] | None, figure: float | None) -> str:
     return ours if figure is None else f"{ours} ({percent(figure)})"
 
 
-def document() -> str:
+def document(rows: Sequence[EvaluationRow]) -> str:
     """The page: its words from the template, its figures from the rows."""
-    rows = load(ROOT).evaluation
     groups = list(cells(row for row in rows if row.recipe not in rungs()[1:]))
     of_tables = of_fast(groups)
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
@@ -294,4 +307,6 @@ def document() -> str:
 
 
 if __name__ == "__main__":
-    Path(__file__).with_suffix(".md").write_text(document(), "utf-8")
+    measured = load(ROOT).evaluation
+    Path(__file__).with_suffix(".md").write_text(document(measured), "utf-8")
+    FIGURE.write_text(figure(panels(of_fast(cells(measured)))), "utf-8")

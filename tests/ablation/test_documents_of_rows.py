@@ -1,18 +1,28 @@
 """docs/policies.md and the tables of other documents say what the rows in results/ say."""
 
+import re
 import runpy
 from pathlib import Path
 
 import pytest
 
+from rf_exp.ablation import load
+
 DOCS = Path(__file__).parents[2] / "docs"
+DATA = re.compile(r"<dc:description>(.*?)</dc:description>", re.DOTALL)
 
 
 @pytest.mark.slow
 def test_the_page_of_policies_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DOCS)
-    written = runpy.run_path(str(DOCS / "policies.py"))["document"]()
+    script, rows = runpy.run_path(str(DOCS / "policies.py")), load(DOCS.parent).evaluation
+    written = script["document"](rows)
     assert (DOCS / "policies.md").read_text("utf-8") == written, "run: python docs/policies.py"
+    # Lines are drawn a little otherwise by another matplotlib; what they show must be the same.
+    panels = script["panels"](script["of_fast"](script["cells"](rows)))
+    shown = runpy.run_path(str(DOCS / "figure.py"))["described"](panels)
+    (told,) = DATA.findall((DOCS / "images" / "policies.svg").read_text("utf-8"))
+    assert told == shown, "run: python docs/policies.py"
 
 
 @pytest.mark.slow
