@@ -61,19 +61,24 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
 
 
 def _summary(results: Results) -> Section:
-    made, tried = sum(row.success for row in results.generation), len(results.generation)
-    hours = sum(row.wall_s for row in results.generation) / 3600
+    """Tiles of what there are rows of."""
+    tiles: list[Tile] = []
+    if tried := len(results.generation):
+        made = sum(row.success for row in results.generation)
+        hours = sum(row.wall_s for row in results.generation) / 3600
+        words = "scene seeds gave a demonstration, all rows of constraints together"
+        tiles += [Tile(f"{made} of {tried}", words)]
+        tiles += (
+            [Tile(f"{made / hours:,.0f}", "demonstrations an hour of one worker's time")] if hours else []
+        )
     own = tables.ours(results)
+    for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
+        if any(row.shield is shield for row in own.evaluation):
+            tiles += _rollout_tiles(own, kind, shield)
     tasks = {row.task for row in (*results.generation, *results.evaluation)}
-    tiles = (
-        Tile(f"{made} of {tried}", "scene seeds gave a demonstration, all rows of constraints together"),
-        Tile(f"{made / hours:,.0f}" if hours else "missing", "demonstrations an hour of one worker's time"),
-        *_rollout_tiles(own, "rollouts", shield=False),
-        *(_rollout_tiles(own, "shielded rollouts", True) if any(r.shield for r in own.evaluation) else ()),
-        Tile(str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"),
-    )
+    tiles.append(Tile(str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
     command = "" if tried or results.evaluation else "python -m rf_exp.run"
-    return Section("summary", "Summary", command, tiles, notes=results.notes)
+    return Section("summary", "Summary", command, tuple(tiles), notes=results.notes)
 
 
 def _rollout_tiles(results: Results, kind: str, shield: bool) -> tuple[Tile, Tile]:

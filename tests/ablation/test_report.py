@@ -93,6 +93,15 @@ def test_the_report_without_any_result(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_summary_of_rollouts_alone_says_nothing_of_generation(tmp_path: Path) -> None:
+    for row in evaluation("place_food", "separate_local", 50, 1, 2):
+        append_row(tmp_path / "results/evaluate/place_food/separate_local/full-50.jsonl", row)
+    text = write_report(tmp_path).read_text("utf-8")
+    assert "rollouts of one policy succeeded" in text
+    assert "0 of 0" not in text and "demonstrations an hour" not in text and "shielded" not in text
+
+
+@pytest.mark.slow
 def test_attempts_that_failed_alike_are_counted_together_whatever_their_numbers(out: Path) -> None:
     for row in generation("new_task", "logical", 1, 3, violations=(2,)):
         append_row(out / "results/generate/new_task/logical.jsonl", row)
