@@ -51,9 +51,9 @@ def _replace(path: Path, to: Path, rows: list[EvaluationRow]) -> list[int]:
     """Write rows and the configurations beside them; returns the training seeds that stay there."""
     asked, there = configuration_file(path), configuration_file(to)
     before: list[EvaluationRow] = []
-    if to.exists() and read_json(there, REMEDY) == read_json(asked, REMEDY):
+    if to.exists() and there.exists() and read_json(there, REMEDY) == read_json(asked, REMEDY):
         before = [row for row in read_rows(to, EvaluationRow) if row.train_seed not in _seeds(rows)]
-    else:  # what is there was evaluated otherwise: no row of it shares a cell with these
+    else:  # what is there was evaluated otherwise, or nobody knows how: no row of it shares a cell with these
         for old in to.parent.glob(f"{to.stem}-[0-9]*.*"):
             old.unlink()
     to.parent.mkdir(parents=True, exist_ok=True)

@@ -64,6 +64,16 @@ def test_what_was_evaluated_otherwise_goes(tmp_path: Path) -> None:
     assert not (results / PLACE.relative_to("results") / f"{STEM}-0.configuration.json").exists()
 
 
+def test_rows_of_which_nobody_knows_what_they_were_made_of_go(tmp_path: Path) -> None:
+    results = tmp_path / "results"
+    measured(tmp_path / "first", 0, 1)
+    publish(tmp_path / "first", results)
+    (results / PLACE.relative_to("results") / f"{STEM}.configuration.json").unlink()
+    measured(tmp_path / "later", 1, 2)
+    publish(tmp_path / "later", results)
+    assert won(results) == {1: 2}
+
+
 def test_an_unfinished_seed_is_told_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     measured(tmp_path / "out", 0, 2)
     measured(tmp_path / "out", 1, 1, scenes=SCENES - 1)
