@@ -249,6 +249,24 @@ def shielded(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str
     return table(SHIELD, lines)
 
 
+def oracles(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
+    """Policies that are told the true poses of all things, beside those of the same recipe that see."""
+    found: dict[tuple[str, int], dict[str, list[EvaluationRow]]] = {}
+    for row, group in groups:
+        if is_baseline(row) and not row.shield and row.recipe in ("fast", "state"):
+            found.setdefault((row.task, row.demos), {})[row.recipe] = group
+    lines = [
+        (
+            title_of(task, configured()),
+            str(demos),
+            *(" (".join(strict(of[k])) + ")" for k in ("state", "fast")),
+        )
+        for (task, demos), of in found.items()
+        if len(of) == 2
+    ]
+    return table(("task", "demos", "true poses", "pictures"), lines)
+
+
 def hours(found: Cells) -> tuple[str, str]:
     """Of the first table, by one training seed: what learning and the scenes took, in hours of one core."""
     groups = [found[key] for key in found if key[1] == BASELINE_ARCH and key[2] in paper().demos]
@@ -296,6 +314,7 @@ def document(rows: Sequence[EvaluationRow]) -> str:
         hours=hours(of_tables),
         compared=compared(of_tables),
         shielded=shielded(groups),
+        oracles=oracles(groups),
         every=table(HEADING, (line(row, group) for row, group in groups)),
         origins=table(ORIGIN, origins(row for row, _ in groups)),
         most=paper().demos[-1],
