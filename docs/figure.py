@@ -28,9 +28,8 @@ STYLE: dict[Any, Any] = {
     "ytick.color": INK,
 }
 COLUMNS = 4
-Panel = tuple[
-    str, Mapping[int, Estimate], Mapping[int, float]
-]  # title, ours and the paper's by demonstrations
+# The title, and by number of demonstrations our rates and the paper's.
+Panel = tuple[str, Mapping[int, Estimate], Mapping[int, float]]
 
 
 def figure(panels: Sequence[Panel]) -> str:

@@ -210,10 +210,8 @@ def panels(found: Cells) -> list[Panel]:
     """The paper's first table as its figure has it."""
     parts = []
     for task in paper().levels:
-        groups = {
-            n: found[task, BASELINE_ARCH, n] for n in paper().demos if (task, BASELINE_ARCH, n) in found
-        }
-        ours = {n: wilson(sum(r.success for r in group), len(group)) for n, group in groups.items()}
+        groups = {n: found.get((task, BASELINE_ARCH, n), []) for n in paper().demos}
+        ours = {n: wilson(sum(r.success for r in group), len(group)) for n, group in groups.items() if group}
         parts.append((title_of(task, configured()), ours, paper().baseline[task]))
     return parts
 

@@ -67,10 +67,9 @@ def _summary(results: Results) -> Section:
         made = sum(row.success for row in results.generation)
         hours = sum(row.wall_s for row in results.generation) / 3600
         words = "scene seeds gave a demonstration, all rows of constraints together"
-        tiles += [Tile(f"{made} of {tried}", words)]
-        tiles += (
-            [Tile(f"{made / hours:,.0f}", "demonstrations an hour of one worker's time")] if hours else []
-        )
+        tiles.append(Tile(f"{made} of {tried}", words))
+        if hours:
+            tiles.append(Tile(f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
     own = tables.ours(results)
     for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
         if any(row.shield is shield for row in own.evaluation):

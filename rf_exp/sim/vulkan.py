@@ -112,7 +112,7 @@ def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
     """Ask SAPIEN for a device and, with `picture`, draw 32 x 32 pixels on it.
 
     Runs in a process of its own, because a bad driver can end the process; one that did is asked
-    again, for SAPIEN that finds no device crashes once in thousands of starts. About half a second
+    again, for SAPIEN has been seen to crash, rarely, where it finds no device. About half a second
     for the device; the first picture of the software driver takes 1 to 4 s.
     """
     # -P: this folder must not shadow the standard library in the child.
