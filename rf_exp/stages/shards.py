@@ -159,7 +159,7 @@ def blocks(seeds: Sequence[int], there: Sequence[range], size: int, wanted: int 
                 last += 1
             found.append(range(first, last + 1))
         else:
-            found.append(next(block for block in there if first in block))
+            found.append(max((block for block in there if first in block), key=lambda block: block[-1]))
         covered += sum(seed in found[-1] for seed in seeds[covered:])
     return found
 

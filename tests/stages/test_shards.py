@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rf_exp.ablation import GenerationRow, read_rows
@@ -60,6 +60,7 @@ def later(tmp_path_factory: pytest.TempPathFactory) -> Experiment:
     return one
 
 
+@example(seeds={0, 1, 2}, there=[(0, 1), (1, 1), (0, 3)], size=1, wanted=None)
 @given(
     seeds=st.sets(st.integers(0, 30)),
     there=st.lists(st.tuples(st.integers(0, 30), st.integers(1, 9)), max_size=4),
