@@ -25,6 +25,9 @@ def test_kept_rows_of_rollouts_say_what_their_lines_say() -> None:
     for path in sorted(RESULTS.glob("evaluate/**/*.jsonl")):
         for line, row in zip(path.read_text().splitlines(), read_rows(path, EvaluationRow), strict=True):
             assert row.reason == json.loads(line)["reason"] and row.success == (not row.reason)
+            closest = row.account.closest
+            briefly = closest is not None and closest.holding == closest.of  # all held, but too shortly
+            assert not row.account.unmet if row.success else row.account.unmet or briefly
             failures += not row.success
     assert failures > 100
 
