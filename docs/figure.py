@@ -10,10 +10,23 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rf_exp.ablation import Estimate
-from rf_exp.ablation.plots import FAINT, INK, OURS, PAPER, STYLE
 
-# What the report leaves to its page; a figure of its own is read on white, which it brings along.
-COLOURS = {INK: "#24292f", FAINT: "#d8dee4", OURS: "#0969da", PAPER: "#bc4c00"}
+INK, FAINT, OURS, PAPER = "#24292f", "#d8dee4", "#0969da", "#bc4c00"  # read on white, which it brings along
+STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",  # the text of a figure can be read, searched and compared
+    "svg.hashsalt": "policies",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": INK,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": FAINT,
+    "xtick.color": INK,
+    "ytick.color": INK,
+}
 COLUMNS = 4
 # The title, and by number of demonstrations our rates and the paper's.
 Panel = tuple[str, Mapping[int, Estimate], Mapping[int, float]]
@@ -21,7 +34,7 @@ Panel = tuple[str, Mapping[int, Estimate], Mapping[int, float]]
 
 def figure(panels: Sequence[Panel]) -> str:
     """SVG text; the last place holds the legend. What is drawn stands in its description (`described`)."""
-    with rc_context({**STYLE, "svg.hashsalt": "policies"}):
+    with rc_context(STYLE):
         rows = len(panels) // COLUMNS + 1
         drawn = Figure((9.2, 1.75 * rows), layout="constrained")
         grid = drawn.subplots(rows, COLUMNS, sharex=True, sharey=True).ravel()
@@ -36,10 +49,7 @@ def figure(panels: Sequence[Panel]) -> str:
         buffer = io.StringIO()
         metadata = {"Date": None, "Description": described(panels)}
         drawn.savefig(buffer, format="svg", metadata=metadata)
-    text = buffer.getvalue()
-    for colour, real in COLOURS.items():
-        text = text.replace(colour, real)
-    return re.sub(r" +$", "", text, flags=re.MULTILINE)
+    return re.sub(r" +$", "", buffer.getvalue(), flags=re.MULTILINE)
 
 
 def described(panels: Sequence[Panel]) -> str:
