@@ -1,4 +1,4 @@
-"""How the house is laid out: what may be imported from where, what a room gives, and where attributes are born."""
+"""How the house is laid out: what is imported from where, what a room gives, where attributes are born."""
 
 import ast
 from collections import Counter

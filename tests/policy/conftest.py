@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rf_exp.policy import CURVES, PolicyConfig, TrainConfig
 from rf_exp.store import Store
-from rf_exp.types import Arch, Episode
+from rf_exp.transforms import from_quaternion
+from rf_exp.types import Arch, Episode, Scene
 
 HEIGHT, WIDTH, STEPS = 32, 48, 24
 STILL = 5  # steps before the arms move: until then only the picture tells where to
@@ -78,6 +79,24 @@ def make_episode(seed: int, agents: int) -> Episode:
     return Episode("reach", seed, *moved, pictures, poses=poses, subgoal=doing)
 
 
+def scene_at(episode: Episode, step: int) -> Scene:
+    """What was measured at a step of an episode, with its arms at rest."""
+    poses = {name: from_quaternion(values[step]) for name, values in episode.poses.items()}
+    qpos = episode.qpos[step].astype(float)
+    return Scene(step, qpos, np.zeros_like(qpos), poses, {}, (None,) * len(qpos))
+
+
+def write_store(path: Path, agents: int, episodes: int) -> Path:
+    """A store of the episodes of the first seeds."""
+    cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
+    made_of = {"task": "reach", "scene": scene_of(agents)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with Store.create(path, made_of, agents, cameras, HEIGHT, WIDTH, tuple(block_poses(0, agents))) as store:
+        for seed in range(episodes):
+            store.append(make_episode(seed, agents))
+    return path
+
+
 @pytest.fixture(scope="session")
 def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int], Store]:
     """(agents, episodes) -> a store of that many episodes; made once a session."""
@@ -85,14 +104,8 @@ def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int],
 
     def make(agents: int, episodes: int) -> Store:
         if (agents, episodes) not in made:
-            path: Path = tmp_path_factory.mktemp("store") / "reach.zarr"
-            cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
-            made_of = {"task": "reach", "scene": scene_of(agents)}
-            objects = tuple(block_poses(0, agents))
-            with Store.create(path, made_of, agents, cameras, HEIGHT, WIDTH, objects) as store:
-                for seed in range(episodes):
-                    store.append(make_episode(seed, agents))
-            made[agents, episodes] = Store.open(path)
+            path = tmp_path_factory.mktemp("store") / "reach.zarr"
+            made[agents, episodes] = Store.open(write_store(path, agents, episodes))
         return made[agents, episodes]
 
     return make

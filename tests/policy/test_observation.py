@@ -1,7 +1,6 @@
 """Context: the same vector from a store and in a rollout, memory of the grippers, moments left out."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,8 +23,7 @@ from rf_exp.policy.moments import moving
 from rf_exp.policy.observation import Senses, context, near, senses_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
-from rf_exp.types import Episode, Scene
-from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, small_training
+from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, scene_at, small_training
 
 CPU = torch.device("cpu")
 OPEN_M = 0.08
@@ -132,7 +130,7 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     for seed in range(100, 110):  # never seen
         episode = make_episode(seed, 1)
         at = STEPS - 8  # it has arrived before the chunk ends
-        scene = _scene(episode, at)
+        scene = scene_at(episode, at)
         runner.reset(seed)
         runner(scene, {})
         chunk = runner.state.predicted[1]
@@ -152,9 +150,3 @@ def test_without_a_draft_nothing_has_changed(policy_config) -> None:
     """The paper's network has no part that it did not have."""
     names = {name.split(".")[0] for name, _ in DiffusionPolicy(policy_config, 8, 8).named_parameters()}
     assert names == {"encoder", "unet"}
-
-
-def _scene(episode: Episode, step: int) -> Scene:
-    poses: Any = {name: from_quaternion(values[step]) for name, values in episode.poses.items()}
-    qpos = episode.qpos[step].astype(float)
-    return Scene(step, qpos, np.zeros_like(qpos), poses, {}, (None,) * len(qpos))

@@ -1,0 +1,121 @@
+"""Digests of six small trainings and of what their policies command, kept in golden.json beside this file.
+
+    python -m tests.policy.golden            takes them anew, half a minute of one core
+    python -m tests.policy.golden --show     prints them and writes nothing
+
+They hold learning still while its code is moved: weights are compared as a set, whatever they are called.
+Initial weights come from the order in which networks are built, so that shows too. Where a digest changes,
+learning gives other policies than before: raise LEARNER in rf_exp/policy/config.py, then take them anew.
+
+PyTorch and its libraries compute with kernels of any processor that has AVX2 (`KERNELS`). Where bytes differ
+all the same, on another kind of processor than the one that the file names, losses are to be as recorded.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rf_exp.artifacts import write_json
+from tests.golden import processor
+
+FILE = Path(__file__).with_name("golden.json")
+# PyTorch's, oneDNN's and MKL's, by their documentation: "CPU capability", "CPU dispatcher control" and
+# "Conditional Numerical Reproducibility".
+KERNELS = {
+    "ATEN_CPU_CAPABILITY": "avx2",
+    "ONEDNN_MAX_CPU_ISA": "AVX2",
+    "MKL_CBWR": "AVX2",
+    "OMP_NUM_THREADS": "1",
+}
+AGENTS, EPISODES, HELD_OUT = 2, 2, 100  # episodes that are learned from, and the seed of one that is not
+COMMANDS = 20  # control steps of the runner that are kept
+_ALL = ("training.batch_size=8", "training.warmup_steps=2", "training.device=cpu")
+_SMALL = ("training.eyes_steps=4", "training.draft_steps=5", "training.steps=4", "policy.draft=[32,32]")
+_PERCEPTRON = (*_SMALL, "policy.trunk=[16]", "policy.unet_channels=[8,16]", "training.noise_draws=2")
+RECIPES: dict[str, tuple[str, ...]] = {
+    "fast": _PERCEPTRON,
+    "state": (*_PERCEPTRON, "training.eyes_steps=0"),
+    "without_draft": (*_PERCEPTRON, "training.draft_steps=0", "policy.draft=[]"),
+    "without_phases": _PERCEPTRON,
+    "close_up": (*_PERCEPTRON, "policy.close_up=8", "training.eyes_shift_px=4"),
+    "paper": ("training.epochs=null", "training.steps=3", "policy.unet_channels=[8,16]"),
+}
+Digests = dict[str, Any]
+
+
+def of(recipe: str, folder: Path) -> Digests:
+    """Digests of one recipe: weights, commands, and the losses of its steps."""
+    import torch
+
+    from rf_exp.policy import DiffusionRunner, load_policy, train, views
+    from rf_exp.policy.saved import MODEL, read_tensors
+    from rf_exp.store import Store
+    from tests.conftest import experiment
+    from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, write_store
+
+    torch.set_num_threads(1)
+    picture = f"picture={{width: {WIDTH}, height: {HEIGHT}}}"
+    asked = experiment(f"policy={recipe}", picture, *_ALL, *RECIPES[recipe])
+    store = Store.open(write_store(folder / "reach.zarr", AGENTS, EPISODES))
+    view = views(ARCHS[-1], AGENTS)[0]
+    made = train(store, view, asked.policy, replace(asked.training, log_every=1), folder / recipe)
+    tensors, _ = read_tensors(made / MODEL)
+    policy, view, senses = load_policy(made, "cpu")
+    learned = {name for name, _ in policy.named_parameters()}
+    weights = sorted(_sha(tensors[name].numpy()) for name in learned)
+    runner, episode = DiffusionRunner(policy, view, senses), make_episode(HELD_OUT, AGENTS)
+    runner.reset(HELD_OUT)
+    commands = []
+    for step in range(COMMANDS):
+        pictures = {camera: frames[step] for camera, frames in episode.images.items()}
+        commands.append(runner(scene_at(episode, step), pictures))
+    return {
+        "weights": _sha(np.array(weights)),
+        "commands": _sha(np.stack(commands).astype(np.float32)),
+        "losses": [float(f"{float(row['loss']):.5g}") for row in rows(made)],
+    }
+
+
+def _sha(values: np.ndarray) -> str:
+    return hashlib.sha256(f"{values.dtype} {values.shape}".encode() + values.tobytes()).hexdigest()[:16]
+
+
+def found() -> Digests:
+    """All of them as the code gives them now, computed in a process of its own with the kernels of all."""
+    command = [sys.executable, "-m", "tests.policy.golden", "--show"]
+    root = Path(__file__).parents[2]
+    done = subprocess.run(
+        command, cwd=root, env={**os.environ, **KERNELS}, capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def _show() -> None:
+    from rf_exp.policy import LEARNER
+
+    with tempfile.TemporaryDirectory() as folder:
+        recipes = {recipe: of(recipe, Path(folder) / recipe) for recipe in RECIPES}
+    print(json.dumps({"processor": processor(), "learner": LEARNER, "recipes": recipes}))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser("python -m tests.policy.golden", description="Takes the digests anew.")
+    parser.add_argument("--show", action="store_true", help="print them in one line, and write nothing")
+    if parser.parse_args().show:
+        _show()
+        return 0
+    write_json(FILE, found())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
