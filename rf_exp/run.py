@@ -6,7 +6,6 @@ python -m rf_exp.run stages=[generate] task=all constraints=full   data only
 """
 
 import sys
-from itertools import product
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -28,6 +27,7 @@ def main(config: DictConfig) -> None:
     given = HydraConfig.get().overrides.task
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
     from rf_exp.stages import (
+        cells,
         check_folders,
         evaluate_policies,
         generate_data,
@@ -41,17 +41,17 @@ def main(config: DictConfig) -> None:
     say_how_long(experiment)
     demonstrations = 0
 
-    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
+    for cell in cells(experiment):
         # RoboBrain proposes, primitives move, RoboChecker checks; what passes becomes the data set.
         if "generate" in stages:
-            demonstrations += generate_data(experiment, task, constraint_set)
+            demonstrations += generate_data(cell)
         # One view of the data set for each policy of an architecture, one diffusion policy for each view.
-        for arch in experiment.archs:
+        for learned in map(cell.with_arch, experiment.archs):
             if "train" in stages:
-                train_policies(experiment, task, constraint_set, arch)
+                train_policies(learned)
             # Every seed counts: consecutive scenes that generation never sees.
             if "evaluate" in stages:
-                evaluate_policies(experiment, task, constraint_set, arch)
+                evaluate_policies(learned)
 
     # All rows there are, beside the paper's figures.
     if "report" in stages:

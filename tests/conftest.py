@@ -4,7 +4,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
@@ -15,6 +15,9 @@ from omegaconf import OmegaConf
 from rf_exp.command import guarded, register_all_tasks
 from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.tasks import Task, load_task
+
+if TYPE_CHECKING:
+    from rf_exp.stages import Cell
 
 hypothesis.settings.register_profile("suite", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("suite")
@@ -35,6 +38,14 @@ def experiment(*overrides: str) -> Experiment:
     with initialize_config_dir(str(CONF), version_base="1.3"):
         node: Any = OmegaConf.to_container(compose("config", ["recipe=test", *overrides]), resolve=True)
     return read_experiment(node)
+
+
+def cell_of(one: Experiment) -> "Cell":
+    """The only cell of an experiment of one task and one row, for the policies of its first architecture."""
+    from rf_exp.stages import cells  # imports torch, which most tests do without
+
+    (cell,) = cells(one)
+    return cell.with_arch(one.archs[0])
 
 
 @pytest.fixture(params=TASKS)

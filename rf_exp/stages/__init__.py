@@ -5,6 +5,7 @@ and names what differs. Jobs that want the same artifact at the same time wait f
 """
 
 from rf_exp.stages.artifacts import owned
+from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.costs import say_how_long
 from rf_exp.stages.evaluation import evaluate_policies
 from rf_exp.stages.folders import check_folders
@@ -13,6 +14,8 @@ from rf_exp.stages.reporting import write_tables
 from rf_exp.stages.training import train_policies
 
 __all__ = [
+    "Cell",
+    "cells",
     "check_folders",
     "evaluate_policies",
     "generate_data",

@@ -11,7 +11,6 @@ from typing import Any
 from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.datagen import Settings
 from rf_exp.errors import StageError
-from rf_exp.experiment import Experiment
 from rf_exp.policy import (
     LEARNER,
     DiffusionRunner,
@@ -22,12 +21,10 @@ from rf_exp.policy import (
     foreign_runners,
     load_runners,
     made_of,
-    views,
 )
 from rf_exp.sim import Simulator
-from rf_exp.stages.artifacts import correction_path, generation_path, policy_path
-from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Arch, ConstraintSet
+from rf_exp.stages.cell import Cell
+from rf_exp.types import CONTROL_DT_S
 
 STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
@@ -52,30 +49,24 @@ class Learning:
     queries: int = 0  # proposals that the expert was asked for
 
 
-def acting(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Acting:
+def acting(cell: Cell) -> Acting:
     """Who acts. Raises StageError where nobody knows for how long."""
+    experiment = cell.experiment
     if (foreign := experiment.foreign) is not None:
-        limit = foreign.step_limit or step_limit(
-            experiment, task, constraint_set, ", or give foreign.step_limit"
-        )
+        limit = foreign.step_limit or step_limit(cell, ", or give foreign.step_limit")
         fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
         return Acting(partial(foreign_runners, foreign, fastest_rad), limit)
-    folder = policy_path(experiment, task, constraint_set, arch)
-    plans = (
-        replace(experiment.settings(task, constraint_set), disturbance_rad=0.0) if arch.coordinated else None
-    )
-    limit = step_limit(experiment, task, constraint_set)
-    return Acting(partial(_trained, folder, experiment.policy), limit, plans)
+    plans = replace(cell.settings, disturbance_rad=0.0) if cell.arch.coordinated else None
+    return Acting(partial(_trained, cell.policy_path, experiment.policy), step_limit(cell), plans)
 
 
-def learning(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Learning:
+def learning(cell: Cell) -> Learning:
     """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
-    if (foreign := experiment.foreign) is not None:
+    if (foreign := cell.experiment.foreign) is not None:
         return Learning({"foreign": foreign.name})
-    folder = policy_path(experiment, task, constraint_set, arch)
-    made = trained(experiment, task, arch, folder)
-    core_s = sum(cost_s(folder / view.name) for view in views(arch, len(task.agents)))
-    return Learning(made, core_s, _queries(experiment, task, constraint_set, arch))
+    made = _policies(cell)
+    core_s = sum(cost_s(cell.policy_path / view.name) for view in cell.views)
+    return Learning(made, core_s, _queries(cell))
 
 
 @lru_cache(maxsize=1)
@@ -88,43 +79,41 @@ def _trained(folder: Path, config: PolicyConfig, world: Simulator) -> tuple[Diff
     return _loaded(folder, config)  # they see what a rollout shows them, whatever the world
 
 
-def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dict[str, Any]:
+def _policies(cell: Cell) -> dict[str, Any]:
     """What the policies were made of: as this experiment says, from which data, with which weights.
 
     Raises StageError for policies that were made otherwise.
     """
-    made = {}
-    for view in views(arch, len(task.agents)):
-        made[view.name] = made_of(folder / view.name)
+    made, experiment = {}, cell.experiment
+    for view in cell.views:
+        made[view.name] = made_of(cell.policy_path / view.name)
         config = replace(experiment.training, seed=experiment.train_seed)
         wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
-        expect_policy(folder / view.name, wanted)
+        expect_policy(cell.policy_path / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}
 
 
-def step_limit(experiment: Experiment, task: Task, constraint_set: ConstraintSet, otherwise: str = "") -> int:
+def step_limit(cell: Cell, otherwise: str = "") -> int:
     """Twice the mean length of the first successful expert episodes (supplementary B).
 
     Raises StageError where there is none; `otherwise` is what else a person can do.
     """
-    path = generation_path(experiment, task, constraint_set)
+    path, version = cell.generation_path, cell.task.version
+    where = f"{cell.task.name}/{cell.constraint_set.name}"
     if not path.exists():
-        raise StageError(
-            f"no generated episodes of {task.name}/{constraint_set.name}; run stages=[generate] first"
-            + otherwise
-        )
-    succeeded = (r.steps for r in read_rows(path, GenerationRow) if r.success and r.version == task.version)
+        raise StageError(f"no generated episodes of {where}; run stages=[generate] first" + otherwise)
+    succeeded = (r.steps for r in read_rows(path, GenerationRow) if r.success and r.version == version)
     steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
     if not steps:
         raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
     return round(2 * mean(steps))
 
 
-def _queries(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
+def _queries(cell: Cell) -> int:
     """How many proposals the expert was asked for to correct the policies, in all rounds."""
     count = 0
-    for rounds in range(1, experiment.dagger.rounds + 1):
-        path = correction_path(experiment.after(rounds), task, constraint_set, arch)
+    for rounds in range(1, cell.experiment.dagger.rounds + 1):
+        path = cell.after(rounds).correction_path
         count += sum(made.attempts for made in read_rows(path, GenerationRow))
     return count

@@ -1,62 +1,12 @@
-"""Where artifacts are, who may make them, and whether they fit the configuration.
-
-The layout below `out` is a contract that other people's scripts rely on.
-"""
+"""Who may make an artifact, and whether one that is there fits the configuration."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from rf_exp.ablation import rows_file
 from rf_exp.artifacts import configuration_file, expect_same, locked, read_json, sweep, write_json
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import Experiment
-from rf_exp.tasks import Task
-from rf_exp.types import Arch, ConstraintSet
-
-
-def data_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Path:
-    return experiment.out / "data" / task.name / constraint_set.name / f"{experiment.name}.zarr"
-
-
-def generation_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Path:
-    name = constraint_set.name
-    if experiment.disturbance_rad:
-        name += "-disturbed" if experiment.delay_s else "-disturbed-punctual"
-    return experiment.out / "results" / "generate" / task.name / f"{name}.jsonl"
-
-
-def shards_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, digest: str) -> Path:
-    """Of the shards of what has this digest, each of which is an `out` of its own."""
-    return experiment.out / "shards" / f"{task.name}-{constraint_set.name}-{digest}"
-
-
-def corrected_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
-    """The demonstrations, and those that correct what the policies of the round before have done."""
-    return data_path(experiment, task, constraint_set).with_name(
-        f"corrected-{arch.name}-{experiment.policies}.zarr"
-    )
-
-
-def correction_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
-    name = f"{constraint_set.name}-{experiment.policies}.jsonl"
-    return experiment.out / "results" / "correct" / task.name / arch.name / name
-
-
-def policy_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
-    return experiment.out / "policies" / task.name / constraint_set.name / arch.name / experiment.policies
-
-
-def evaluation_path(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Path:
-    how = experiment.method, experiment.learned_from, experiment.shield
-    return experiment.out / rows_file(task.name, constraint_set.name, arch.name, *how)
-
-
-def recording_path(
-    experiment: Experiment, task: Task, constraint_set: ConstraintSet, stage: str, seed: int
-) -> Path:
-    return experiment.out / "recordings" / task.name / constraint_set.name / f"{stage}-{seed}.rrd"
 
 
 @contextmanager

@@ -20,79 +20,70 @@ import numpy as np
 from rf_exp.artifacts import keep_text
 from rf_exp.datagen import Outcome, make_episode
 from rf_exp.errors import StageError
-from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS, Experiment
+from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.findings import Account
 from rf_exp.policy import sent_on
 from rf_exp.stages.acting import acting, learning
-from rf_exp.stages.artifacts import corrected_path, correction_path, data_path, owned
+from rf_exp.stages.artifacts import owned
+from rf_exp.stages.cell import Cell
 from rf_exp.stages.evaluation import scene_of
 from rf_exp.stages.generation import attempts, collect
-from rf_exp.stages.identity import correction_identity
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store, card
-from rf_exp.tasks import Task
-from rf_exp.types import Arch, ConstraintSet, Rollout, RolloutStep
+from rf_exp.types import Rollout, RolloutStep
 
 MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
 STREAM = 3  # of the random numbers of an episode
 
 
-def demonstrations(
-    experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch
-) -> tuple[Path, int]:
+def demonstrations(cell: Cell) -> tuple[Path, int]:
     """The data set, and of how many of its episodes policies learn, once it is known to hold enough."""
-    if experiment.dagger.rounds:
-        path = corrected_path(experiment, task, constraint_set, arch)
-        return path, len(Store.open(path))
-    path = data_path(experiment, task, constraint_set)
+    if cell.experiment.dagger.rounds:
+        return cell.corrected_path, len(Store.open(cell.corrected_path))
+    path, wanted = cell.data_path, cell.experiment.demos
     if not path.exists():
         raise StageError(f"no data at {path}; run stages=[generate] first")
     found = len(Store.open(path))
-    if found < experiment.demos:
+    if found < wanted:
         raise StageError(
-            f"{path} has {found} demonstrations, demos={experiment.demos} were asked for; "
+            f"{path} has {found} demonstrations, demos={wanted} were asked for; "
             "run stages=[generate] with that number first"
         )
-    return path, experiment.demos
+    return path, wanted
 
 
-def correct(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> None:
+def correct(cell: Cell) -> None:
     """The data set of a round of correction: that of the round before, and the expert's corrections.
 
     Continues where it stopped. Raises StageError where the policies of the round before were made otherwise.
     """
-    rounds = experiment.dagger.rounds
-    before = replace(experiment.after(rounds - 1), shield=False)
-    who, policies = (
-        acting(before, task, constraint_set, arch),
-        learning(before, task, constraint_set, arch).made_of,
-    )
-    made_of = correction_identity(experiment, task, constraint_set, who.limit, policies)
-    data, demos = demonstrations(before, task, constraint_set, arch)
+    experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
+    before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
+    who = acting(before)
+    made_of = cell.correction_identity(who.limit, learning(before).made_of)
+    data, demos = demonstrations(before)
     source = Store.open(data).first(demos)
-    path = corrected_path(experiment, task, constraint_set, arch)
-    rows_path = correction_path(experiment, task, constraint_set, arch)
+    path, rows_path = cell.corrected_path, cell.correction_path
     with owned(rows_path, made_of, [path]), owned(path), _continued(path, source, made_of) as store:
-        settings = experiment.settings(task, constraint_set)
         expert = partial(
             make_episode,
-            settings,
+            cell.settings,
             experiment.pictures,
             cameras=store.cameras,
             known=_usual(source),
             extras=store.extras,
         )
-        act = scene_of(before, task, who)
+        act = scene_of(before, who)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
 
         collect(
-            f"correct {task.name}/{constraint_set.name}/{arch.name}{experiment.corrected}",
+            cell.title("correct"),
             store,
             rows_path,
             range(first, first + experiment.dagger.rollouts),
             None,
-            partial(attempts, experiment, settings, partial(_corrected, act, expert)),
-            partial(rate_log, experiment, "correct", task, constraint_set, arch),
+            partial(attempts, cell, partial(_corrected, act, expert)),
+            partial(rate_log, cell, "correct"),
             became="corrected",
         )
         keep_text(path.with_suffix(".md"), card(store))

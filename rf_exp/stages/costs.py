@@ -1,6 +1,5 @@
 """How long what is still missing will take, told before it begins: from measured costs of each part."""
 
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -8,11 +7,9 @@ import yaml
 
 from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
 from rf_exp.experiment import Experiment
-from rf_exp.policy import MODEL, views
+from rf_exp.policy import MODEL
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import correction_path, evaluation_path, generation_path, policy_path
-from rf_exp.tasks import Task
-from rf_exp.types import Arch, ConstraintSet
+from rf_exp.stages.cell import Cell, cells
 
 COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures them
 
@@ -33,17 +30,14 @@ def foretold(experiment: Experiment) -> str:
     for phase in ("eyes_steps", "draft_steps", "steps"):
         policy_s += learning_s[phase] * (getattr(experiment.training, phase) or 0)
     left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
-    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
-        cost = known["tasks"][task.name]
-        left_s["generate"] += cost["demonstration_s"] * _demonstrations(experiment, task, constraint_set)
-        for arch in experiment.archs:
-            rounds = [experiment.after(k) for k in range(experiment.dagger.rounds + 1)]
-            policies, rollouts = (
-                sum(missing(each, task, constraint_set, arch) for each in some)
-                for missing, some in ((_policies, rounds), (_rollouts, rounds[1:]))
-            )
-            left_s["train"] += policy_s * policies + cost["scene_s"] * rollouts
-            left_s["evaluate"] += cost["scene_s"] * _scenes(experiment, task, constraint_set, arch)
+    for cell in cells(experiment):
+        cost = known["tasks"][cell.task.name]
+        left_s["generate"] += cost["demonstration_s"] * _demonstrations(cell)
+        for learned in map(cell.with_arch, experiment.archs):
+            rounds = [learned.after(k) for k in range(experiment.dagger.rounds + 1)]
+            left_s["train"] += policy_s * sum(map(_policies, rounds))
+            left_s["train"] += cost["scene_s"] * sum(map(_rollouts, rounds[1:]))
+            left_s["evaluate"] += cost["scene_s"] * _scenes(learned)
     left_s = {stage: each for stage, each in left_s.items() if each and stage in experiment.stages}
     total_s = sum(left_s.values())
     if total_s < 120:
@@ -53,27 +47,25 @@ def foretold(experiment: Experiment) -> str:
     return f"about {_time(total_s / experiment.workers)} with {workers} ({parts} of one core)"
 
 
-def _demonstrations(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> int:
-    """That are not there yet."""
-    tried = _read(generation_path(experiment, task, constraint_set), GenerationRow)
-    if experiment.episodes is not None:
-        return max(0, experiment.episodes - len(tried))
-    return max(0, experiment.demos - sum(each.success for each in tried))
+def _demonstrations(cell: Cell) -> int:
+    """Demonstrations, or seeds to try, that are not there yet."""
+    tried, wanted = _read(cell.generation_path, GenerationRow), cell.experiment.episodes
+    if wanted is not None:
+        return max(0, wanted - len(tried))
+    return max(0, cell.experiment.demos - sum(each.success for each in tried))
 
 
-def _policies(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
-    folder = policy_path(experiment, task, constraint_set, arch)
-    return sum(not (folder / view.name / MODEL).exists() for view in views(arch, len(task.agents)))
+def _policies(cell: Cell) -> int:
+    return sum(not (cell.policy_path / view.name / MODEL).exists() for view in cell.views)
 
 
-def _rollouts(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
-    tried = _read(correction_path(experiment, task, constraint_set, arch), GenerationRow)
-    return max(0, experiment.dagger.rollouts - len(tried))
+def _rollouts(cell: Cell) -> int:
+    return max(0, cell.experiment.dagger.rollouts - len(_read(cell.correction_path, GenerationRow)))
 
 
-def _scenes(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
-    seen = _read(evaluation_path(experiment, task, constraint_set, arch), EvaluationRow)
-    return max(0, experiment.scenes - sum(each.train_seed == experiment.train_seed for each in seen))
+def _scenes(cell: Cell) -> int:
+    seen, seed = _read(cell.evaluation_path, EvaluationRow), cell.experiment.train_seed
+    return max(0, cell.experiment.scenes - sum(each.train_seed == seed for each in seen))
 
 
 def _read(path: Path, kind: Any) -> tuple[Any, ...]:

@@ -22,7 +22,7 @@ from rf_exp.ablation import (
 from rf_exp.artifacts import commit, sweep, whole
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator
-from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.findings import Account
 from rf_exp.policy import DiffusionRunner, PolicyRunner, Shield, rollout
 from rf_exp.processes import Overdue, in_order
@@ -30,74 +30,63 @@ from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim import Simulator, shared_simulator
 from rf_exp.stages.acting import Acting, Learning, acting, learning
-from rf_exp.stages.artifacts import evaluation_path, owned, recording_path, same_configuration
-from rf_exp.stages.identity import evaluation_identity
+from rf_exp.stages.artifacts import owned, same_configuration
+from rf_exp.stages.cell import Cell
 from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import SuccessEvaluator, Task
-from rf_exp.types import Arch, ConstraintSet, Pictures, Rollout, RolloutStep
+from rf_exp.types import Pictures, Rollout, RolloutStep
 
 
-def evaluate_policies(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> None:
+def evaluate_policies(cell: Cell) -> None:
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
-    path = evaluation_path(experiment, task, constraint_set, arch)
-    who, learned = (
-        acting(experiment, task, constraint_set, arch),
-        learning(experiment, task, constraint_set, arch),
-    )
-    with owned(path, evaluation_identity(experiment, task, constraint_set, arch, who.limit)):
+    experiment, task, path = cell.experiment, cell.task, cell.evaluation_path
+    who, learned = acting(cell), learning(cell)
+    with owned(path, cell.evaluation_identity(who.limit)):
         known = read_rows(path, EvaluationRow) if path.exists() else ()
         of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, learned.made_of, there, [path])
-        sweep(recording_path(experiment, task, constraint_set, "evaluate", 0).parent)
+        sweep(cell.recording_path("evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
         scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
-        title = f"evaluate {task.name}/{constraint_set.name}/{arch.name}{experiment.corrected}"
-        title += ", shielded" * experiment.shield
+        title = cell.title("evaluate") + ", shielded" * experiment.shield
         if not missing:
             console.print(f"{title}: {experiment.scenes} scenes are there, nothing to do")
         successes = sum(r.success for r in ours)
         with (
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
-            rate_log(experiment, "evaluate", task, constraint_set, arch, ours) as log,
+            rate_log(cell, "evaluate", ours) as log,
         ):
-            scene = scene_of(experiment, task, who)
+            scene = scene_of(cell, who)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
                 result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
-                tells = _row(experiment, task, constraint_set, arch, who.limit, learned, result, wall_s)
+                tells = _row(cell, who.limit, learned, result, wall_s)
                 append_row(path, tells)
                 ours.append(tells)
                 log(tells)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        _look(experiment, task, constraint_set, arch, who, ours)
+        _look(cell, who, ours)
 
 
-def _look(
-    experiment: Experiment,
-    task: Task,
-    constraint_set: ConstraintSet,
-    arch: Arch,
-    who: Acting,
-    known: Sequence[EvaluationRow],
-) -> None:
+def _look(cell: Cell, who: Acting, known: Sequence[EvaluationRow]) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
-    scene = scene_of(experiment, task, who)
+    experiment, scene = cell.experiment, scene_of(cell, who)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
     stage = rollout_name(
-        arch.name, experiment.method, experiment.learned_from, experiment.train_seed, experiment.shield
+        cell.arch.name, experiment.method, experiment.learned_from, experiment.train_seed, experiment.shield
     )
     before = {r.scene_seed: r for r in known}
     looks: list[tuple[int, list[Path]]] = []
     jobs: list[Callable[[], Any]] = []
     for seed in sorted({*recorded, *filmed}):
-        record = recording_path(experiment, task, constraint_set, stage, seed)
+        record = cell.recording_path(stage, seed)
         film = record.with_suffix(FILM)
         wanted = [record] if seed in recorded else []
         wanted += [film, record.with_suffix(PICTURE)] if seed in filmed else []
@@ -134,9 +123,9 @@ def _compare(then: EvaluationRow, now: Rollout) -> None:
         )
 
 
-def scene_of(experiment: Experiment, task: Task, who: Acting) -> Callable[..., tuple[Rollout, float]]:
-    """`evaluate_scene` of an experiment, which lacks the seed alone."""
-    return partial(evaluate_scene, task, experiment.pictures, who, shield=experiment.shield)
+def scene_of(cell: Cell, who: Acting) -> Callable[..., tuple[Rollout, float]]:
+    """`evaluate_scene` of a cell, which lacks the seed alone."""
+    return partial(evaluate_scene, cell.task, cell.experiment.pictures, who, shield=cell.experiment.shield)
 
 
 def evaluate_scene(
@@ -224,21 +213,12 @@ def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
     return lost, overdue.limit_s
 
 
-def _row(
-    experiment: Experiment,
-    task: Task,
-    constraint_set: ConstraintSet,
-    arch: Arch,
-    limit: int,
-    learned: Learning,
-    result: Rollout,
-    wall_s: float,
-) -> EvaluationRow:
-    foreign = experiment.foreign
+def _row(cell: Cell, limit: int, learned: Learning, result: Rollout, wall_s: float) -> EvaluationRow:
+    experiment, foreign = cell.experiment, cell.experiment.foreign
     return EvaluationRow(
-        task=task.name,
-        arch=arch.name,
-        constraints=constraint_set.name,
+        task=cell.task.name,
+        arch=cell.arch.name,
+        constraints=cell.constraint_set.name,
         demos=experiment.learned_from,
         train_seed=experiment.train_seed,
         scene_seed=result.seed,
@@ -248,7 +228,7 @@ def _row(
         step_limit=limit,
         violations=result.violations,
         wall_s=round(wall_s, 3),
-        version=task.version,
+        version=cell.task.version,
         contacts=result.contacts,
         commit=commit(),
         observation=foreign.observation if foreign else experiment.policy.observation,

@@ -1,12 +1,11 @@
 """Whether all that an experiment will write can be written: asked before any work, so that none is lost."""
 
-from itertools import product
 from pathlib import Path
 from tempfile import TemporaryFile
 
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
-from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path, recording_path
+from rf_exp.stages.cell import cells
 
 
 def check_folders(experiment: Experiment) -> None:
@@ -25,18 +24,17 @@ def check_folders(experiment: Experiment) -> None:
 
 def _folders(experiment: Experiment) -> set[Path]:
     stages, found = set(experiment.stages), {experiment.out}
-    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
+    for cell in cells(experiment):
         if "generate" in stages:
-            found.add(data_path(experiment, task, constraint_set).parent)
-            found.add(generation_path(experiment, task, constraint_set).parent)
+            found |= {cell.data_path.parent, cell.generation_path.parent}
         looks = {"generate": experiment.recordings, "evaluate": experiment.recordings or experiment.films}
         if any(looks.get(stage) for stage in stages):
-            found.add(recording_path(experiment, task, constraint_set, "generate", 0).parent)
-        for arch in experiment.archs:
+            found.add(cell.recording_path("generate", 0).parent)
+        for learned in map(cell.with_arch, experiment.archs):
             if "train" in stages:
-                found.add(policy_path(experiment, task, constraint_set, arch))
+                found.add(learned.policy_path)
             if "evaluate" in stages:
-                found.add(evaluation_path(experiment, task, constraint_set, arch).parent)
+                found.add(learned.evaluation_path.parent)
     if stages & {"generate", "train", "evaluate"} and experiment.wandb != "disabled":
         found.add(experiment.out / "wandb")
     if "report" in stages:

@@ -10,54 +10,46 @@ from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
 from rf_exp.artifacts import commit, keep_text, plain, sweep, whole
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, generate, generator_version, make_episode
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim import close_shared_simulator, shared_simulator
-from rf_exp.stages.artifacts import data_path, generation_path, owned, recording_path
+from rf_exp.stages.artifacts import owned
+from rf_exp.stages.cell import Cell
 from rf_exp.stages.description import described
-from rf_exp.stages.identity import generation_identity, store_identity
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Store, card
-from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet, Episode, Pictures
+from rf_exp.types import Episode, Pictures
 
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
 
-def generate_data(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> int:
+def generate_data(cell: Cell) -> int:
     """`demos` successes, or all of `episodes` consecutive seeds; continues where it stopped.
 
     Returns how many demonstrations there are.
 
     Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
     """
-    title = f"generate {task.name}/{constraint_set.name}"
-    settings = experiment.settings(task, constraint_set)
-    made_of = generation_identity(experiment, task, constraint_set)
-    path, rows_path = (
-        data_path(experiment, task, constraint_set),
-        generation_path(experiment, task, constraint_set),
-    )
+    experiment, title = cell.experiment, cell.title("generate")
+    path, rows_path = cell.data_path, cell.generation_path
     goal = experiment.episodes or HOPELESS * experiment.demos
     span = range(experiment.seed, min(experiment.seed + goal, EVALUATION_SEED))
-    with owned(rows_path, made_of, [path]), owned(path), _store(experiment, task, constraint_set) as store:
-        pictures = _pictures(experiment, store.cameras, len(task.agents))
-
+    with owned(rows_path, cell.generation_identity, [path]), owned(path), _store(cell) as store:
+        pictures = _pictures(cell, store.cameras)
         enough = None if experiment.episodes else experiment.demos
-        logged = partial(rate_log, experiment, "generate", task, constraint_set, None)
+        logged = partial(rate_log, cell, "generate")
         if experiment.launch.engine == HERE:
-            make = partial(make_episode, settings, pictures, extras=experiment.store)
-            source = partial(attempts, experiment, settings, make)
+            make = partial(make_episode, cell.settings, pictures, extras=experiment.store)
+            source = partial(attempts, cell, make)
         else:
-            source = Shards(
-                replace(experiment, pictures=pictures), task, constraint_set, generate_data
-            ).attempts
+            pictured = replace(cell, experiment=replace(experiment, pictures=pictures))
+            source = Shards(pictured, generate_data).attempts
         made = collect(title, store, rows_path, span, enough, source, logged)
         keep_text(path.with_suffix(".md"), card(store))
-        _record(experiment, task, constraint_set, experiment.recorded("generate", store.seeds.tolist()))
+        _record(cell, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(
                 f"{title}: only {made} of {len(span)} seeds succeeded, {enough} demonstrations "
@@ -107,29 +99,25 @@ def collect(
 
 
 def attempts(
-    experiment: Experiment,
-    settings: Settings,
-    make: Callable[[int], Outcome],
-    seeds: Sequence[int],
-    wanted: int | None,
+    cell: Cell, make: Callable[[int], Outcome], seeds: Sequence[int], wanted: int | None
 ) -> Iterator[Attempt]:
     """Rows and episodes of `seeds` in their order: of all, or until so many as are wanted have succeeded.
 
-    `make` gives the outcome of a seed, made as `settings` say, in a process of this machine.
+    `make` gives the outcome of a seed, made as the cell's settings say, in a process of this machine.
     """
-    for outcome in generate(make, seeds, experiment.workers, experiment.seed_limit_s):
-        row = generation_row(settings, outcome)
+    for outcome in generate(make, seeds, cell.experiment.workers, cell.experiment.seed_limit_s):
+        row = generation_row(cell.settings, outcome)
         yield row, None if outcome.episode is None else _with_row(outcome.episode, row)
         if wanted is not None and not (wanted := wanted - outcome.success):
             return
 
 
-def _store(experiment: Experiment, task: Task, constraint_set: ConstraintSet) -> Store:
-    path, there = data_path(experiment, task, constraint_set), ()
+def _store(cell: Cell) -> Store:
+    experiment, task, path, there = cell.experiment, cell.task, cell.data_path, ()
     if path.exists() and experiment.pictures.cameras != "all":
         there = Store.open(path).cameras
-    pictures = _pictures(experiment, there, len(task.agents))
-    identity = store_identity(experiment, task, constraint_set, pictures)
+    pictures = _pictures(cell, there)
+    identity = cell.store_identity(pictures)
     if path.exists():
         return Store.open(path, identity, writable=True)
     cameras, (height, width) = identity["cameras"], identity["picture"]
@@ -139,10 +127,11 @@ def _store(experiment: Experiment, task: Task, constraint_set: ConstraintSet) ->
     return Store.create(path, identity, agents, cameras, height, width, objects, disturbed, description)
 
 
-def _pictures(experiment: Experiment, there: Sequence[str], agents: int) -> Pictures:
+def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:
     """What is asked for; data that hold the pictures of all cameras will do, and go on with those."""
-    everything = replace(experiment.pictures, cameras="all")
-    return everything if {*there} == {*everything.of(agents)} else experiment.pictures
+    asked = cell.experiment.pictures
+    everything = replace(asked, cameras="all")
+    return everything if {*there} == {*everything.of(len(cell.task.agents))} else asked
 
 
 def _with_row(episode: Episode, row: GenerationRow) -> Episode:
@@ -168,19 +157,17 @@ def _lost(
             ) from error
 
 
-def _record(experiment: Experiment, task: Task, constraint_set: ConstraintSet, seeds: Sequence[int]) -> None:
+def _record(cell: Cell, seeds: Sequence[int]) -> None:
     """Makes episodes once more, being recorded, where the recording is missing: same seed, same episode."""
-    settings = experiment.settings(task, constraint_set)
+    settings, task = cell.settings, cell.task
     settings = replace(settings, brain=settings.brain.again())  # a model is not asked twice
-    sweep(recording_path(experiment, task, constraint_set, "generate", 0).parent)
+    sweep(cell.recording_path("generate", 0).parent)
     for seed in seeds:
-        path = recording_path(experiment, task, constraint_set, "generate", seed)
+        path = cell.recording_path("generate", seed)
         if path.exists():
             continue
-        world, title = (
-            shared_simulator(task, experiment.pictures),
-            f"{task.title}, {constraint_set.name}, scene {seed}",
-        )
+        world = shared_simulator(task, cell.experiment.pictures)
+        title = f"{task.title}, {cell.constraint_set.name}, scene {seed}"
         with whole(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
             EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")

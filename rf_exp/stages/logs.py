@@ -11,8 +11,7 @@ from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.policy import Curve
-from rf_exp.tasks import Task
-from rf_exp.types import Arch, ConstraintSet
+from rf_exp.stages.cell import Cell
 
 ResultRow = GenerationRow | EvaluationRow
 TOLD = (  # of the experiment, beside what a run is about
@@ -22,22 +21,15 @@ TOLD = (  # of the experiment, beside what a run is about
 
 
 @contextmanager
-def curve_log(
-    experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch, view: str
-) -> Iterator[Callable[[Curve], None]]:
+def curve_log(cell: Cell, view: str) -> Iterator[Callable[[Curve], None]]:
     """A function that logs a row of the training curves of one policy."""
-    with _run(experiment, "train", task, constraint_set, arch, view) as log:
+    with _run(cell, "train", view) as log:
         yield lambda curve: log(curve.step, asdict(curve))
 
 
 @contextmanager
 def rate_log(
-    experiment: Experiment,
-    stage: str,
-    task: Task,
-    constraint_set: ConstraintSet,
-    arch: Arch | None = None,
-    known: Iterable[ResultRow] = (),
+    cell: Cell, stage: str, known: Iterable[ResultRow] = ()
 ) -> Iterator[Callable[[ResultRow], None]]:
     """A function that logs the rates of a stage after each of its rows; `known` are those of earlier runs."""
     rates = Rates()
@@ -48,7 +40,7 @@ def rate_log(
         rates.add(result)
         log(rates.rows, rates.figures())
 
-    with _run(experiment, stage, task, constraint_set, arch) as log:
+    with _run(cell, stage) as log:
         yield add
 
 
@@ -87,18 +79,12 @@ class Rates:
 
 
 @contextmanager
-def _run(
-    experiment: Experiment,
-    stage: str,
-    task: Task,
-    constraint_set: ConstraintSet,
-    arch: Arch | None,
-    view: str = "",
-) -> Iterator[Callable[[int, Mapping[str, float]], None]]:
+def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapping[str, float]], None]]:
     """A function that logs figures at a step. What logs nothing gets no run.
 
     Raises ArgumentError where its folder cannot be made, StageError where the service refuses the run.
     """
+    experiment = cell.experiment
     if experiment.wandb == "disabled":
         yield lambda step, figures: None
         return
@@ -117,7 +103,7 @@ def _run(
                     job_type=stage,
                     settings=wandb.Settings(silent=True, console="off"),
                     reinit="create_new",  # policies that train side by side have runs of their own
-                    **identity(experiment, stage, task, constraint_set, arch, view),
+                    **identity(cell, stage, view),
                 )
             except wandb.Error as error:
                 raise StageError(
@@ -145,42 +131,34 @@ def _folder(experiment: Experiment) -> Path:
     return folder
 
 
-def identity(
-    experiment: Experiment,
-    stage: str,
-    task: Task,
-    constraint_set: ConstraintSet,
-    arch: Arch | None,
-    view: str = "",
-) -> dict[str, Any]:
+def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
     """Name, group, tags and configuration of a run: what it is about, and all that it was made with."""
+    experiment, arch = cell.experiment, cell.chosen_arch
     counted = f"{experiment.learned_from if stage == 'evaluate' else experiment.demos} demos"
     if stage == "generate" and experiment.episodes is not None:
         counted = f"{experiment.episodes} episodes"
     learned = [experiment.method] if arch else []
     seed = f"seed {experiment.seed}" if stage == "generate" else f"train seed {experiment.train_seed}"
-    about = [task.name, constraint_set.name, *([arch.name] if arch else [])]
     shielded = ["shield"] if stage == "evaluate" and experiment.shield else []
-    place = "/".join(about)
     config = {
         "stage": stage,
-        "task": task.name,
-        "constraints": constraint_set.name,
-        "row": asdict(constraint_set),
+        "task": cell.task.name,
+        "constraints": cell.constraint_set.name,
+        "row": asdict(cell.constraint_set),
         "arch": asdict(arch) if arch else None,
         "view": view or None,
         "brain": dict(experiment.brain.identity),
-        "criteria_version": task.version,
+        "criteria_version": cell.task.version,
         "first_scene_seed": experiment.seed if stage == "generate" else EVALUATION_SEED,
         **{key: getattr(experiment, key) for key in TOLD},
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }
     return {
         "name": ", ".join(
-            [f"{stage} {place}" + (f"/{view}" if view else ""), *learned, counted, seed, *shielded]
+            [f"{stage} {cell.place}" + (f"/{view}" if view else ""), *learned, counted, seed, *shielded]
         ),
-        "group": ", ".join([place, *learned, counted, seed]),
-        "tags": [*about, *learned, counted, seed, *shielded],
+        "group": ", ".join([cell.place, *learned, counted, seed]),
+        "tags": [*cell.place.split("/"), *learned, counted, seed, *shielded],
         "config": config,
     }
 

@@ -20,14 +20,12 @@ from typing import Any
 from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.artifacts import differing, digest, without, write_json
 from rf_exp.errors import StageError
-from rf_exp.experiment import Experiment
 from rf_exp.launch import HERE, results
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import data_path, generation_path, owned, shards_path
-from rf_exp.stages.identity import store_identity
+from rf_exp.stages.artifacts import owned
+from rf_exp.stages.cell import Cell
 from rf_exp.store import Store
-from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet, Episode
+from rf_exp.types import Episode
 
 RECORD = "configuration.json"  # of what all shards of a folder are made
 SEEN_S = 90.0  # NFS remembers for a minute that a file was not there
@@ -38,23 +36,21 @@ Attempt = tuple[GenerationRow, Episode | None]
 
 @dataclass(frozen=True)
 class Shards:
-    """The shards of one configuration. `generate` makes the artifacts of its stage below an `out`."""
+    """The shards of one cell. `generate` makes the artifacts of its stage below an `out`."""
 
-    experiment: Experiment
-    task: Task
-    constraint_set: ConstraintSet
-    generate: Callable[[Experiment, Task, ConstraintSet], object]
+    cell: Cell
+    generate: Callable[[Cell], object]
 
     @cached_property
     def identity(self) -> dict[str, Any]:
         """What decides the bytes of all shards, beside their seeds."""
-        identity = store_identity(self.experiment, self.task, self.constraint_set, self.experiment.pictures)
-        return without(identity, first_seed=self.experiment.seed)
+        experiment = self.cell.experiment
+        return without(self.cell.store_identity(experiment.pictures), first_seed=experiment.seed)
 
     @cached_property
     def folder(self) -> Path:
         """Of all shards; absolute, because other machines work there."""
-        return shards_path(self.experiment, self.task, self.constraint_set, digest(self.identity)).resolve()
+        return self.cell.shards_path(digest(self.identity)).resolve()
 
     def attempts(self, seeds: Sequence[int], wanted: int | None) -> Iterator[Attempt]:
         """Rows and episodes of `seeds` in their order: of all, or until so many as are wanted have succeeded.
@@ -62,13 +58,13 @@ class Shards:
         No shard is begun that would not be needed if every seed succeeded. Raises StageError where shards
         cannot be made, or do not hold what they should.
         """
-        launch, left = self.experiment.launch, dict.fromkeys(seeds)
+        launch, left = self.cell.experiment.launch, dict.fromkeys(seeds)
         write_json(self.folder / RECORD, self.identity)
         while left and wanted != 0:
             wave = blocks([*left], begun(self.folder), launch.shard_seeds, wanted)
             missing = [block for block in wave if not self._finished(block)]
             jobs = (partial(make_shard, self.piece(block), self.identity) for block in missing)
-            made = results(launch, jobs, self.experiment.workers, self.folder)
+            made = results(launch, jobs, self.cell.experiment.workers, self.folder)
             console.print(f"{len(missing)} of {len(wave)} shards are made by {launch.said}: {self.folder}")
             with closing(made):
                 for block in wave:
@@ -89,10 +85,11 @@ class Shards:
 
     def piece(self, block: range) -> "Shards":
         """What makes one shard, in one process of some machine."""
+        whole = self.cell.experiment
         experiment = replace(
-            self.experiment,
-            tasks=(self.task,),
-            constraint_sets=(self.constraint_set,),
+            whole,
+            tasks=(self.cell.task,),
+            constraint_sets=(self.cell.constraint_set,),
             stages=("generate",),
             out=self.folder / _name(block),
             seed=block.start,
@@ -100,12 +97,12 @@ class Shards:
             workers=1,
             recordings=0,
             wandb="disabled",
-            launch=replace(self.experiment.launch, engine=HERE, address=None, options=None),
+            launch=replace(whole.launch, engine=HERE, address=None, options=None),
         )
-        return replace(self, experiment=experiment)
+        return replace(self, cell=replace(self.cell, experiment=experiment))
 
     def _rows(self, block: range) -> dict[int, GenerationRow]:
-        path = generation_path(self.piece(block).experiment, self.task, self.constraint_set)
+        path = self.piece(block).cell.generation_path
         return {row.seed: row for row in read_rows(path, GenerationRow)} if path.exists() else {}
 
     def _finished(self, block: range) -> bool:
@@ -119,16 +116,14 @@ class Shards:
 
     def _taken(self, block: range, left: Container[int]) -> Iterator[Attempt]:
         """What a shard says of the seeds that are left. Raises StageError where it lacks some of its own."""
-        experiment = self.piece(block).experiment
-        with owned(
-            generation_path(experiment, self.task, self.constraint_set)
-        ):  # whoever made it has finished
-            path, told = data_path(experiment, self.task, self.constraint_set), self._rows(block)
-            store = Store.open(path, {**self.identity, "first_seed": block.start})
+        cell = self.piece(block).cell
+        with owned(cell.generation_path):  # whoever made it has finished
+            told = self._rows(block)
+            store = Store.open(cell.data_path, {**self.identity, "first_seed": block.start})
             stored = {seed: index for index, seed in enumerate(store.seeds.tolist())}
             if {*told} != {*block} or {*stored} != {seed for seed in told if told[seed].success}:
                 raise StageError(
-                    f"shard {experiment.out} has rows of the seeds {sorted(told)} and demonstrations of "
+                    f"shard {cell.experiment.out} has rows of the seeds {sorted(told)} and demonstrations of "
                     f"{sorted(stored)}; expected a row of every seed from {block[0]} to {block[-1]}, and a "
                     "demonstration of each that succeeded; delete it and run the same command again"
                 )
@@ -173,7 +168,7 @@ def make_shard(piece: Shards, wanted: Mapping[str, Any]) -> None:
 
     Raises StageError where this machine would make another one, or does not see where it belongs.
     """
-    here, folder = f"machine {socket.gethostname()}", piece.experiment.out.parent
+    here, folder = f"machine {socket.gethostname()}", piece.cell.experiment.out.parent
     if not (folder / RECORD).is_file():
         raise StageError(
             f"{here} does not see {folder}; `out` has to be on a file system that all machines share"
@@ -183,4 +178,4 @@ def make_shard(piece: Shards, wanted: Mapping[str, Any]) -> None:
             f"{here} would make other demonstrations ({'; '.join(differences)}); all machines need the same "
             "code and the same assets"
         )
-    piece.generate(piece.experiment, piece.task, piece.constraint_set)
+    piece.generate(piece.cell)

@@ -8,42 +8,39 @@ from pathlib import Path
 
 import torch
 
-from rf_exp.experiment import Experiment
-from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, train, views
+from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, train
 from rf_exp.processes import in_order
 from rf_exp.progress import Progress, console
-from rf_exp.stages.artifacts import owned, policy_path
+from rf_exp.stages.artifacts import owned
+from rf_exp.stages.cell import Cell
 from rf_exp.stages.correction import correct, demonstrations
 from rf_exp.stages.logs import Follower, curve_log
 from rf_exp.store import Store
-from rf_exp.tasks import Task
-from rf_exp.types import Arch, ConstraintSet
 
 SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
 
 
-def train_policies(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> None:
+def train_policies(cell: Cell) -> None:
     """One diffusion policy for each view of the architecture, from the first `demos` episodes.
 
     Then anew for each round in which the expert corrects them, from its corrections as well.
     """
-    _train_all(experiment.after(0), task, constraint_set, arch)
-    for rounds in range(1, experiment.dagger.rounds + 1):
-        correct(experiment.after(rounds), task, constraint_set, arch)
-        _train_all(experiment.after(rounds), task, constraint_set, arch)
+    _train_all(cell.after(0))
+    for rounds in range(1, cell.experiment.dagger.rounds + 1):
+        correct(cell.after(rounds))
+        _train_all(cell.after(rounds))
 
 
-def _train_all(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> None:
+def _train_all(cell: Cell) -> None:
     """Each policy in a process of its own.
 
     On a CPU they are trained side by side, since a small network gains little from a second core.
     """
-    folder = policy_path(experiment, task, constraint_set, arch)
+    experiment, folder, title = cell.experiment, cell.policy_path, cell.title("train")
     config = replace(experiment.training, seed=experiment.train_seed)
-    title = f"train {task.name}/{constraint_set.name}/{arch.name}{experiment.corrected}"
     with owned(folder), ExitStack() as stack:
-        data, demos = demonstrations(experiment, task, constraint_set, arch)
-        all_views = views(arch, len(task.agents))
+        data, demos = demonstrations(cell)
+        all_views = cell.views
         there = all((folder / view.name / MODEL).exists() for view in all_views)
         processes = min(len(all_views), experiment.workers) if device_of(config.device).type == "cpu" else 1
         # Our small networks are too small for threads: they would spend their time waiting for each other.
@@ -51,10 +48,7 @@ def _train_all(experiment: Experiment, task: Task, constraint_set: ConstraintSet
         threads = 1 if small else max(1, (os.cpu_count() or 1) // processes)
         made_with = demos, experiment.policy, config, threads
         followers = [
-            Follower(
-                folder / view.name / CURVES,
-                stack.enter_context(curve_log(experiment, task, constraint_set, arch, view.name)),
-            )
+            Follower(folder / view.name / CURVES, stack.enter_context(curve_log(cell, view.name)))
             for view in all_views
         ]
         jobs = [partial(_train, data, view, folder / view.name, *made_with) for view in all_views]

@@ -6,10 +6,9 @@ import pytest
 
 from rf_exp.ablation import append_row
 from rf_exp.experiment import Experiment
-from rf_exp.stages.artifacts import evaluation_path
 from rf_exp.stages.costs import foretold
 from tests.ablation.conftest import evaluation
-from tests.conftest import experiment
+from tests.conftest import cell_of, experiment
 
 
 def fast(out: Path, *overrides: str) -> Experiment:
@@ -35,7 +34,7 @@ def test_the_published_table_is_foretold(tmp_path: Path) -> None:
 def test_what_is_there_is_not_foretold(tmp_path: Path) -> None:
     asked = "profile=laptop", "task=two_robots_stack_cube", "workers=1"
     whole = fast(tmp_path, *asked)
-    path = evaluation_path(whole, whole.tasks[0], whole.constraint_sets[0], whole.archs[0])
+    path = cell_of(whole).evaluation_path
     before = minutes(foretold(fast(tmp_path, *asked, "stages=[evaluate]", "scenes=1000")))
     for row in evaluation("two_robots_stack_cube", "separate_local", 150, 100, 0, recipe="fast"):
         append_row(path, row)

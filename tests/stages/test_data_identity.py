@@ -12,11 +12,9 @@ from rf_exp.artifacts import differing
 from rf_exp.command import CONF
 from rf_exp.experiment import Experiment
 from rf_exp.policy.config import ACTING
-from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path
-from rf_exp.stages.identity import evaluation_identity, generation_identity, store_identity
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
-from tests.conftest import experiment
+from tests.conftest import cell_of, experiment
 
 CUBE = "mesh: cube.obj\nmass_kg: {mass_kg}\n# {comment}\npoints_of: cube\n"
 
@@ -27,9 +25,8 @@ def steak(*overrides: str) -> Experiment:
 
 def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Of generation and of evaluation."""
-    made = steak(*overrides)
-    (task,), (row,) = made.tasks, made.constraint_sets
-    return generation_identity(made, task, row), evaluation_identity(made, task, row, made.archs[0], 100)
+    cell = cell_of(steak(*overrides))
+    return cell.generation_identity, cell.evaluation_identity(100)
 
 
 @pytest.mark.slow
@@ -62,9 +59,8 @@ def test_what_decides_evaluation_alone() -> None:
         (old, before), (new, after) = identities(), identities(override)
         assert old == new
         assert any(line.startswith(f"{key}: found") for line in differing(before, after)), key
-    made = steak()
-    what = made, made.tasks[0], made.constraint_sets[0], made.archs[0]
-    assert evaluation_identity(*what, 100) != evaluation_identity(*what, 101)
+    cell = cell_of(steak())
+    assert cell.evaluation_identity(100) != cell.evaluation_identity(101)
 
 
 @pytest.mark.slow
@@ -162,13 +158,12 @@ def test_all_recipes_share_an_output_folder() -> None:
     found: dict[Path, dict[str, Any]] = {}
     for recipe in sorted(path.stem for path in (CONF / "policy").glob("*.yaml")):
         made = experiment("task=pick_meat", f"policy={recipe}", f"recipe={recipe}")
-        (task,), (row,), (arch,) = made.tasks, made.constraint_sets, made.archs
+        cell = cell_of(made)
         learned = {name: each for name, each in made.policy.identity.items() if name not in ACTING}
-        of = made, task, row
         for path, identity in (
-            (generation_path(*of), generation_identity(*of)),
-            (data_path(*of), store_identity(*of, made.pictures)),
-            (policy_path(*of, arch), {"policy": learned, "training": made.training.identity}),
-            (evaluation_path(*of, arch), evaluation_identity(*of, arch, 100)),
+            (cell.generation_path, cell.generation_identity),
+            (cell.data_path, cell.store_identity(made.pictures)),
+            (cell.policy_path, {"policy": learned, "training": made.training.identity}),
+            (cell.evaluation_path, cell.evaluation_identity(100)),
         ):
             assert not differing(found.setdefault(path, identity), identity), (recipe, path)

@@ -11,15 +11,14 @@ from PIL import Image
 from rf_exp.ablation import EvaluationRow, append_row, read_rows
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
-from rf_exp.policy import train, views
+from rf_exp.policy import train
 from rf_exp.recording.film import HEIGHT_PX
 from rf_exp.stages import evaluate_policies, generate_data
-from rf_exp.stages.artifacts import data_path, evaluation_path, generation_path, policy_path
 from rf_exp.store import Store
 from rf_exp.tasks import SuccessEvaluator
 from rf_exp.viz.frames import GAP_PX, LINE_PX
 from tests.ablation.conftest import generation
-from tests.conftest import experiment
+from tests.conftest import cell_of, experiment
 from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
 from tests.scenes import start_scene
 from tests.viz.recorded import Content
@@ -38,25 +37,23 @@ RRD, MP4, PNG = ".rrd", ".mp4", ".png"
 def trained(tmp_path_factory) -> Experiment:
     """A policy that has seen one episode of another world, and three scenes it failed in."""
     small = replace(experiment(*SMALL, "recordings=0", "films=0"), out=tmp_path_factory.mktemp("out"))
-    (task,), (row,), (arch,) = small.tasks, small.constraint_sets, small.archs
-    data = data_path(small, task, row)
+    cell = cell_of(small)
     cameras, objects = ("global", "agent1", "agent2"), tuple(block_poses(0, 2))
-    with Store.create(data, {"task": "reach"}, 2, cameras, HEIGHT, WIDTH, objects) as store:
+    with Store.create(cell.data_path, {"task": "reach"}, 2, cameras, HEIGHT, WIDTH, objects) as store:
         store.append(make_episode(0, 2))
-    for made in generation(task.name, row.name, 1, 0, steps=STEPS // 2, version=task.version):
-        append_row(generation_path(small, task, row), made)
-    for view in views(arch, len(task.agents)):
-        folder = policy_path(small, task, row, arch) / view.name
-        train(Store.open(data), view, small.policy, replace(small.training, seed=0), folder)
+    for made in generation("lift_barrier", "full", 1, 0, steps=STEPS // 2, version=cell.task.version):
+        append_row(cell.generation_path, made)
+    for view in cell.views:
+        folder = cell.policy_path / view.name
+        train(Store.open(cell.data_path), view, small.policy, replace(small.training, seed=0), folder)
     evaluate(small)
     return small
 
 
 def evaluate(given: Experiment, **changed) -> set[str]:
     """Runs the stage with other settings; the names of all files to look at that are there then."""
-    (task,), (row,), (arch,) = given.tasks, given.constraint_sets, given.archs
-    evaluate_policies(replace(given, **changed), task, row, arch)
-    folder = given.out / "recordings" / task.name / row.name
+    evaluate_policies(cell_of(replace(given, **changed)))
+    folder = cell_of(given).recording_path("evaluate", 0).parent
     return {path.name for path in folder.iterdir()} if folder.exists() else set()
 
 
@@ -67,7 +64,7 @@ def name(seed: int, suffix: str) -> str:
 @pytest.mark.render
 @pytest.mark.slow
 def test_recordings_of_a_finished_evaluation_are_made_and_kept(trained: Experiment) -> None:
-    path = evaluation_path(trained, trained.tasks[0], trained.constraint_sets[0], trained.archs[0])
+    path = cell_of(trained).evaluation_path
     before = path.read_bytes()
     assert evaluate(trained) == set()
     assert evaluate(trained, recordings=2) == {name(0, RRD), name(1, RRD)}
@@ -102,7 +99,7 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
     """And ends as its row says."""
     evaluate(trained, recordings=(1_000_000,))
     content = Content(trained.out / "recordings/lift_barrier/full" / name(0, RRD))
-    path = evaluation_path(trained, trained.tasks[0], trained.constraint_sets[0], trained.archs[0])
+    path = cell_of(trained).evaluation_path
     row = read_rows(path, EvaluationRow)[0]
     steps = list(range(1, STEPS + 1))
     for agent in (1, 2):
@@ -128,7 +125,7 @@ def test_a_recorded_rollout_shows_what_was_predicted_done_and_judged(trained: Ex
 def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment, tmp_path, capsys) -> None:
     other = replace(trained, out=tmp_path / "out")
     shutil.copytree(trained.out, other.out, ignore=shutil.ignore_patterns("recordings"))
-    path = evaluation_path(other, other.tasks[0], other.constraint_sets[0], other.archs[0])
+    path = cell_of(other).evaluation_path
     row = read_rows(path, EvaluationRow)[-1]
     append_row(path, replace(row, steps=STEPS - 1))
     evaluate(other, recordings=(row.scene_seed,))
@@ -142,15 +139,14 @@ def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> 
     """With rows, recordings and films of its own, which tell of the shield."""
     shielded = replace(trained, shield=True, out=tmp_path / "out")
     shutil.copytree(trained.out, shielded.out, ignore=shutil.ignore_patterns("recordings"))
-    (task,), (row,), (arch,) = shielded.tasks, shielded.constraint_sets, shielded.archs
-    plain = evaluation_path(replace(shielded, shield=False), task, row, arch)
+    task, plain = shielded.tasks[0], cell_of(replace(shielded, shield=False)).evaluation_path
     before = plain.read_bytes()
     shown = "evaluate-shared_local-test-1-shield-1000000"
     assert evaluate(shielded, recordings=1, films=1) == {f"{shown}{suffix}" for suffix in (RRD, MP4, PNG)}
-    path = evaluation_path(shielded, task, row, arch)
+    path = cell_of(shielded).evaluation_path
     assert path.name == "full-test-1-shield.jsonl" and plain.read_bytes() == before
     assert [(each.shield, each.steps) for each in read_rows(path, EvaluationRow)] == [(True, STEPS)] * 3
-    folder = shielded.out / "recordings" / task.name / row.name
+    folder = cell_of(shielded).recording_path("evaluate", 0).parent
     assert Content(folder / f"{shown}{RRD}").column("/conditions/shield", "StateChange:state")[0] == ["holds"]
     with Image.open(folder / f"{shown}{PNG}") as picture:
         lines = len(SuccessEvaluator(task, start_scene(task, 0))(start_scene(task, 0)).evidence) + 1
@@ -163,15 +159,14 @@ def test_recordings_of_a_finished_generation_are_made(tmp_path) -> None:
     small = replace(
         experiment("stages=[generate]", "render=false", "demos=1", "workers=1", "recordings=0"), out=tmp_path
     )
-    (task,), (row,) = small.tasks, small.constraint_sets
-    folder = tmp_path / "recordings" / task.name / row.name
-    generate_data(small, task, row)
+    folder = cell_of(small).recording_path("generate", 0).parent
+    generate_data(cell_of(small))
     assert not list(folder.glob("*.rrd"))
-    path = generation_path(small, task, row)
+    path = cell_of(small).generation_path
     before = path.read_bytes()
-    generate_data(replace(small, recordings=2), task, row)
+    generate_data(cell_of(replace(small, recordings=2)))
     assert [each.name for each in folder.glob("*.rrd")] == ["generate-0.rrd"]
-    generate_data(replace(small, recordings=(1,)), task, row)
+    generate_data(cell_of(replace(small, recordings=(1,))))
     assert {each.name for each in folder.glob("*.rrd")} == {"generate-0.rrd", "generate-1.rrd"}
     assert path.read_bytes() == before
 

@@ -14,10 +14,9 @@ from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.errors import StageError
 from rf_exp.experiment import Experiment
 from rf_exp.stages import generate_data
-from rf_exp.stages.artifacts import data_path, generation_path
 from rf_exp.stages.shards import RECORD, Shards, begun, blocks, make_shard
 from rf_exp.store import Store
-from tests.conftest import experiment
+from tests.conftest import cell_of, experiment
 
 ARGUMENTS = ("task=pick_meat", "stages=[generate]", "render=false", "recordings=0", "wandb=disabled")
 LOKY = ("launch.engine=loky", "launch.shard_seeds=2", "workers=2")
@@ -29,18 +28,18 @@ def asked(out: Path, *more: str) -> Experiment:
 
 
 def made(asked: Experiment) -> int:
-    return generate_data(asked, asked.tasks[0], asked.constraint_sets[0])
+    return generate_data(cell_of(asked))
 
 
 def shards(asked: Experiment) -> Shards:
-    return Shards(asked, asked.tasks[0], asked.constraint_sets[0], generate_data)
+    return Shards(cell_of(asked), generate_data)
 
 
 def content(asked: Experiment) -> tuple[dict[str, bytes], list[GenerationRow]]:
     """The files of the store, and the rows but for their times."""
-    path = data_path(asked, asked.tasks[0], asked.constraint_sets[0])
+    path = cell_of(asked).data_path
     files = {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
-    told = read_rows(generation_path(asked, asked.tasks[0], asked.constraint_sets[0]), GenerationRow)
+    told = read_rows(cell_of(asked).generation_path, GenerationRow)
     return files, [replace(row, wall_s=0.0) for row in told]
 
 
@@ -100,7 +99,7 @@ def test_of_a_shard_only_what_is_wanted_is_taken_and_the_rest_stays(whole, tmp_p
     folder = shards(one).folder
     shutil.copytree(whole.out, folder / "0-2")
     assert made(one) == 2
-    assert Store.open(data_path(one, one.tasks[0], one.constraint_sets[0])).seeds.tolist() == [0, 1]
+    assert Store.open(cell_of(one).data_path).seeds.tolist() == [0, 1]
     assert begun(folder) == [range(3)]
     assert made(replace(one, demos=SEEDS)) == SEEDS
     assert content(one) == content(whole)

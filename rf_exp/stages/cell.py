@@ -1,0 +1,188 @@
+"""A cell of the experiment: one task, one set of constraints and, from training on, one architecture.
+
+It knows where its artifacts lie below `out`, a layout that other people's scripts rely on, and what decides
+their bytes beside their seeds: configuration and assets by their content, code by its versions.
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from rf_exp.ablation import rows_file
+from rf_exp.artifacts import plain, without
+from rf_exp.datagen import COORDINATOR_VERSION, Settings, generator_version
+from rf_exp.experiment import Experiment
+from rf_exp.policy import SHIELD_VERSION, View, views
+from rf_exp.tasks import Task
+from rf_exp.types import Arch, ConstraintSet, Pictures
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One task under one set of constraints, as an experiment makes it; with an architecture for policies."""
+
+    experiment: Experiment
+    task: Task
+    constraint_set: ConstraintSet
+    chosen_arch: Arch | None = None
+
+    def with_arch(self, arch: Arch) -> "Cell":
+        """The same cell for the policies of an architecture."""
+        return replace(self, chosen_arch=arch)
+
+    def after(self, rounds: int) -> "Cell":
+        """The same cell, of which so many rounds of correction are over."""
+        return replace(self, experiment=self.experiment.after(rounds))
+
+    @property
+    def arch(self) -> Arch:
+        """The architecture of its policies. Only cells of policies are asked for it."""
+        assert self.chosen_arch is not None, (
+            f"{self.place} is a cell of demonstrations, without an architecture"
+        )
+        return self.chosen_arch
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """What its policies learn from and command, a view for each policy."""
+        return views(self.arch, len(self.task.agents))
+
+    @property
+    def place(self) -> str:
+        """The names of its parts, e.g. `lift_barrier/full/separate_local`."""
+        named = self.task, self.constraint_set, self.chosen_arch
+        return "/".join(each.name for each in named if each is not None)
+
+    def title(self, stage: str) -> str:
+        """What a stage calls it on the terminal, e.g. `train lift_barrier/full/separate_local`."""
+        return f"{stage} {self.place}" + (self.experiment.corrected if self.chosen_arch else "")
+
+    # -- where its artifacts are -----------------------------------------------------------------
+
+    @property
+    def data_path(self) -> Path:
+        """The store of its demonstrations."""
+        out, name = self.experiment.out, self.experiment.name
+        return out / "data" / self.task.name / self.constraint_set.name / f"{name}.zarr"
+
+    @property
+    def generation_path(self) -> Path:
+        """The rows of generation."""
+        name = self.constraint_set.name
+        if self.experiment.disturbance_rad:
+            name += "-disturbed" if self.experiment.delay_s else "-disturbed-punctual"
+        return self.experiment.out / "results" / "generate" / self.task.name / f"{name}.jsonl"
+
+    def shards_path(self, digest: str) -> Path:
+        """The folder of the shards of what has this digest, each of which is an `out` of its own."""
+        return self.experiment.out / "shards" / f"{self.task.name}-{self.constraint_set.name}-{digest}"
+
+    @property
+    def corrected_path(self) -> Path:
+        """The store of demonstrations, and of those that correct the policies of the round before."""
+        return self.data_path.with_name(f"corrected-{self.arch.name}-{self.experiment.policies}.zarr")
+
+    @property
+    def correction_path(self) -> Path:
+        """The rows of a round of correction."""
+        name = f"{self.constraint_set.name}-{self.experiment.policies}.jsonl"
+        return self.experiment.out / "results" / "correct" / self.task.name / self.arch.name / name
+
+    @property
+    def policy_path(self) -> Path:
+        """The folder of its policies, in which each view has one."""
+        parts = self.task.name, self.constraint_set.name, self.arch.name, self.experiment.policies
+        return self.experiment.out.joinpath("policies", *parts)
+
+    @property
+    def evaluation_path(self) -> Path:
+        """The rows of evaluation."""
+        how = self.experiment.method, self.experiment.learned_from, self.experiment.shield
+        rows = rows_file(self.task.name, self.constraint_set.name, self.arch.name, *how)
+        return self.experiment.out / rows
+
+    def recording_path(self, stage: str, seed: int) -> Path:
+        """The recording of a scene of a stage."""
+        folder = self.experiment.out / "recordings" / self.task.name / self.constraint_set.name
+        return folder / f"{stage}-{seed}.rrd"
+
+    # -- what decides their bytes ----------------------------------------------------------------
+
+    @property
+    def settings(self) -> Settings:
+        """How its episodes are made."""
+        return self.experiment.settings(self.task, self.constraint_set)
+
+    @property
+    def generation_identity(self) -> dict[str, Any]:
+        """What decides the rows of generation."""
+        settings = self.settings
+        said = {
+            **without(asdict(settings), disturbance_rad=0.0, delay_s=0.0),
+            "task": self.task.name,
+            "scene": self.task.identity,
+            "version": self.task.version,
+            "generator": generator_version(self.task),
+            "brain": settings.brain.identity,
+        }
+        if settings.brain.reads:
+            said["told"] = [self.task.title, self.task.description, self.task.target_condition]
+        if settings.brain.reads or self.experiment.occupancy == "depth":
+            said["seen"] = self.experiment.pictures
+        return plain(said)
+
+    def store_identity(self, pictures: Pictures) -> dict[str, Any]:
+        """What decides demonstrations that hold those pictures."""
+        size = (pictures.height, pictures.width) if pictures.render else (0, 0)
+        return {
+            **self.generation_identity,
+            **without(asdict(self.experiment.store), depth=False, segmentation=False),
+            "first_seed": self.experiment.seed,
+            "cameras": [*pictures.of(len(self.task.agents))],
+            "picture": [*size],
+        }
+
+    def correction_identity(self, step_limit: int, policies: dict[str, Any]) -> dict[str, Any]:
+        """What decides a round of correction of `policies`, which says what they were made of."""
+        experiment = self.experiment
+        return plain(
+            {
+                **self.generation_identity,
+                "demos": experiment.demos,
+                "rollouts": experiment.dagger.rollouts,
+                "step_limit": step_limit,
+                "policies": policies,
+                "acting": experiment.policy.identity,
+            }
+        )
+
+    def evaluation_identity(self, step_limit: int) -> dict[str, Any]:
+        """What decides evaluation, but for the policies, of which each training seed has its own."""
+        experiment = self.experiment
+        aided: dict[str, Any] = {"shield": SHIELD_VERSION} if experiment.shield else {}
+        if self.arch.coordinated:  # by plans that are made as those of undisturbed generation are
+            aided["coordinator"] = COORDINATOR_VERSION
+            undisturbed = replace(self, experiment=replace(experiment, disturbance_rad=0.0))
+            aided["plans"] = undisturbed.generation_identity
+        who = {"policy": experiment.policy.identity, "training": experiment.training.identity}
+        if (foreign := experiment.foreign) is not None:
+            who = {"foreign": foreign.identity, "velocity_rad_s": experiment.limits.velocity_rad_s}
+        return plain(
+            {
+                **aided,
+                "task": self.task.name,
+                "scene": self.task.identity,
+                "demos": experiment.learned_from,
+                "pictures": [experiment.pictures.width, experiment.pictures.height],
+                "step_limit": step_limit,
+                **who,
+            }
+        )
+
+
+def cells(experiment: Experiment) -> Iterator[Cell]:
+    """The cells of an experiment, each task under each of its sets of constraints; without architectures."""
+    for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
+        yield Cell(experiment, task, constraint_set)
