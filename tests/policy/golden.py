@@ -56,8 +56,8 @@ def of(recipe: str, folder: Path) -> Digests:
     """Digests of one recipe: weights, commands, and the losses of its steps."""
     import torch
 
-    from rf_exp.policy import DiffusionRunner, load_policy, train, views
-    from rf_exp.policy.saved import MODEL, read_tensors
+    from rf_exp.policy import MODEL, DiffusionRunner, load_policy, train, views
+    from rf_exp.policy.saved import read_tensors
     from rf_exp.store import Store
     from tests.conftest import experiment
     from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, write_store
