@@ -8,7 +8,7 @@ folds into itself or reaches into the table. States near contact come from rando
 whole team is drawn back to rest until its gap is a drawn one within 15 mm of contact, either side, half of
 them within 2 mm. Truth: coal on the convex hulls of all pairs of links and loads of two arms; no pair is
 skipped. The first model is the paper's text read literally. Two are the project's own, called as
-they are: what a plan must pass before it moves (`AvoidAgents.planned`, with its 10 mm margin) and what
+they are: what a plan must pass before it moves (`AvoidAgentsCheck.planned`, with its 10 mm margin) and what
 watches the measured state (`touching`).
 
 Each state is one sample, whatever its number of arms. The last line is JSON: for each model the share of
@@ -32,7 +32,7 @@ from omegaconf import OmegaConf
 from scipy.optimize import brentq
 
 from rf_exp.ablation import wilson
-from rf_exp.constraints import AvoidAgents, Paths, Plan, touching
+from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, touching
 from rf_exp.geometry import AGENT_MARGIN_M, VOXEL_M, PlanningScene, Swept, folded, nearest, shared, voxels
 from rf_exp.processes import in_order
 from rf_exp.robots import limits_rad, self_pairs
@@ -242,6 +242,11 @@ def twice(state: State) -> bool:
     return False
 
 
+def planned_too_close(state: State) -> bool:
+    """What a plan must pass before it moves."""
+    return not AvoidAgentsCheck(state.task.agents).planned(state.plan()).ok
+
+
 MODELS: dict[str, Callable[[State], bool]] = {
     "joint points, 5 cm (the paper's text)": of_points(joints),
     "bone segments, 5 cm": of_points(bones),
@@ -249,7 +254,7 @@ MODELS: dict[str, Callable[[State], bool]] = {
     "volume, 2.5 cm": of_volume(FINE_M),
     "volume, 5 cm, then exact": twice,
     "default, measured (touching)": lambda s: touching(s.task, s.scene(), s.pairs()) is not None,
-    "default, planned (AvoidAgents, 10 mm)": lambda s: not AvoidAgents(s.task.agents).planned(s.plan()).ok,
+    "default, planned (AvoidAgents, 10 mm)": planned_too_close,
     "exact, all pairs of hulls": collides,
 }
 

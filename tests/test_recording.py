@@ -140,7 +140,7 @@ def test_the_diagram_shows_the_positions_of_every_step(episode):
     )
     assert len(places) == outcome.steps
     # The schedule keeps out of what its diagram forbids.
-    [(pair, ordered)] = orders(plan.checker, plan.trajectories).items()
+    [(pair, ordered)] = orders(plan.checker, plan.checked.plan.paths).items()
     assert pair == (1, 2)
     assert ordered.any()
     assert not (ordered | plan.checked.plan.paths.diagrams[pair])[tuple(plan.schedule.positions.T)].any()

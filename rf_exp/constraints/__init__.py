@@ -7,28 +7,30 @@ logic.
 from rf_exp.constraints import stl
 from rf_exp.constraints.checked import CheckedPlan
 from rf_exp.constraints.checker import CheckCode, RoboChecker, compile
-from rf_exp.constraints.checks.avoidance import AvoidAgents
-from rf_exp.constraints.checks.touching import CONTACT_N, overlapping, pressing, touching
-from rf_exp.constraints.compiler import check_of, compiled
-from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.checks import AvoidAgentsCheck
+from rf_exp.constraints.compiler import Plans, compiled
+from rf_exp.constraints.evidence import Check, Evidence, OneAgentCheck, checked_kinds
 from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.policy_monitor import PolicyMonitor
 from rf_exp.constraints.slowing import slowed
+from rf_exp.constraints.touching import CONTACT_N, overlapping, pressing, touching
 
 __all__ = [
     "CONTACT_N",
-    "AvoidAgents",
+    "AvoidAgentsCheck",
     "Check",
     "CheckCode",
     "CheckedPlan",
     "Evidence",
     "Monitor",
+    "OneAgentCheck",
     "Paths",
     "Plan",
+    "Plans",
     "PolicyMonitor",
     "RoboChecker",
-    "check_of",
+    "checked_kinds",
     "compile",
     "compiled",
     "overlapping",

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from rf_exp.constraints.checked import CheckedPlan
-from rf_exp.constraints.checks.avoidance import AvoidAgents, AvoidObjects
-from rf_exp.constraints.checks.distance import Distance
-from rf_exp.constraints.checks.keep_out import StayOut
-from rf_exp.constraints.checks.limits import Speed
-from rf_exp.constraints.checks.temporal import Sequential, Simultaneous
+from rf_exp.constraints.checks import (
+    AvoidAgentsCheck,
+    AvoidObjectsCheck,
+    BeforeCheck,
+    SpeedLimitCheck,
+    TogetherCheck,
+)
 from rf_exp.constraints.compiler import compiled
 from rf_exp.constraints.evidence import Check
 from rf_exp.constraints.plan import Paths, Plan
@@ -61,10 +63,10 @@ class RoboChecker:
             *(_implied(task, self.code) if constraint_set.spatial else ()),
         )
 
-    @property
-    def rules(self) -> tuple[Rule, ...]:
-        """What the active temporal constraints demand of a schedule."""
-        return tuple(check for check in self.checks if check.kind == "temporal")  # pyright: ignore[reportReturnType]
+    def rules(self, paths: Paths) -> tuple[Rule, ...]:
+        """What the active constraints demand of a schedule, those about time first."""
+        in_order = sorted(self.checks, key=lambda check: check.kind != "temporal")
+        return tuple(rule for check in in_order if (rule := check.rule(paths)) is not None)
 
     @property
     def lockstep(self) -> frozenset[tuple[frozenset[int], str, str]]:
@@ -72,7 +74,7 @@ class RoboChecker:
         return frozenset(
             (frozenset(check.agents), check.steps[0].verb, check.steps[0].object)
             for check in self.checks
-            if isinstance(check, Simultaneous) and check.steps[0].verb and check.steps[0].object
+            if isinstance(check, TogetherCheck) and check.steps[0].verb and check.steps[0].object
         )
 
     @property
@@ -80,7 +82,7 @@ class RoboChecker:
         """Agent -> the speed that its gripper may have at most, where it has a limit in this row."""
         found: dict[int, float] = {}
         for check in self.checks:
-            if isinstance(check, Speed):
+            if isinstance(check, SpeedLimitCheck):
                 found[check.agent] = min(check.at_most_m_s, found.get(check.agent, check.at_most_m_s))
         return found
 
@@ -93,7 +95,7 @@ class RoboChecker:
                 (check.then.agent, check.then.verb, check.then.object),
             )
             for check in self.checks
-            if isinstance(check, Sequential)
+            if isinstance(check, BeforeCheck)
         )
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
@@ -105,10 +107,8 @@ class RoboChecker:
         trajectories = paths.trajectories
         if not self._constraint_set.temporal:
             return sequential(trajectories, self._proposal)
-        zones = [check.closing(paths) for check in self.checks if isinstance(check, StayOut | Distance)]
-        rules = (*self.rules, *(closing for closing in zones if closing is not None))
         diagrams = paths.diagrams if self._constraint_set.spatial else {}
-        return schedule(trajectories, diagrams, rules, delays, begins_s=paths.begins_s)
+        return schedule(trajectories, diagrams, self.rules(paths), delays, begins_s=paths.begins_s)
 
     def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
         """All checks on a plan before anything moves."""
@@ -118,10 +118,12 @@ class RoboChecker:
 
 def _implied(task: Task, code: CheckCode) -> tuple[Check, ...]:
     """Clearance checks for what the code is silent about."""
-    pairs = {pair for check in code.checks if isinstance(check, AvoidAgents) for pair in check.pairs(task)}
+    about_agents = [check for check in code.checks if isinstance(check, AvoidAgentsCheck)]
+    about_objects = [check for check in code.checks if isinstance(check, AvoidObjectsCheck)]
+    pairs = {pair for check in about_agents for pair in check.pairs(task)}
     missing = [pair for pair in combinations(task.agents, 2) if pair not in pairs]
-    watched = {agent for check in code.checks if isinstance(check, AvoidObjects) for agent in check.agents}
+    watched = {agent for check in about_objects for agent in check.agents}
     silent = tuple(agent for agent in task.agents if agent not in watched)
     text = "implied: nothing was said about it"
-    agents: list[Check] = [AvoidAgents(pair, text) for pair in missing]
-    return (*agents, *((AvoidObjects(silent, text),) if silent else ()))
+    agents: list[Check] = [AvoidAgentsCheck(pair, text) for pair in missing]
+    return (*agents, *((AvoidObjectsCheck(silent, text),) if silent else ()))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgents
+from rf_exp.constraints.checks import TRAILS_STEPS, AvoidAgentsCheck
 from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.plan import Plan
 from rf_exp.findings import Cause, CheckName, Finding, Violation
@@ -28,11 +28,11 @@ class Monitor:
         plan = self._plan
         touched: dict[tuple[int, ...], Evidence | None] = {}
         for check in self._checks:
-            if isinstance(check, AvoidAgents):  # one pair is often named by several constraints
+            if isinstance(check, AvoidAgentsCheck):  # one pair is often named by several constraints
                 key = check.agents if len(check.agents) > 1 else plan.task.agents
                 if key in touched:
                     continue
-                check = AvoidAgents(key, check.text)
+                check = AvoidAgentsCheck(key, check.text)
                 evidence = touched[key] = check.measured(scene, plan)
             else:
                 evidence = check.measured(scene, plan)

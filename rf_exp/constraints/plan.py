@@ -12,6 +12,7 @@ from rf_exp.perception import Seen, together
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, ConstraintSet, Scene, Schedule, Segment, Trajectory
 
+MEASURED_M = 0.02  # that a measured gripper may be beside the planned one
 FINER = 8  # steps of the second look in one control step
 
 
@@ -84,6 +85,10 @@ class Paths:
 
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
+
+    def grippers_m(self, agent: int) -> NDArray[np.float64]:
+        """(P, 3) the tool centre point of an agent at its path positions, world frame."""
+        return self.planning_scene.arms[agent - 1].tcp(self.trajectory(agent).path())[:, :3, 3]
 
     @property
     def begins_s(self) -> float:

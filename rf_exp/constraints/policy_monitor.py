@@ -2,9 +2,9 @@
 
 from itertools import combinations
 
-from rf_exp.constraints.checks.avoidance import AvoidAgents
-from rf_exp.constraints.checks.touching import touching
+from rf_exp.constraints.checks import AvoidAgentsCheck
 from rf_exp.constraints.evidence import violation
+from rf_exp.constraints.touching import touching
 from rf_exp.findings import Violation
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
@@ -25,4 +25,4 @@ class PolicyMonitor:
         found = touching(self._task, scene, self._pairs, self._may_touch)
         if found is None:
             return None
-        return violation(AvoidAgents(found.agents), found)
+        return violation(AvoidAgentsCheck(found.agents), found)

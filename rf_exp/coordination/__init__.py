@@ -4,7 +4,17 @@
 violation why there is none; `sequential` lets agents take turns.
 """
 
-from rf_exp.coordination.demands import Delays, Demands, Rule
+from rf_exp.coordination.demands import Closing, Delays, Demands, Rule
 from rf_exp.coordination.scheduling import actions, intended, schedule, sequential, subgoal_runs
 
-__all__ = ["Delays", "Demands", "Rule", "actions", "intended", "schedule", "sequential", "subgoal_runs"]
+__all__ = [
+    "Closing",
+    "Delays",
+    "Demands",
+    "Rule",
+    "actions",
+    "intended",
+    "schedule",
+    "sequential",
+    "subgoal_runs",
+]

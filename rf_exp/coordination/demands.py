@@ -19,6 +19,17 @@ class Rule(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Closing:
+    """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
+
+    pair: tuple[int, int]  # (i, j), i < j
+    cells: Mask  # (P_i, P_j) path positions that may not be at the same time
+
+    def demand(self, demands: "Demands") -> None:
+        demands.apart(*self.pair, self.cells)
+
+
 class Demands:
     """What the rules ask of a schedule of trajectories. Agents from 1; positions on their paths."""
 

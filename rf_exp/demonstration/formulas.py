@@ -3,7 +3,7 @@
 from typing import Any
 
 from rf_exp.constraints import Check, CheckedPlan
-from rf_exp.constraints.stl import Execution, Formula, Robust, installed, judged, signals, stl_of
+from rf_exp.constraints.stl import Execution, Formula, Robust, installed, judged, signals
 from rf_exp.types import CONTROL_DT_S
 
 
@@ -24,7 +24,7 @@ def specified(checked: CheckedPlan, execution: Execution) -> dict[str, Any]:
 
 
 def _check(execution: Execution, check: Check) -> dict[str, Any]:
-    form = stl_of(check, execution.plan.task)
+    form = check.stl(execution.plan.task)
     found = judged(execution, check) if installed() else (None,) * len(form.formulas)
     return {
         "check": repr(check),

@@ -89,7 +89,7 @@ class Notes:
         now.figures["lanes"] = lanes(plan.trajectories, plan.schedule)
         if found := plan.checked.plan.paths.diagrams:
             diagrams = coordination(
-                plan.trajectories, plan.schedule, found, orders(plan.checker, plan.trajectories)
+                plan.trajectories, plan.schedule, found, orders(plan.checker, plan.checked.plan.paths)
             )
             now.figures["diagrams"] = diagrams.picture
 

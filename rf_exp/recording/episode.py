@@ -1,12 +1,12 @@
 """An expert episode: the bridge from checker and generation loop to `rf_exp.viz`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Check, CheckedPlan, Evidence, RoboChecker
+from rf_exp.constraints import Check, CheckedPlan, Evidence, Paths, RoboChecker
 from rf_exp.coordination import Demands
 from rf_exp.datagen import Planned
 from rf_exp.findings import Violation
@@ -15,7 +15,7 @@ from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.timeline import activity
-from rf_exp.types import Scene, Trajectory
+from rf_exp.types import Scene
 from rf_exp.viz.text import CheckResult
 
 CAMERAS = "cameras"  # owner of the voxels that they see
@@ -39,7 +39,7 @@ class EpisodeRecorder(SceneRecorder):
         if paths.scene.seen is not None:
             self._recorder.occupancy(CAMERAS, centres_m(paths.scene.seen))
         self._recorder.coordination(
-            plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, plan.trajectories)
+            plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, paths)
         )
 
     def rejected(self, violation: Violation) -> None:
@@ -92,9 +92,9 @@ def check_result(check: Check, evidence: Evidence) -> CheckResult:
     )
 
 
-def orders(checker: RoboChecker, trajectories: Sequence[Trajectory]) -> Mapping[tuple[int, int], Mask]:
-    """(P_i, P_j) for pairs of agents i < j: True where the temporal constraints of a plan forbid to be."""
-    demands = Demands(trajectories)
-    for rule in checker.rules:
+def orders(checker: RoboChecker, paths: Paths) -> Mapping[tuple[int, int], Mask]:
+    """(P_i, P_j) for pairs of agents i < j: True where what a plan demands of timing forbids to be."""
+    demands = Demands(paths.trajectories)
+    for rule in checker.rules(paths):
         rule.demand(demands)
     return demands.cells

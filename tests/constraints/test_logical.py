@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import Paths, Plan
-from rf_exp.constraints.checks.direction import ORIENTATIONS, ValidateDirection
-from rf_exp.constraints.checks.height import ConsistentHeight, _carried
-from rf_exp.constraints.checks.interaction import ValidateInteraction
+from rf_exp.constraints.checks import ContactAtCheck, DirectionCheck, PlaceAtCheck, SameHeightCheck
+from rf_exp.constraints.checks.direction import ORIENTATIONS
+from rf_exp.constraints.checks.same_height import _carried
 from rf_exp.coordination import schedule
 from rf_exp.findings import Finding
 from rf_exp.transforms import transform
@@ -41,28 +41,28 @@ def shifted(shift_m) -> Plan:
 
 
 def test_meeting_the_annotated_point(grasp):
-    evidence = ValidateInteraction(1, "barrier", "left").planned(grasp)
+    evidence = ContactAtCheck(1, "barrier", "left").planned(grasp)
     assert evidence.ok and evidence.value < 1e-3 and evidence.bound == 0.01
     assert evidence.time_s == pytest.approx(1.5)
 
 
 def test_meeting_another_point_or_missing_it():
-    far = ValidateInteraction(1, "barrier", "right").planned(shifted((0, 0, 0)))
+    far = ContactAtCheck(1, "barrier", "right").planned(shifted((0, 0, 0)))
     assert not far.ok and far.value == pytest.approx(0.444, abs=0.01)
-    missed = ValidateInteraction(1, "barrier", "left").planned(shifted((0, 0, 0.03)))
+    missed = ContactAtCheck(1, "barrier", "left").planned(shifted((0, 0, 0.03)))
     assert not missed.ok
     assert missed.sentence == "Agent_1 would meet barrier 3.0 cm from its left point (allowed 1.0 cm)"
 
 
 def test_a_contact_that_is_demanded_and_never_made(grasp):
     """Agent 2 stands still; the constraint says that it grasps."""
-    position = ValidateInteraction(2, "barrier", "right").planned(grasp)
+    position = ContactAtCheck(2, "barrier", "right").planned(grasp)
     assert not position.ok and position.value > position.bound
     assert position.sentence == (
         "Agent_2 must meet barrier at its right point, but Agent_2 neither holds barrier nor makes contact "
         "with it in this plan; its subgoals that move: none"
     )
-    direction = ValidateDirection(2, "barrier", "perpendicular").planned(grasp)
+    direction = DirectionCheck(2, "barrier", "perpendicular").planned(grasp)
     assert not direction.ok and direction.value > direction.bound
     assert direction.sentence.startswith(
         "the gripper of Agent_2 must be perpendicular at barrier, but Agent_2"
@@ -72,15 +72,15 @@ def test_a_contact_that_is_demanded_and_never_made(grasp):
 def test_the_reason_lists_what_the_agent_does_instead():
     scene = scene_of(FOOD)
     busy = plan_of(FOOD, scene, Hand(FOOD, scene, 1).grasp("steak", "center").trajectory, idle(2))
-    evidence = ValidateInteraction(1, "lid", "knob").planned(busy)
+    evidence = ContactAtCheck(1, "lid", "knob").planned(busy)
     assert not evidence.ok and evidence.sentence.endswith("its subgoals that move: grasp steak at center")
 
 
 def test_what_is_held_already_was_met_before():
     held = lifting((0.1, 0.1))
     for agent, point in ((1, "left"), (2, "right")):
-        assert ValidateInteraction(agent, "barrier", point).planned(held).ok
-        assert ValidateDirection(agent, "barrier", "perpendicular").planned(held).ok
+        assert ContactAtCheck(agent, "barrier", point).planned(held).ok
+        assert DirectionCheck(agent, "barrier", "perpendicular").planned(held).ok
 
 
 def test_a_thing_to_which_something_is_put_need_not_be_met():
@@ -89,8 +89,8 @@ def test_a_thing_to_which_something_is_put_need_not_be_met():
     above = transform((0, 0, 0.1)) @ hand.arm.tcp(hand.qpos)
     hand.to(above, 20, Subgoal(1, "place", "steak", target="pot", target_point="inside"), "lower", {"steak"})
     plan = plan_of(FOOD, scene, hand.trajectory, idle(2))
-    assert ValidateDirection(1, "pot", "vertical").planned(plan).ok
-    assert not ValidateDirection(1, "lid", "vertical").planned(plan).ok
+    assert DirectionCheck(1, "pot", "vertical").planned(plan).ok
+    assert not DirectionCheck(1, "lid", "vertical").planned(plan).ok
 
 
 def measured(plan: Plan, position: int, **changes):
@@ -100,7 +100,7 @@ def measured(plan: Plan, position: int, **changes):
 
 
 def test_real_contact_is_judged_once_the_fingers_have_closed(grasp):
-    check = ValidateInteraction(1, "barrier", "left")
+    check = ContactAtCheck(1, "barrier", "left")
     closed = grasp.trajectories[0].knots[-1]
     assert check.measured(measured(grasp, closed - 1), grasp) is None
     good = check.measured(measured(grasp, closed), grasp)
@@ -112,7 +112,7 @@ def test_real_contact_is_judged_once_the_fingers_have_closed(grasp):
 
 
 def test_real_direction_is_judged_once_the_fingers_have_closed(grasp):
-    check = ValidateDirection(1, "barrier", "perpendicular")
+    check = DirectionCheck(1, "barrier", "perpendicular")
     closed = grasp.trajectories[0].knots[-1]
     assert check.measured(measured(grasp, closed - 3), grasp) is None
     good = check.measured(measured(grasp, closed), grasp)
@@ -135,17 +135,17 @@ def tilted(degrees: float) -> Plan:
 
 @pytest.mark.parametrize("orientation", ["perpendicular", "vertical", "level"])
 def test_a_straight_grasp_has_every_direction_but_the_horizontal(grasp, orientation):
-    assert ValidateDirection(1, "barrier", orientation).planned(grasp).ok
+    assert DirectionCheck(1, "barrier", orientation).planned(grasp).ok
 
 
 def test_a_straight_grasp_is_not_horizontal(grasp):
-    evidence = ValidateDirection(1, "barrier", "horizontal").planned(grasp)
+    evidence = DirectionCheck(1, "barrier", "horizontal").planned(grasp)
     assert not evidence.ok and evidence.value == pytest.approx(90, abs=1)
 
 
 @pytest.mark.parametrize(("degrees", "ok"), [(5, True), (25, False)])
 def test_a_tilted_grasp_is_measured_in_degrees(degrees, ok):
-    evidence = ValidateDirection(1, "barrier", "perpendicular").planned(tilted(degrees))
+    evidence = DirectionCheck(1, "barrier", "perpendicular").planned(tilted(degrees))
     assert evidence.ok is ok
     assert evidence.value == pytest.approx(degrees, abs=0.5)
     assert evidence.sentence.startswith(
@@ -155,7 +155,7 @@ def test_a_tilted_grasp_is_measured_in_degrees(degrees, ok):
 
 def test_every_orientation_word_is_judged(grasp):
     for orientation in ORIENTATIONS:
-        assert np.isfinite(ValidateDirection(1, "barrier", orientation).planned(grasp).value)
+        assert np.isfinite(DirectionCheck(1, "barrier", orientation).planned(grasp).value)
 
 
 def test_a_thing_is_put_at_the_place_point():
@@ -170,7 +170,7 @@ def test_a_thing_is_put_at_the_place_point():
         goal[:3, :3] = now[:3, :3]
         subgoal = Subgoal(1, "place", "steak", target="pot", target_point="inside")
         hand.to(goal @ np.linalg.inv(hand.held[1]), 20, subgoal, "lower", {"steak", "pot"})
-        check = ValidateInteraction(1, "pot", "inside")
+        check = PlaceAtCheck(1, "pot", "inside")
         evidence = check.planned(plan_of(FOOD, scene, hand.trajectory, idle(2)))
         assert evidence.ok is ok
         assert evidence.value == pytest.approx(offset_m, abs=2e-3)
@@ -194,12 +194,12 @@ def lifting(heights_m, row=FULL, joined: str | None = "lift barrier", task=BAR) 
 
 
 def test_heights_in_lockstep_are_consistent():
-    evidence = ConsistentHeight((1, 2)).planned(lifting((0.15, 0.15)))
+    evidence = SameHeightCheck((1, 2)).planned(lifting((0.15, 0.15)))
     assert evidence.ok and evidence.value < 2e-3
 
 
 def test_heights_that_drift_apart():
-    evidence = ConsistentHeight((1, 2)).planned(lifting((0.15, 0.10)))
+    evidence = SameHeightCheck((1, 2)).planned(lifting((0.15, 0.10)))
     assert not evidence.ok and evidence.value == pytest.approx(0.05, abs=2e-3)
     assert (
         evidence.sentence == "the gripper heights of [Agent_1, Agent_2] drift 5.0 cm apart (allowed 2.0 cm)"
@@ -210,13 +210,13 @@ def test_without_a_model_of_time_only_the_end_counts():
     plan = lifting((0.15, 0.15), row=TIMELESS, joined=None)
     alone = np.array([[k, 0] for k in range(21)] + [[20, k] for k in range(1, 21)])
     turns = Schedule(alone, 20)
-    assert ConsistentHeight((1, 2)).planned(Plan(plan.paths, turns)).ok
-    timed = ConsistentHeight((1, 2)).planned(Plan(replace(plan.paths, constraint_set=FULL), turns))
+    assert SameHeightCheck((1, 2)).planned(Plan(plan.paths, turns)).ok
+    timed = SameHeightCheck((1, 2)).planned(Plan(replace(plan.paths, constraint_set=FULL), turns))
     assert not timed.ok and timed.value == pytest.approx(0.15, abs=2e-3)
 
 
 def test_measured_heights_of_two_that_hold_one_thing():
-    plan, check = lifting((0.15, 0.15)), ConsistentHeight((1, 2))
+    plan, check = lifting((0.15, 0.15)), SameHeightCheck((1, 2))
     paths = [trajectory.path()[:, :7] for trajectory in plan.trajectories]
     for positions, ok in (((12, 12), True), ((18, 4), False)):
         qpos = plan.scene.qpos.copy()
@@ -228,7 +228,7 @@ def test_measured_heights_of_two_that_hold_one_thing():
 
 
 def test_nothing_carried_has_no_height(grasp):
-    evidence = ConsistentHeight((1, 2)).planned(grasp)
+    evidence = SameHeightCheck((1, 2)).planned(grasp)
     assert evidence.ok
     assert evidence.finding is Finding.IDLE
 
@@ -250,5 +250,5 @@ def test_the_height_is_that_of_what_they_carry_together():
         assert _carried(plan, agent, "barrier") == (begin, len(plan.trajectory(agent)))
     late = timed.positions.copy()
     late[:, 1] = np.clip(np.arange(len(late)) - 21, 0, 20)  # Agent_2 lifts when Agent_1 does
-    evidence = ConsistentHeight((1, 2)).planned(Plan(plan.paths, Schedule(late, 41)))
+    evidence = SameHeightCheck((1, 2)).planned(Plan(plan.paths, Schedule(late, 41)))
     assert evidence.ok and evidence.value < 2e-3

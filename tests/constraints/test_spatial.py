@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import AvoidAgents, Paths, Plan, PolicyMonitor, touching
-from rf_exp.constraints.checks.avoidance import AvoidObjects
-from rf_exp.constraints.checks.keep_out import StayOut
-from rf_exp.constraints.checks.temporal import ShareSpace
+from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, PolicyMonitor, touching
+from rf_exp.constraints.checks import AvoidObjectsCheck, KeepOutCheck, ShareSpaceCheck
 from rf_exp.coordination import schedule
 from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.transforms import inverse, transform
@@ -38,7 +36,7 @@ def crossing() -> Plan:
 
 
 def test_arms_that_meet_are_named_with_time_and_links(crossing):
-    evidence = AvoidAgents((1,)).planned(crossing)
+    evidence = AvoidAgentsCheck((1,)).planned(crossing)
     assert not evidence.ok and evidence.value < 0.05 and 0 < evidence.time_s < 1.0
     near = f"comes within {evidence.value * 100:.1f} cm of Agent_2, to carry thing0 (move) (panda_"
     assert evidence.sentence.startswith(f"at {evidence.time_s:.2f} s Agent_1, to carry thing0 (move), {near}")
@@ -50,7 +48,7 @@ def test_taking_turns_is_proven_clear_with_its_distance(crossing):
     timed = schedule(there_and_back, paths.diagrams)
     assert isinstance(timed, Schedule)
     assert 40 < len(timed) < 80  # overlapping, but not blindly
-    evidence = AvoidAgents((1, 2)).planned(plan_of(BAR, crossing.scene, there_and_back, timed))
+    evidence = AvoidAgentsCheck((1, 2)).planned(plan_of(BAR, crossing.scene, there_and_back, timed))
     assert evidence.ok and evidence.value >= evidence.bound
     bodies = [paths.planning_scene.along(trajectory) for trajectory in there_and_back]
     least = nearest(*bodies, at=timed.positions)
@@ -62,7 +60,8 @@ def test_shared_space_is_told_as_the_least_time_between_one_leaving_and_the_othe
     paths = Paths(BAR, FULL, crossing.scene, there_and_back)
     timed = schedule(there_and_back, paths.diagrams)
     assert isinstance(timed, Schedule)
-    evidence = ShareSpace((2, 1)).planned(Plan(paths, timed))
+    assert ShareSpaceCheck((2, 1)).rule(paths) is None  # it demands nothing of a schedule by itself
+    evidence = ShareSpaceCheck((2, 1)).planned(Plan(paths, timed))
     first, then = evidence.agents
     left, comes = timed.positions[:, first - 1], timed.positions[:, then - 1]
     too_close = paths.diagrams[1, 2] if first == 1 else paths.diagrams[1, 2].T
@@ -78,7 +77,7 @@ def test_shared_space_is_told_as_the_least_time_between_one_leaving_and_the_othe
 
 def test_space_that_only_one_uses_is_not_shared(crossing):
     trajectories = (walk(1, [REST, REACHING], 20), idle(2))
-    evidence = ShareSpace((1, 2)).planned(plan_of(BAR, crossing.scene, trajectories))
+    evidence = ShareSpaceCheck((1, 2)).planned(plan_of(BAR, crossing.scene, trajectories))
     assert evidence.ok and evidence.value == np.inf
     assert evidence.sentence == "[Agent_1, Agent_2] use no space that another of them uses at any time"
 
@@ -86,16 +85,16 @@ def test_space_that_only_one_uses_is_not_shared(crossing):
 def test_waiting_where_the_other_arm_reaches_is_seen(crossing):
     trajectories = (idle(1, REACHING), walk(2, [REST, REACHING], 20))
     scene = scene_of(BAR)
-    assert not AvoidAgents((1, 2)).planned(plan_of(BAR, scene, trajectories)).ok
+    assert not AvoidAgentsCheck((1, 2)).planned(plan_of(BAR, scene, trajectories)).ok
 
 
 def test_one_agent_means_all_its_pairs():
     four = team(4)
-    assert AvoidAgents((2,)).pairs(four) == ((1, 2), (2, 3), (2, 4))
-    assert AvoidAgents((1, 3, 4)).pairs(four) == ((1, 3), (1, 4), (3, 4))
+    assert AvoidAgentsCheck((2,)).pairs(four) == ((1, 2), (2, 3), (2, 4))
+    assert AvoidAgentsCheck((1, 3, 4)).pairs(four) == ((1, 3), (1, 4), (3, 4))
     alone = team(1)
     scene = scene_of(alone)
-    assert AvoidAgents((1,)).planned(plan_of(alone, scene, (idle(1),))).ok
+    assert AvoidAgentsCheck((1,)).planned(plan_of(alone, scene, (idle(1),))).ok
 
 
 def test_objects_in_the_way_are_named():
@@ -103,7 +102,7 @@ def test_objects_in_the_way_are_named():
     hand = Hand(FOOD, scene, 1)
     over = scene.poses["pot"] @ transform((0, 0, 0.12)) @ np.diag([1.0, -1.0, -1.0, 1.0])
     hand.to(over, 20, Subgoal(1, "carry", "steak"), "move")  # fingers into the lid's knob
-    evidence = AvoidObjects((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
+    evidence = AvoidObjectsCheck((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
     assert not evidence.ok and evidence.value < 0.01
     assert "Agent_1, to carry steak (move), comes within" in evidence.sentence
     assert "of lid (panda_" in evidence.sentence and evidence.sentence.endswith("which it may not touch")
@@ -112,7 +111,7 @@ def test_objects_in_the_way_are_named():
 def test_what_a_segment_is_about_may_be_touched():
     scene = scene_of(FOOD)
     hand = Hand(FOOD, scene, 1).grasp("steak", "center").lift(0.1)
-    evidence = AvoidObjects((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
+    evidence = AvoidObjectsCheck((1, 2)).planned(plan_of(FOOD, scene, (hand.trajectory, idle(2))))
     assert evidence.ok and evidence.value > 0.003
     assert evidence.sentence.startswith("Agent_")
 
@@ -122,7 +121,7 @@ def test_an_arm_in_the_table_is_named():
     aside, low = REST.copy(), REST.copy()
     aside[0] = low[0] = 1.5  # away from the barrier
     low[1] = 1.6
-    evidence = AvoidObjects((1,)).planned(plan_of(BAR, scene, (walk(1, [aside, low], 20), idle(2))))
+    evidence = AvoidObjectsCheck((1,)).planned(plan_of(BAR, scene, (walk(1, [aside, low], 20), idle(2))))
     assert not evidence.ok and evidence.value < 0.02
     assert "of the table (arm), which it may not touch" in evidence.sentence
 
@@ -130,16 +129,16 @@ def test_an_arm_in_the_table_is_named():
 def test_a_zone_is_kept_or_entered():
     scene = scene_of(BAR)
     plan = plan_of(BAR, scene, (walk(1, [REST, REACHING], 20), idle(2)))
-    empty = StayOut(1, (0.5, 0.5, 0.0), (0.7, 0.7, 0.5)).planned(plan)
+    empty = KeepOutCheck(1, (0.5, 0.5, 0.0), (0.7, 0.7, 0.5)).planned(plan)
     assert empty.ok and empty.value > 0.2
     assert empty.sentence.startswith(
         "Agent_1 stays out of the keep-out zone (0.5, 0.5, 0.0) to (0.7, 0.7, 0.5) (panda_"
     )
-    crossed = StayOut(1, (-0.1, -0.05, 0.0), (0.1, 0.2, 0.6)).planned(plan)
+    crossed = KeepOutCheck(1, (-0.1, -0.05, 0.0), (0.1, 0.2, 0.6)).planned(plan)
     assert not crossed.ok and 0 < crossed.time_s < 1
     assert f"Agent_1 at {crossed.time_s:.2f} s enters the keep-out zone" in crossed.sentence
     here = plan.planning_scene.arms[0].tcp(REST)[:3, 3]
-    zone = StayOut(1, tuple((here - 0.05).tolist()), tuple((here + 0.05).tolist()))
+    zone = KeepOutCheck(1, tuple((here - 0.05).tolist()), tuple((here + 0.05).tolist()))
     measured = zone.measured(scene, plan)
     assert measured is not None and not measured.ok
 
@@ -150,7 +149,7 @@ def test_what_an_arm_holds_stays_out_of_a_zone_too():
     hand = plan.planning_scene.arms[0].tcp(scene.qpos[0])
     below = transform((*hand[:2, 3], hand[2, 3] - 0.3))
     low, high = (below[:3, 3] - 0.05).tolist(), (below[:3, 3] + 0.05).tolist()
-    zone = StayOut(1, tuple(low), tuple(high))
+    zone = KeepOutCheck(1, tuple(low), tuple(high))
     hanging = replace(scene, poses={**scene.poses, "steak": below})
     for held, ok in ((None, True), ("steak", False)):
         evidence = zone.measured(replace(hanging, held=(held, None)), plan)
@@ -250,7 +249,7 @@ def test_the_plan_says_what_a_gripper_is_about():
     qpos = scene.qpos.copy()
     qpos[0] = [*hand.qpos, 0.02, 0.02]  # pressed into its sides
     given = measured_with(FOOD, "steak", scene.poses["steak"], (None, "steak"), qpos)
-    check = AvoidAgents((1, 2))
+    check = AvoidAgentsCheck((1, 2))
     assert check.measured(replace(given, step=len(hand.trajectory)), taking) is None
     found = check.measured(given, standing)
     assert found is not None and not found.ok and "steak" in found.sentence

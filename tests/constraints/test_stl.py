@@ -8,12 +8,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.constraints import Check, Paths, Plan, RoboChecker, check_of, compiled
-from rf_exp.constraints.checks import limits as checks_of_limits
+from rf_exp.constraints import Check, Paths, Plan, RoboChecker, checked_kinds, compiled
 from rf_exp.constraints.checks.direction import ANGLE_MEASURED_DEG
 from rf_exp.constraints.checks.interaction import POSITION_MEASURED_M
-from rf_exp.constraints.checks.limits import MEASURED_DEG, MEASURED_M, MEASURED_SPEED
-from rf_exp.constraints.stl import VOID, Execution, evaluated, judged, kept, signals, stl_of
+from rf_exp.constraints.checks.keep_level import MEASURED_DEG
+from rf_exp.constraints.checks.speed_limit import MEASURED_SPEED
+from rf_exp.constraints.plan import MEASURED_M
+from rf_exp.constraints.stl import VOID, Execution, evaluated, judged, kept, signals
 from rf_exp.coordination import sequential
 from rf_exp.datagen import EpisodeMaker, Planned, Settings, Trace
 from rf_exp.datagen.brain import ScriptedSpec
@@ -79,7 +80,7 @@ def test_on_a_real_episode_both_agree_on_every_check(episodes, name):
         times = [scene.step for scene in execution.scenes]
         assert times == list(range(times[0], times[0] + len(execution)))
         assert times[0] == execution.plan.scene.step + 1
-        forms = [stl_of(check, execution.plan.task) for check in made.checked.checks]
+        forms = [check.stl(execution.plan.task) for check in made.checked.checks]
         said = {(signal.name, signal.how) for form in forms for signal in form.signals}
         assert len(said) == len(signals(execution, made.checked.checks))  # the same name is the same number
 
@@ -230,7 +231,7 @@ def test_a_zone(low_m, more, holds):
 
 def test_a_permission_says_that_it_has_no_formula(episodes):
     made, execution = episodes["place_food"][0]
-    form = stl_of(check_for(made, execution, ShareSpace((1, 2))), execution.plan.task)
+    form = check_for(made, execution, ShareSpace((1, 2))).stl(execution.plan.task)
     assert not form.formulas and "permission" in form.silent
 
 
@@ -238,13 +239,9 @@ def test_every_kind_of_statement_has_a_form_and_a_case_here(episodes):
     """A kind that is added to the package needs both."""
     cases = {type(stated) for _, stated, *_ in LIMITS}
     cases |= {ContactAt, Direction, SameHeight, PlaceAt, AvoidAgents, AvoidObjects, KeepOut, ShareSpace}
-    assert cases == {
-        kind for kind in check_of.registry if kind is not object and "rf_exp." in kind.__module__
-    }
-    kinds = {kind for kind in stl_of.registry if kind is not object}
-    assert vars(checks_of_limits)["Tilt"] in kinds
-    with pytest.raises(TypeError, match="no form in signal temporal logic is registered for str"):
-        stl_of("a check", real("lift_barrier"))  # pyright: ignore[reportArgumentType]
+    ours = {kind: check for kind, check in checked_kinds().items() if "rf_exp." in kind.__module__}
+    assert cases == ours.keys()
+    assert all(check.stl is not Check.stl for check in ours.values())
 
 
 @pytest.mark.parametrize(

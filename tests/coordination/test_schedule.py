@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from rf_exp.constraints.checks.temporal import Deadline, Sequential, ShareSpace, Simultaneous, span
-from rf_exp.coordination import Delays, Demands, actions, intended, schedule, sequential
+from rf_exp.constraints.checks import BeforeCheck, DeadlineCheck, TogetherCheck
+from rf_exp.constraints.phases import span
+from rf_exp.coordination import Delays, actions, intended, schedule, sequential
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Step
@@ -124,7 +125,7 @@ def test_swapping_the_agents_swaps_the_schedule_length():
 
 def test_order_of_subgoals():
     trajectories = pair()
-    rule = Sequential(Step(2, "carry", "thing1"), Step(1, "carry", "thing0"))
+    rule = BeforeCheck(Step(2, "carry", "thing1"), Step(1, "carry", "thing0"))
     timed = found(trajectories, rules=[rule])
     moves(timed, trajectories)
     assert moving(timed, 1, 0) >= arrived(timed, 2, 20)
@@ -133,7 +134,7 @@ def test_order_of_subgoals():
 
 def test_a_whole_task_before_another():
     trajectories = pair((10,), (12,))
-    timed = found(trajectories, rules=[Sequential(Step(1), Step(2))])
+    timed = found(trajectories, rules=[BeforeCheck(Step(1), Step(2))])
     moves(timed, trajectories)
     assert moving(timed, 2, 0) >= arrived(timed, 1, 10)
 
@@ -144,7 +145,7 @@ def test_a_whole_task_before_another():
 def test_a_pause_after_another_agent(first, then):
     """At the end of the other's path, and in the middle of it."""
     trajectories = pair()
-    rule = Sequential(first, then, wait_s=0.45)
+    rule = BeforeCheck(first, then, wait_s=0.45)
     timed = found(trajectories, rules=[rule])
     moves(timed, trajectories)
     end = span(first, trajectories[1])
@@ -157,7 +158,7 @@ def test_simultaneous_starts_wait_for_each_other():
     trajectories = pair((10, 10, 10), (25, 10))
     steps = (Step(1, "carry", "thing1"), Step(2, "carry", "thing1"))
     for within_s in (0.0, 0.2):
-        timed = found(trajectories, rules=[Simultaneous(steps, within_s)])
+        timed = found(trajectories, rules=[TogetherCheck(steps, within_s)])
         moves(timed, trajectories)
         apart = abs(moving(timed, 1, 10) - moving(timed, 2, 25))
         assert apart <= within_s * 20 + 1e-9
@@ -167,7 +168,7 @@ def test_simultaneous_holds_for_a_bound_longer_than_the_segments():
     """An agent may finish its first segment and rest; that must not let the other one off the hook."""
     trajectories = pair((4, 4, 4), (40, 4))
     steps = (Step(1, "carry", "thing0"), Step(2, "carry", "thing1"))
-    timed = found(trajectories, rules=[Simultaneous(steps, 0.5)])
+    timed = found(trajectories, rules=[TogetherCheck(steps, 0.5)])
     moves(timed, trajectories)
     assert abs(moving(timed, 1, 0) - moving(timed, 2, 40)) <= 10
 
@@ -203,26 +204,20 @@ def test_joined_segments_of_different_length_are_refused():
 
 def test_a_deadline_is_met_or_explained():
     trajectories = pair()
-    order = Sequential(Step(1), Step(2))
-    assert isinstance(schedule(trajectories, rules=[order, Deadline(Step(2), 3.0)]), Schedule)
-    late = schedule(trajectories, rules=[order, Deadline(Step(2), 2.0)])
+    order = BeforeCheck(Step(1), Step(2))
+    assert isinstance(schedule(trajectories, rules=[order, DeadlineCheck(Step(2), 3.0)]), Schedule)
+    late = schedule(trajectories, rules=[order, DeadlineCheck(Step(2), 2.0)])
     assert isinstance(late, Violation)
     assert late.agents == (2,)
     assert late.sentence == "Agent_2 cannot be done within 2 s; the shortest schedule needs 2.95 s"
 
 
-def test_sharing_a_space_demands_nothing_by_itself():
-    demands = Demands(pair())
-    ShareSpace((1, 2)).demand(demands)
-    assert not demands.cells and not demands.deadlines and not demands.dwells
-
-
 def test_rules_about_what_is_not_planned_are_void():
     trajectories = pair()
     rules = [
-        Sequential(Step(1, "lift", "lid"), Step(2)),
-        Simultaneous((Step(1, "lift", "lid"), Step(2))),
-        Deadline(Step(1, "lift", "lid"), 0.1),
+        BeforeCheck(Step(1, "lift", "lid"), Step(2)),
+        TogetherCheck((Step(1, "lift", "lid"), Step(2))),
+        DeadlineCheck(Step(1, "lift", "lid"), 0.1),
     ]
     timed = found(trajectories, rules=rules)
     assert len(timed) == 30
@@ -288,7 +283,7 @@ def test_reason_both_block_each_other():
 
 
 def test_reason_contradicting_orders():
-    orders = [Sequential(Step(1), Step(2)), Sequential(Step(2), Step(1))]
+    orders = [BeforeCheck(Step(1), Step(2)), BeforeCheck(Step(2), Step(1))]
     answer = schedule(pair(), rules=orders)
     assert isinstance(answer, Violation)
     assert answer.sentence == (
@@ -300,7 +295,7 @@ def test_reason_contradicting_orders():
 
 def test_reason_three_agents_in_a_circle():
     trajectories = tuple(walk(agent, KEYS[:2], 5) for agent in (1, 2, 3))
-    orders = [Sequential(Step(a), Step(b)) for a, b in ((1, 2), (2, 3), (3, 1))]
+    orders = [BeforeCheck(Step(a), Step(b)) for a, b in ((1, 2), (2, 3), (3, 1))]
     answer = schedule(trajectories, rules=orders)
     assert isinstance(answer, Violation)
     assert (

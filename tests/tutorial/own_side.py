@@ -6,10 +6,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import Check, Evidence, Plan, check_of
-from rf_exp.constraints.stl import Specification, bounded, stl_of
-from rf_exp.findings import CheckName
+from rf_exp.constraints import Evidence, OneAgentCheck, Plan, Plans
+from rf_exp.constraints.stl import Specification, bounded
+from rf_exp.findings import CheckName, Finding
 from rf_exp.statements import Form, OfAgent, agent_name
+from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Kind, Scene
 
 
@@ -33,27 +34,25 @@ OwnSide.samples = (OwnSide(1),)
 
 
 @dataclass(frozen=True)
-class NearOwnBase:
-    """The check of `OwnSide`: how much nearer the own base is. Value and bound in metres."""
+class OwnSideCheck(OneAgentCheck):
+    """How much nearer the gripper of an agent is to its own base. Value and bound in metres."""
 
-    kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[CheckName] = CheckName.OCCUPANCY
-    unit: ClassVar[str] = "m"
+    states, name, unit = OwnSide, CheckName.OCCUPANCY, "m"
 
     agent: int
     text: str
 
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
+    @classmethod
+    def compiled(cls, stated: OwnSide, plans: Plans) -> "OwnSideCheck":
+        return cls(stated.agent, stated.sentence)
 
     def planned(self, plan: Plan) -> Evidence:
         nearer_m = self._nearer_m(plan, plan.trajectory(self.agent).path())
-        return self._evidence(nearer_m.min(), plan.time_s(self.agent, int(nearer_m.argmin())))
+        return self._nearer(nearer_m.min(), plan.time_s(self.agent, int(nearer_m.argmin())), False)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence:
         nearer_m = self._nearer_m(plan, scene.qpos[self.agent - 1][None])
-        return self._evidence(nearer_m.min(), scene.step * CONTROL_DT_S, True)
+        return self._nearer(nearer_m.min(), scene.step * CONTROL_DT_S, True)
 
     def _nearer_m(self, plan: Plan, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
         """(P,) of the tool centre point at joints (P, 7 or more)."""
@@ -62,24 +61,10 @@ class NearOwnBase:
         away_m = np.linalg.norm(tcp_m[:, None] - bases_m, axis=2)
         return np.delete(away_m, self.agent - 1, axis=1).min(axis=1) - away_m[:, self.agent - 1]
 
-    def _evidence(self, nearer_m: float, time_s: float, measured: bool = False) -> Evidence:
-        return Evidence(
-            ok=bool(nearer_m > 0),
-            value=float(nearer_m),
-            unit=self.unit,
-            time_s=time_s,
-            agents=self.agents,
-            measured=measured,
-            constraint=self.text,
-        )
+    def _nearer(self, nearer_m: float, time_s: float, measured: bool) -> Evidence:
+        ok = bool(nearer_m > 0)
+        return self.found(ok, Finding.CONSTRAINT, float(nearer_m), 0.0, time_s, measured=measured)
 
-
-@check_of.register
-def _(stated: OwnSide, plans: object) -> Check:
-    return NearOwnBase(stated.agent, stated.sentence)
-
-
-@stl_of.register
-def _(check: NearOwnBase, task: object) -> Specification:
-    how = f"how much nearer the gripper of Agent_{check.agent} is to its own base than to any other one"
-    return bounded(check, (f"nearer_{check.agent}", how), ">", 0.0)
+    def stl(self, task: Task) -> Specification:
+        how = f"how much nearer the gripper of Agent_{self.agent} is to its own base than to any other one"
+        return bounded(self, (f"nearer_{self.agent}", how), ">", 0.0)

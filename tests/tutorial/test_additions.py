@@ -56,7 +56,7 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         assert checked.monitor()(scene) is None
         now = checked.monitor()(replace(scene, qpos=qpos))
         assert now.measured and not violation.measured and now.value == violation.value
-        (check,) = (each for each in checker.checks if repr(each).startswith("NearOwnBase"))
+        (check,) = (each for each in checker.checks if repr(each).startswith("OwnSideCheck"))
         for seen in (scene, replace(scene, qpos=qpos)):
             execution = Execution(checked.plan, [seen])
             (found,) = judged(execution, check)

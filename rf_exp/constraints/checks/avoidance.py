@@ -7,32 +7,37 @@ cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rf_exp.constraints.checks.touching import measured_arms, touching
-from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.compiler import Plans
+from rf_exp.constraints.evidence import About, Check, Evidence
 from rf_exp.constraints.plan import Plan
-from rf_exp.findings import CheckName, Finding, names
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Swept, lowest_m, nearest
+from rf_exp.constraints.stl import VOID, Execution, Signal, Specification, always, named, of_schedule
+from rf_exp.constraints.touching import CONTACT_N, measured_arms, touching
+from rf_exp.findings import CheckName, Finding, agent_name, names
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, TABLE_MARGIN_M, Swept, lowest_m, nearest
+from rf_exp.statements import AvoidAgents, AvoidObjects
 from rf_exp.tasks import Task
 from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Kind, Scene
+from rf_exp.types import CONTROL_DT_S, Scene
 
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
 
 
 @dataclass(frozen=True)
-class AvoidAgents:
+class AvoidAgentsCheck(Check):
     """One agent keeps clear of all others, or several of one another. Value and bound in metres."""
 
-    kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[CheckName] = CheckName.OCCUPANCY
-    unit: ClassVar[str] = "m"
+    states, name, unit = AvoidAgents, CheckName.OCCUPANCY, "m"
 
     agents: tuple[int, ...]
     text: str = ""
+
+    @classmethod
+    def compiled(cls, stated: AvoidAgents, plans: Plans) -> "AvoidAgentsCheck":
+        return cls(stated.agents, stated.sentence)
 
     def __repr__(self) -> str:
         return f"VSO({names(self.agents)})"
@@ -45,7 +50,7 @@ class AvoidAgents:
         return tuple(pair for pair in every if set(pair) <= set(self.agents))
 
     def planned(self, plan: Plan) -> Evidence:
-        least = idle(plan, self.agents, AGENT_MARGIN_M, np.inf)
+        least = self.idle(plan, AGENT_MARGIN_M, np.inf)
         for i, j in self.pairs(plan.task):
             at = np.stack([plan.positions(i), plan.positions(j)], axis=1)
             hits = np.flatnonzero(plan.paths.diagrams[i, j][at[:, 0], at[:, 1]])
@@ -54,35 +59,32 @@ class AvoidAgents:
             assert gap is not None  # links must always keep apart
             if len(hits):
                 row, column = (int(position) for position in cells[0])
-                return Evidence(
-                    ok=False,
-                    finding=Finding.CLOSE,
-                    value=gap.distance_m,
-                    bound=AGENT_MARGIN_M,
-                    time_s=plan.begins_s + float(hits[0]) * CONTROL_DT_S,
-                    agents=(i, j),
-                    doing=(doing(plan.segment_at(i, row)), doing(plan.segment_at(j, column))),
-                    parts=(gap.a, gap.b),
-                )
+                does = doing(plan.segment_at(i, row)), doing(plan.segment_at(j, column))
+                about: About = {"agents": (i, j), "doing": does, "parts": (gap.a, gap.b)}
+                time_s = plan.begins_s + float(hits[0]) * CONTROL_DT_S
+                return self.found(False, Finding.CLOSE, gap.distance_m, AGENT_MARGIN_M, time_s, **about)
             if gap.distance_m < least.value:
                 when = int(np.flatnonzero((at == gap.at).all(axis=1))[0])
-                least = Evidence(
-                    ok=True,
-                    finding=Finding.CLEAR,
-                    value=gap.distance_m,
-                    bound=AGENT_MARGIN_M,
-                    time_s=plan.begins_s + when * CONTROL_DT_S,
-                    agents=(i, j),
-                )
+                time_s, clear = plan.begins_s + when * CONTROL_DT_S, (gap.distance_m, AGENT_MARGIN_M)
+                least = self.found(True, Finding.CLEAR, *clear, time_s, agents=(i, j))
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         may_touch = {agent: may_touch_now(plan, agent, scene) for agent in plan.task.agents}
         return touching(plan.task, scene, self.pairs(plan.task), may_touch)
 
+    def stl(self, task: Task) -> Specification:
+        pairs = self.pairs(task)
+        if not pairs:
+            return Specification(silent="there is no other agent to avoid")
+        gaps, forces = [_gap(pair) for pair in pairs], [_force(pair) for pair in pairs]
+        apart = always([f"{gap.name} > 0" for gap in gaps], "m", strict=True)
+        gentle = always([f"{force.name} <= {CONTACT_N!r}" for force in forces], "N")
+        return Specification((apart, gentle), (*gaps, *forces))
+
 
 def apart_m(plan: Plan, scene: Scene, pair: tuple[int, int]) -> float:
-    """How far two measured arms are from what `AvoidAgents` stops them for; negative: penetration depth."""
+    """The distance of two measured arms as `AvoidAgentsCheck` takes it; negative: penetration depth."""
     (bodies,) = measured_arms(
         plan.task, scene, (pair,), {agent: may_touch_now(plan, agent, scene) for agent in pair}
     )
@@ -99,22 +101,51 @@ def may_touch_now(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
     return frozenset(name for name, mask in allowed if mask[recent].any())
 
 
-@dataclass(frozen=True)
-class AvoidObjects:
-    """Agents touch nothing but what their segments are about, nor the table. Value and bound in metres."""
+def _gap(pair: tuple[int, int]) -> Signal:
+    who = " and ".join(map(agent_name, pair))
+    how = f"exact distance of the measured arms of {who} with what they hold; negative: penetration"
 
-    kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[CheckName] = CheckName.OCCUPANCY
-    unit: ClassVar[str] = "m"
+    def apart(execution: Execution) -> NDArray[np.float64]:
+        return np.array([apart_m(execution.plan, scene, pair) for scene in execution.scenes])
+
+    return Signal(named("distance", *pair), "m", how, apart)
+
+
+def _force(pair: tuple[int, int]) -> Signal:
+    how = f"largest force between the arms of {' and '.join(map(agent_name, pair))}; 0 without contact"
+
+    def forces(execution: Execution) -> NDArray[np.float64]:
+        return np.array([_force_n(scene, pair) for scene in execution.scenes])
+
+    return Signal(named("force", *pair), "N", how, forces)
+
+
+def _force_n(scene: Scene, pair: tuple[int, int]) -> float:
+    return max((n for a, b, n in scene.arm_contacts if tuple(sorted((a, b))) == pair), default=0.0)
+
+
+@dataclass(frozen=True)
+class AvoidObjectsCheck(Check):
+    """Agents touch nothing but what their segments are about, nor the table. Value and bound in metres.
+
+    Judged before anything moves: contacts with objects are wanted and unwanted ones alike, and who strays
+    from its path is seen by the monitor.
+    """
+
+    states, name, unit = AvoidObjects, CheckName.OCCUPANCY, "m"
 
     agents: tuple[int, ...]
     text: str = ""
+
+    @classmethod
+    def compiled(cls, stated: AvoidObjects, plans: Plans) -> "AvoidObjectsCheck":
+        return cls(stated.agents, stated.sentence)
 
     def __repr__(self) -> str:
         return f"VSO({names(self.agents)}, objects)"
 
     def planned(self, plan: Plan) -> Evidence:
-        least = idle(plan, self.agents, OBJECT_MARGIN_M, np.inf)
+        least = self.idle(plan, OBJECT_MARGIN_M, np.inf)
         for agent in self.agents:
             body, still = plan.paths.swept[agent - 1], plan.paths.still[agent - 1]
             positions = np.unique(plan.positions(agent))
@@ -123,15 +154,9 @@ class AvoidObjects:
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
             if gap is not None and gap.distance_m < least.value:
-                least = Evidence(
-                    ok=True,
-                    finding=Finding.CLEAR_OF_THING,
-                    value=gap.distance_m,
-                    bound=OBJECT_MARGIN_M,
-                    time_s=plan.time_s(agent, gap.at[0]),
-                    agents=(agent,),
-                    obstacles=(gap.b,),
-                )
+                clear, time_s = (gap.distance_m, OBJECT_MARGIN_M), plan.time_s(agent, gap.at[0])
+                about: About = {"agents": (agent,), "obstacles": (gap.b,)}
+                least = self.found(True, Finding.CLEAR_OF_THING, *clear, time_s, **about)
         return least
 
     def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
@@ -142,17 +167,42 @@ class AvoidObjects:
         part, thing, value = ("arm", "the table", low_m)
         if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
             part, thing, value = gap.a, gap.b, gap.distance_m
-        return Evidence(
-            ok=False,
-            finding=Finding.CLOSE_TO_THING,
-            value=value,
-            bound=OBJECT_MARGIN_M,
-            time_s=plan.time_s(agent, position),
-            agents=(agent,),
-            obstacles=(thing,),
-            doing=(doing(plan.segment_at(agent, position)),),
-            parts=(part,),
-        )
+        time_s, does = plan.time_s(agent, position), doing(plan.segment_at(agent, position))
+        about: About = {"agents": (agent,), "obstacles": (thing,), "doing": (does,), "parts": (part,)}
+        return self.found(False, Finding.CLOSE_TO_THING, value, OBJECT_MARGIN_M, time_s, **about)
 
-    def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        return None  # contacts with objects are wanted and unwanted ones alike; see the monitor's tracking
+    def stl(self, task: Task) -> Specification:
+        clear = [_clearance(agent) for agent in self.agents]
+        low = [_lowest(agent) for agent in self.agents]
+        margins = [f"{each.name} >= {OBJECT_MARGIN_M!r}" for each in clear]
+        margins += [f"{each.name} >= {TABLE_MARGIN_M!r}" for each in low]
+        return of_schedule((always(margins, "m"),), *clear, *low)
+
+
+def _clearance(agent: int) -> Signal:
+    def clearance_m(execution: Execution) -> NDArray[np.float64]:
+        paths, at = execution.plan.paths, execution.positions(agent)
+        body, still = paths.swept[agent - 1], paths.still[agent - 1]
+        low_m, found = lowest_m(body), {}
+        for position in np.unique(at).tolist():
+            gap = nearest(body, still, np.array([[position, 0]]))
+            found[position] = VOID if gap is None else gap.distance_m
+            if paths.blocked[agent - 1][position] and low_m[position] >= TABLE_MARGIN_M:  # doubt counts
+                found[position] = min(found[position], np.nextafter(OBJECT_MARGIN_M, 0.0))
+        return np.array([found[position] for position in at.tolist()])
+
+    how = (
+        f"from {agent_name(agent)} where it is commanded to what nobody moves and it may not touch; "
+        "less than the margin where the motion to the next step may be"
+    )
+    return Signal(named("clearance", agent), "m", how, clearance_m)
+
+
+def _lowest(agent: int) -> Signal:
+    how = f"lowest point of {agent_name(agent)} where it is commanded, with what it carries, over the table"
+    return Signal(
+        named("lowest", agent),
+        "m",
+        how,
+        lambda execution: lowest_m(execution.plan.paths.swept[agent - 1])[execution.positions(agent)],
+    )

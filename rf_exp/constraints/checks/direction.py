@@ -4,19 +4,21 @@ TCP frame: z points out of the hand, y along the fingers.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from rf_exp.constraints.checks.contact import Contact, last_contact, nearest_point, no_contact, settles_now
-from rf_exp.constraints.checks.temporal import span
-from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.compiler import Plans
+from rf_exp.constraints.contact import Contact, last_contact, nearest_point, no_contact, settles_now
+from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
+from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.stl import Specification, bounded, named
 from rf_exp.findings import CheckName, Finding, agent_name
-from rf_exp.statements import Step
+from rf_exp.statements import VERBS, Direction, Step
+from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, angle_between_rad
-from rf_exp.types import CONTROL_DT_S, Kind, Scene
+from rf_exp.types import CONTROL_DT_S, Scene
 
 ANGLE_DEG = 10.0
 ANGLE_MEASURED_DEG = 20.0
@@ -32,16 +34,14 @@ ORIENTATIONS = {
 
 
 @dataclass(frozen=True)
-class ValidateDirection:
+class DirectionCheck(OneAgentCheck):
     """The gripper has the required orientation at contact. Value and bound in degrees.
 
     `perpendicular` asks for the annotated direction of the interaction point: both the approach
     and the axis along which the fingers close, within the turns and the tip that the point allows.
     """
 
-    kind: ClassVar[Kind] = "logical"
-    name: ClassVar[CheckName] = CheckName.DIRECTION
-    unit: ClassVar[str] = "deg"
+    states, name, unit = Direction, CheckName.DIRECTION, "deg"
 
     agent: int
     object: str
@@ -49,9 +49,16 @@ class ValidateDirection:
     text: str = ""
     phase: Step | None = None  # in which it has to hold; at contact unless given
 
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
+    @classmethod
+    def compiled(cls, stated: Direction, plans: Plans) -> "DirectionCheck":
+        verb, phase = stated.verb, None
+        if verb is not None and VERBS[verb].is_contact:
+            planned = {each.verb for each in plans.contacts(stated.agent, stated.object)}
+            if planned and verb not in planned:
+                raise plans.no_subgoal(f"{agent_name(stated.agent)}: {verb} {stated.object}", stated.agent)
+        elif verb is not None:
+            phase = plans.step(Step(stated.agent, verb, stated.object))
+        return cls(stated.agent, stated.object, stated.direction, stated.sentence, phase)
 
     def __repr__(self) -> str:
         when = f", {self.phase.verb}" if self.phase else ""
@@ -62,10 +69,10 @@ class ValidateDirection:
             return self._throughout(plan, self.phase)
         contact = last_contact(plan, self.agent, self.object)
         if contact is None and self._is_target(plan):
-            return idle(plan, self.agents, bound=ANGLE_DEG)
+            return self.idle(plan, ANGLE_DEG)
         if contact is None:
             missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
-            return no_contact(plan, self.agent, self.object, *missed)
+            return no_contact(self, plan, self.object, *missed)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
         time_s = plan.time_s(self.agent, contact.end)
         return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s, False)
@@ -90,7 +97,7 @@ class ValidateDirection:
         trajectory = plan.trajectory(self.agent)
         part = span(phase, trajectory)
         if part is None:
-            return idle(plan, self.agents, bound=ANGLE_DEG)
+            return self.idle(plan, ANGLE_DEG)
         tcp = plan.planning_scene.arms[self.agent - 1].tcp(trajectory.path()[part[0] : part[1] + 1])
         pose = plan.scene.poses[self.object]
         found = [
@@ -119,17 +126,8 @@ class ValidateDirection:
         measured: bool,
     ) -> Evidence:
         value = float(np.degrees(self._error_rad(tcp, pose, point)))
-        return Evidence(
-            ok=value <= bound_deg,
-            finding=Finding.OFF_DIRECTION,
-            value=value,
-            bound=bound_deg,
-            time_s=time_s,
-            agents=self.agents,
-            measured=measured,
-            object=self.object,
-            aspect=ORIENTATIONS[self.orientation],
-        )
+        about: About = {"measured": measured, "object": self.object, "aspect": ORIENTATIONS[self.orientation]}
+        return self.found(value <= bound_deg, Finding.OFF_DIRECTION, value, bound_deg, time_s, **about)
 
     def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
         approach, fingers = tcp[:3, 2], tcp[:3, 1]
@@ -148,3 +146,11 @@ class ValidateDirection:
         )
         tilt = angle_between_rad(approach, annotated[:3, 2])
         return max(tilt - np.deg2rad(point.tip_deg), across, 0.0)
+
+    def stl(self, task: Task) -> Specification:
+        phase = (self.phase.verb or "all",) if self.phase else ()
+        about, who = (self.agent, self.object, self.orientation, *phase), agent_name(self.agent)
+        how = f"angle of the measured gripper of {who} off {self.orientation}"
+        met = f"{who} has made contact with {self.object} in this control step"
+        judged = named("judged_angle", *about), f"{self.phase.text} goes on" if self.phase else met
+        return bounded(self, (named("angle", *about), how), "<=", ANGLE_MEASURED_DEG, judged)

@@ -2,45 +2,34 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
 
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.checks.temporal import span
-from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.compiler import Plans
+from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
+from rf_exp.constraints.phases import span, step_parts
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.coordination import Demands
+from rf_exp.constraints.stl import Specification, bounded, named
+from rf_exp.coordination import Closing
 from rf_exp.findings import CheckName, Doing, Finding, agent_name
 from rf_exp.geometry import Mask, Nearest, Piece, PlanningScene, Swept, closer_than, nearest, overlap
-from rf_exp.statements import Step
+from rf_exp.statements import KeepOut, Step
+from rf_exp.tasks import Task
 from rf_exp.timeline import doing
 from rf_exp.transforms import transform
-from rf_exp.types import CONTROL_DT_S, Kind, Scene
+from rf_exp.types import CONTROL_DT_S, Scene
 
 
 @dataclass(frozen=True)
-class Closing:
-    """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
-
-    pair: tuple[int, int]  # (i, j), i < j
-    cells: Mask  # (P_i, P_j) path positions that may not be at the same time
-
-    def demand(self, demands: Demands) -> None:
-        demands.apart(*self.pair, self.cells)
-
-
-@dataclass(frozen=True)
-class StayOut:
+class KeepOutCheck(OneAgentCheck):
     """An agent, with what it carries, stays out of a box. Value and bound in metres.
 
     Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
-    can keep the agent out (`closing`).
+    can keep the agent out (`rule`).
     """
 
-    kind: ClassVar[Kind] = "spatial"
-    name: ClassVar[CheckName] = CheckName.OCCUPANCY
-    unit: ClassVar[str] = "m"
+    states, name, unit = KeepOut, CheckName.OCCUPANCY, "m"
 
     agent: int
     low_m: tuple[float, float, float]
@@ -49,9 +38,13 @@ class StayOut:
     occupied_by: int | str | None = None
     until: Step | None = None
 
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
+    @classmethod
+    def compiled(cls, stated: KeepOut, plans: Plans) -> "KeepOutCheck":
+        until = None if stated.until is None else plans.step(stated.until)
+        if until is not None and until.agent == stated.agent:
+            raise plans.refused(f"waits for {agent_name(stated.agent)} itself")
+        where = stated.low_m, stated.high_m, stated.sentence
+        return cls(stated.agent, *where, occupied_by=stated.occupied_by, until=until)
 
     def __repr__(self) -> str:
         when = "" if self.occupied_by is None else f", while {self._occupant}"
@@ -95,8 +88,7 @@ class StayOut:
         standing = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
         return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, standing)
 
-    def closing(self, paths: Paths) -> "Closing | None":
-        """What timing has to do about it; None where it can do nothing."""
+    def rule(self, paths: Paths) -> Closing | None:
         other, closed = self._closed(paths)
         if other == self.agent:
             return None
@@ -109,7 +101,7 @@ class StayOut:
         own = plan.positions(self.agent)
         steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
         if not len(steps):
-            return idle(plan, self.agents, 0.0, np.inf)
+            return self.idle(plan, 0.0, np.inf)
         hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
         at = np.unique(own[hits[:1]] if len(hits) else own[steps])
         gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
@@ -117,13 +109,13 @@ class StayOut:
         step = hits[0] if len(hits) else steps[own[steps] == gap.at[0]][0]
         time_s = plan.begins_s + float(step) * CONTROL_DT_S
         does = doing(plan.segment_at(self.agent, gap.at[0]))
-        return self._evidence(gap, not len(hits), time_s, False, does)
+        return self._beside(gap, not len(hits), time_s, False, (does,))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         if not self._closed_now(scene, plan):
             return None
         gap = self._gap(scene, plan, self.agent)
-        return self._evidence(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, True)
+        return self._beside(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, True)
 
     def _closed_now(self, scene: Scene, plan: Plan) -> bool:
         if self.until is not None:
@@ -146,20 +138,21 @@ class StayOut:
         assert gap is not None
         return gap
 
-    def _evidence(
-        self, gap: Nearest, ok: bool, time_s: float, measured: bool, does: Doing | None = None
+    def _beside(
+        self, gap: Nearest, ok: bool, time_s: float, measured: bool, does: tuple[Doing | None, ...] = ()
     ) -> Evidence:
-        return Evidence(
-            ok=ok,
-            finding=Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE,
-            value=gap.distance_m,
-            time_s=time_s,
-            agents=self.agents,
-            measured=measured,
-            obstacles=(f"zone {self.low_m} to {self.high_m}",),
-            doing=() if measured else (does,),
-            parts=(gap.a,),
-        )
+        finding, zone = Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE, f"zone {self.low_m} to {self.high_m}"
+        about: About = {"measured": measured, "obstacles": (zone,), "doing": does, "parts": (gap.a,)}
+        return self.found(ok, finding, gap.distance_m, 0.0, time_s, **about)
+
+    def stl(self, task: Task) -> Specification:
+        zone = named(self.agent, *map(float, (*self.low_m, *self.high_m)))
+        if self.occupied_by is not None:
+            zone = named(zone, "while", self.occupied_by)
+        elif self.until is not None:
+            zone = named(zone, "until", *step_parts(self.until))
+        how = f"from {agent_name(self.agent)}, measured, with what it holds, to the zone; negative: inside"
+        return bounded(self, (f"outside_{zone}", how), ">", 0.0, (f"closed_{zone}", "the zone is closed"))
 
 
 @lru_cache(maxsize=64)  # asked for at every control step

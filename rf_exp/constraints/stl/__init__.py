@@ -1,8 +1,8 @@
 """Signal temporal logic: every check as formulas, and what rtamt says of an execution. Start at `form`."""
 
-from rf_exp.constraints.stl import limits, logical, spatial, temporal  # noqa: F401 - their forms
 from rf_exp.constraints.stl.execution import Execution, Signal
 from rf_exp.constraints.stl.form import (
+    CLOCK_S,
     VOID,
     Formula,
     Specification,
@@ -10,11 +10,12 @@ from rf_exp.constraints.stl.form import (
     bounded,
     condition,
     named,
-    stl_of,
+    of_schedule,
 )
 from rf_exp.constraints.stl.robustness import Robust, evaluated, installed, judged, kept, signals
 
 __all__ = [
+    "CLOCK_S",
     "VOID",
     "Execution",
     "Formula",
@@ -29,6 +30,6 @@ __all__ = [
     "judged",
     "kept",
     "named",
+    "of_schedule",
     "signals",
-    "stl_of",
 ]

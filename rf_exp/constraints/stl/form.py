@@ -8,13 +8,12 @@ do.
 
 A condition ("while Agent_1 holds lid") is VOID where it is true and -VOID where not: more than any margin, so
 the robustness of `always (condition implies margin)` is the least margin, or VOID where nothing was judged.
-A new kind of check brings its form with a function registered with `stl_of.register`.
+Every check has its form (`Check.stl`).
 """
 
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import singledispatch
 from typing import Literal
 
 import numpy as np
@@ -22,8 +21,6 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints.evidence import Check
 from rf_exp.constraints.stl.execution import Execution, Signal
-from rf_exp.statements import Step
-from rf_exp.tasks import Task
 
 VOID = 1e9  # in any unit: no margin is as large
 CLOCK_S = 1e-9  # by which the checks of time let clocks differ
@@ -51,12 +48,6 @@ class Specification:
     signals: tuple[Signal, ...] = ()
     measured: bool = True  # False: the check judges the plan alone, so its signals are of what was commanded
     silent: str = ""
-
-
-@singledispatch
-def stl_of(check: Check, task: Task) -> Specification:
-    """The STL form of a check; a function for each kind."""
-    raise TypeError(f"no form in signal temporal logic is registered for {type(check).__name__}")
 
 
 def always(margins: Sequence[str], unit: str, *when: Signal, strict: bool = False) -> Formula:
@@ -110,8 +101,3 @@ def _all(parts: Sequence[str]) -> str:
 def of_schedule(formulas: tuple[Formula, ...], *signals: Signal) -> Specification:
     """What is judged by the commands given, not on the measured state."""
     return Specification(formulas, signals, measured=False)
-
-
-def step_parts(step: Step) -> tuple[object, ...]:
-    """A part of a plan, for the name of a signal."""
-    return step.agent, *(part for part in (step.verb, step.object) if part)

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 
 from rf_exp.constraints.evidence import Check
 from rf_exp.constraints.stl.execution import Execution, Signal
-from rf_exp.constraints.stl.form import CLOCK_S, VOID, Formula, Specification, stl_of
+from rf_exp.constraints.stl.form import CLOCK_S, VOID, Formula, Specification
 from rf_exp.errors import ArgumentError
 from rf_exp.types import CONTROL_DT_S
 
@@ -39,7 +39,7 @@ def installed() -> bool:
 
 def judged(execution: Execution, check: Check) -> tuple[Robust, ...]:
     """Each formula of a check. Raises ArgumentError where rtamt is not installed."""
-    form = stl_of(check, execution.plan.task)
+    form = check.stl(execution.plan.task)
     return tuple(Robust(formula, robustness(formula, form, execution)) for formula in form.formulas)
 
 
@@ -76,7 +76,7 @@ def kept(execution: Execution, check: Check) -> bool | None:
 
     None: the check judges the plan alone, and the violation that it found comes after the execution's end.
     """
-    if stl_of(check, execution.plan.task).measured:
+    if check.stl(execution.plan.task).measured:
         return all(each is None or each.ok for each in execution.measured(check))
     evidence = check.planned(execution.plan)
     end_s = execution.plan.begins_s + len(execution) * CONTROL_DT_S
@@ -87,6 +87,6 @@ def signals(execution: Execution, checks: Sequence[Check]) -> tuple[Signal, ...]
     """The signals of several checks, each once."""
     found: dict[str, Signal] = {}
     for check in checks:
-        for signal in stl_of(check, execution.plan.task).signals:
+        for signal in check.stl(execution.plan.task).signals:
             found.setdefault(signal.name, signal)
     return tuple(found.values())

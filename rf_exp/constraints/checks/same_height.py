@@ -1,51 +1,56 @@
 """The direction check of agents that carry one thing (paper, section 3.2): they keep it level."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.checks.temporal import span
-from rf_exp.constraints.evidence import Evidence, idle
+from rf_exp.constraints.compiler import Plans
+from rf_exp.constraints.evidence import About, Check, Evidence
+from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.stl import Specification, bounded, named
 from rf_exp.findings import CheckName, Finding, names
-from rf_exp.statements import Step
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Kind, Scene
+from rf_exp.statements import SameHeight, Step
+from rf_exp.tasks import Task
+from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene
 
 HEIGHT_M = 0.02
 HEIGHT_MEASURED_M = 0.03
 
 
 @dataclass(frozen=True)
-class ConsistentHeight:
+class SameHeightCheck(Check):
     """Agents that carry one thing together raise it by the same height. Value and bound in metres.
 
     With a model of time at every control step of the schedule, otherwise at the end of the plan. With a
     `phase` (of each agent) only there.
     """
 
-    kind: ClassVar[Kind] = "logical"
-    name: ClassVar[CheckName] = CheckName.DIRECTION
-    unit: ClassVar[str] = "m"
+    states, name, unit = SameHeight, CheckName.DIRECTION, "m"
 
     agents: tuple[int, ...]
     text: str = ""
     phase: tuple[Step, ...] = ()
+
+    @classmethod
+    def compiled(cls, stated: SameHeight, plans: Plans) -> "SameHeightCheck":
+        phase = tuple(map(plans.step, stated.phase)) if stated.verb else ()
+        return cls(stated.agents, stated.sentence, phase)
 
     def __repr__(self) -> str:
         when = f", {self.phase[0].verb}" if self.phase else ""
         return f"VD({names(self.agents)}, consistent height{when})"
 
     def planned(self, plan: Plan) -> Evidence:
-        worst = idle(plan, self.agents, bound=HEIGHT_M)
+        worst = self.idle(plan, HEIGHT_M)
         for name in self._together(plan):
             rises = np.stack([self._rise_m(plan, agent, name) for agent in self.agents])  # (agents, T + 1)
             spread = np.ptp(rises, axis=0)
             at = int(np.argmax(spread))
             if spread[at] >= worst.value:
                 time_s = plan.begins_s + (at * CONTROL_DT_S if plan.constraint_set.temporal else 0.0)
-                worst = self._evidence(name, float(spread[at]), HEIGHT_M, time_s, False)
+                worst = self._uneven(name, float(spread[at]), HEIGHT_M, time_s, False)
         return worst
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
@@ -67,7 +72,8 @@ class ConsistentHeight:
             joints = scene.qpos[agent - 1, :ARM_JOINTS], plan.trajectory(agent).path()[begin, :ARM_JOINTS]
             here, before = plan.planning_scene.arms[agent - 1].tcp(np.stack(joints))
             rises.append(here[2, 3] - before[2, 3])
-        return self._evidence(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, scene.step * CONTROL_DT_S, True)
+        now_s = scene.step * CONTROL_DT_S
+        return self._uneven(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, now_s, True)
 
     def _together(self, plan: Plan) -> list[str]:
         """The things that all of them carry in this plan."""
@@ -93,17 +99,16 @@ class ConsistentHeight:
         begin, end = self._span(plan, agent, name)
         return height[np.clip(positions, begin, end)] - height[begin]
 
-    def _evidence(self, name: str, value: float, bound_m: float, time_s: float, measured: bool) -> Evidence:
-        return Evidence(
-            ok=value <= bound_m,
-            finding=Finding.UNEVEN,
-            value=value,
-            bound=bound_m,
-            time_s=time_s,
-            agents=self.agents,
-            measured=measured,
-            object=name,
-        )
+    def _uneven(self, name: str, value: float, bound_m: float, time_s: float, measured: bool) -> Evidence:
+        about: About = {"measured": measured, "object": name}
+        return self.found(value <= bound_m, Finding.UNEVEN, value, bound_m, time_s, **about)
+
+    def stl(self, task: Task) -> Specification:
+        about = *self.agents, *((self.phase[0].verb or "all",) if self.phase else ())
+        how = "between the highest and the lowest rise of the measured grippers since each began to carry"
+        when = "all of them hold one thing, and are where they have to keep level"
+        together = named("together", *about), when
+        return bounded(self, (named("spread", *about), how), "<=", HEIGHT_MEASURED_M, together)
 
 
 def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:

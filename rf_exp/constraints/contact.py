@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan
 from rf_exp.findings import Finding
 from rf_exp.tasks.assets import InteractionPoint
@@ -61,22 +61,14 @@ def offset_m(a: Matrix, b: Matrix) -> float:
 
 
 def no_contact(
-    plan: Plan, agent: int, name: str, found: Finding, aspect: str, value: float, bound: float
+    check: OneAgentCheck, plan: Plan, name: str, missed: Finding, aspect: str, value: float, bound: float
 ) -> Evidence:
     """What it means that an agent makes no contact: it holds the object already, or misses the demand."""
-    holds = plan.scene.held[agent - 1] == name
-    moving = dict.fromkeys(each.subgoal.text for each in plan.trajectory(agent).segments)
-    return Evidence(
-        ok=holds,
-        finding=Finding.HOLDS_IT if holds else found,
-        value=0.0 if holds else value,
-        bound=bound,
-        time_s=plan.begins_s,
-        agents=(agent,),
-        object=name,
-        aspect=aspect,
-        subgoals=tuple(moving),
-    )
+    holds = plan.scene.held[check.agent - 1] == name
+    moving = tuple(dict.fromkeys(each.subgoal.text for each in plan.trajectory(check.agent).segments))
+    finding, value = (Finding.HOLDS_IT, 0.0) if holds else (missed, value)
+    about: About = {"object": name, "aspect": aspect, "subgoals": moving}
+    return check.found(holds, finding, value, bound, plan.begins_s, **about)
 
 
 def nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:

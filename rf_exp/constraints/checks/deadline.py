@@ -1,0 +1,58 @@
+"""A part of a plan is over in time (paper: Trajectory Scheduling Validation)."""
+
+from dataclasses import dataclass
+
+from rf_exp.constraints.compiler import Plans
+from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.phases import about, span, times_s, unfinished
+from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.constraints.stl import CLOCK_S, Signal, Specification, always, of_schedule
+from rf_exp.coordination import Demands
+from rf_exp.findings import CheckName, Finding, names
+from rf_exp.statements import Deadline, Step
+from rf_exp.tasks import Task
+from rf_exp.types import CONTROL_HZ
+
+
+@dataclass(frozen=True)
+class DeadlineCheck(Check):
+    """A part is over in time. Value and bound in seconds since the start of the plan."""
+
+    states, name, unit = Deadline, CheckName.SCHEDULING, "s"
+
+    step: Step
+    within_s: float
+    text: str = ""
+
+    @classmethod
+    def compiled(cls, stated: Deadline, plans: Plans) -> "DeadlineCheck":
+        return cls(plans.step(stated.step), stated.within_s, stated.sentence)
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return (self.step.agent,)
+
+    def __repr__(self) -> str:
+        return f"VS({names(self.agents)}, deadline{about(self.step)}, {self.within_s:g} s)"
+
+    def rule(self, paths: Paths) -> "DeadlineCheck":
+        return self
+
+    def demand(self, demands: Demands) -> None:
+        """The last step at which the part may be over."""
+        part = span(self.step, demands.trajectory(self.step.agent))
+        if part is not None:
+            demands.deadline(self.step.agent, part[1], int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9))
+
+    def planned(self, plan: Plan) -> Evidence:
+        times = times_s(self.step, plan)
+        if times is None:
+            return self.idle(plan, self.within_s)
+        ok, end_s, subgoals = times[1] <= self.within_s + 1e-9, plan.begins_s + times[1], (self.step.text,)
+        return self.found(ok, Finding.TOO_LATE, times[1], self.within_s, end_s, subgoals=subgoals)
+
+    def stl(self, task: Task) -> Specification:
+        clock = Signal("clock", "s", "since the plan began", lambda execution: execution.clock_s)
+        going_on = unfinished(self.step)
+        formula = always([f"clock <= {self.within_s + CLOCK_S!r}"], "s", going_on)
+        return of_schedule((formula,), clock, going_on)

@@ -1,0 +1,71 @@
+"""Agents may use one space at different times (paper: Trajectory Scheduling Validation)."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from rf_exp.constraints.compiler import Plans
+from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.stl import Specification
+from rf_exp.findings import CheckName, Finding, names
+from rf_exp.statements import ShareSpace
+from rf_exp.tasks import Task
+from rf_exp.types import CONTROL_DT_S
+
+
+@dataclass(frozen=True)
+class ShareSpaceCheck(Check):
+    """Agents may use the same space at different times: a permission, which takes nothing away.
+
+    That they are never there at the same time is what the diagrams of the spatial checks forbid. The value
+    is the least time in seconds between one leaving a place where the other would meet it and the other
+    coming there; infinite where there is no such place.
+    """
+
+    states, name, unit = ShareSpace, CheckName.SCHEDULING, "s"
+
+    agents: tuple[int, ...]
+    text: str = ""
+
+    @classmethod
+    def compiled(cls, stated: ShareSpace, plans: Plans) -> "ShareSpaceCheck":
+        return cls(stated.agents, stated.sentence)
+
+    def __repr__(self) -> str:
+        return f"VS({names(self.agents)}, share space)"
+
+    def planned(self, plan: Plan) -> Evidence:
+        if not plan.constraint_set.spatial:
+            return self.idle(plan, 0.0)
+        pairs = [pair for pair in plan.paths.diagrams if set(pair) <= set(self.agents)]
+        found = [_handover(plan, *pair) for pair in pairs if plan.paths.diagrams[pair].any()]
+        if not found:
+            return self.found(True, Finding.NOT_SHARED, inf, 0.0, plan.begins_s)
+        apart, comes, agents = min(found)
+        comes_s = plan.begins_s + comes * CONTROL_DT_S
+        return self.found(True, Finding.SHARED, apart * CONTROL_DT_S, 0.0, comes_s, agents=agents)
+
+    def stl(self, task: Task) -> Specification:
+        return Specification(silent="it is a permission, which no execution can violate")
+
+
+def _handover(plan: Plan, i: int, j: int) -> tuple[int, int, tuple[int, int]]:
+    """The closest that two agents come, in time, to using one space: steps, when, and who is first.
+
+    From the last step of the first at a path position to the first step of the other at one that is too
+    close to it.
+    """
+    diagram = plan.paths.diagrams[i, j]  # (P_i, P_j)
+    at_i, at_j = np.nonzero(diagram)
+    (comes_i, leaves_i), (comes_j, leaves_j) = (
+        [np.searchsorted(plan.positions(agent), range(count), side)[at] for side in ("left", "right")]
+        for agent, count, at in zip((i, j), diagram.shape, (at_i, at_j), strict=True)
+    )
+    i_first, j_first = comes_j - leaves_i + 1, comes_i - leaves_j + 1  # steps between; one is negative
+    apart = np.maximum(i_first, j_first)
+    nearest = int(apart.argmin())
+    if i_first[nearest] > 0:
+        return int(apart[nearest]), int(comes_j[nearest]), (i, j)
+    return int(apart[nearest]), int(comes_i[nearest]), (j, i)

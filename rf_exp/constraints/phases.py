@@ -1,0 +1,81 @@
+"""When a part of a plan begins and ends: on its path, by the clock, and as signals of an execution."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.stl import CLOCK_S, VOID, Execution, Signal, condition, named
+from rf_exp.coordination import subgoal_runs
+from rf_exp.statements import Step
+from rf_exp.types import CONTROL_DT_S, Trajectory
+
+
+def span(step: Step, trajectory: Trajectory) -> tuple[int, int] | None:
+    """First and last path position of a part of a plan; None when the trajectory has no such part."""
+    found: list[int] = []
+    start = 0
+    for subgoal, segments in subgoal_runs(trajectory):
+        end = start + sum(map(len, segments))
+        if step.verb is None or (subgoal.verb, subgoal.object) == (step.verb, step.object):
+            found += [start, end]
+        start = end
+    return (found[0], found[-1]) if found else None
+
+
+def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
+    """When a part makes its first step and when it has made its last, since the start of the plan."""
+    positions_of = span(step, plan.trajectory(step.agent))
+    if positions_of is None:
+        return None
+    positions = plan.positions(step.agent)
+    begins = int(np.searchsorted(positions, positions_of[0], "right"))
+    ends = int(np.searchsorted(positions, positions_of[1]))
+    return begins * CONTROL_DT_S, ends * CONTROL_DT_S
+
+
+def since(step: Step, edge: Literal["begin", "end"]) -> Signal:
+    """The time in s since a part has made its first step or its last one; negative before it."""
+
+    def since_s(execution: Execution) -> NDArray[np.float64]:
+        times = times_s(step, execution.plan)
+        if times is None:  # what does not move is in nobody's way
+            return np.full(len(execution), VOID)
+        return execution.clock_s - times[edge == "end"]
+
+    last = "last" if edge == "end" else "first"
+    how = f"since the command of the {last} step of {step.text}; negative before it"
+    return Signal(named("since", edge, *step_parts(step)), "s", how, since_s)
+
+
+def begun(step: Step) -> Signal:
+    """The condition that a part has begun."""
+
+    def has_begun(execution: Execution) -> NDArray[np.float64]:
+        times = times_s(step, execution.plan)
+        return condition(execution.clock_s >= (np.inf if times is None else times[0] - CLOCK_S))
+
+    name, how = named("begun", *step_parts(step)), f"{step.text} has begun, by the commands given"
+    return Signal(name, "", how, has_begun)
+
+
+def unfinished(step: Step) -> Signal:
+    """The condition that a part is not over before a control step."""
+
+    def goes_on(execution: Execution) -> NDArray[np.float64]:
+        times = times_s(step, execution.plan)
+        return condition(execution.clock_s <= (-np.inf if times is None else times[1] + CLOCK_S))
+
+    how = f"{step.text} is not over before this control step, by the commands given"
+    return Signal(named("unfinished", *step_parts(step)), "", how, goes_on)
+
+
+def step_parts(step: Step) -> tuple[object, ...]:
+    """The parts of the name of a signal about a step."""
+    return step.agent, *(part for part in (step.verb, step.object) if part)
+
+
+def about(step: Step) -> str:
+    """The step as check code says it."""
+    return f", {step.verb} {step.object}" if step.verb else ""
