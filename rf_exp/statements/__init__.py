@@ -13,7 +13,7 @@ from rf_exp.statements.reading import MAX_LENGTH, Unread, read, samples, underst
 from rf_exp.statements.spatial import AvoidAgents, AvoidObjects, KeepOut, keep_clear
 from rf_exp.statements.subgoals import read_subgoal, subgoal_forms
 from rf_exp.statements.temporal import Before, Deadline, ShareSpace, Together
-from rf_exp.statements.verbs import CONTACT_KINDS, VERBS, Verb, add_verb
+from rf_exp.statements.verbs import CONTACT_KINDS, VERBS, Narrow, Verb, add_verb
 from rf_exp.statements.vocabulary import TABLE, Vocabulary, agent_name
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
     "KeepLevel",
     "KeepOut",
     "LiesOn",
+    "Narrow",
     "OfAgent",
     "OfAgents",
     "PlaceAt",

@@ -31,7 +31,7 @@ class KeepApart(OfAgents):
         part = r"(?P<part>grippers|hands|arms)"
         return (
             Form(
-                rf"(?:{{agents}} (?:{{must}} )?(?:keep|hold|have)s? (?:their |the ){part}|"
+                rf"(?:{{agents}} (?:{{must}} )?(?:keeps?|holds?|have|has) (?:their |the ){part}|"
                 rf"the {part} of {{agents}} (?:{{must}} )?(?:keep|stay|remain|be|are)) at least {{m}} apart",
                 cls._read,
             ),
@@ -144,9 +144,9 @@ class SpeedLimit(OfAgent):
         return (
             Form(
                 r"(?:{agent} (?:{not} moves?(?: its (?:gripper|hand))? faster than|"
-                r"{must} move(?: its (?:gripper|hand))? (?:at most (?:at|with) |slower than |no faster than "
-                r"|at no more than ))"
-                r"|the (?:gripper|hand) of {agent} {not} (?:be|move) faster than) ?{speed}",
+                r"{must} move(?: its (?:gripper|hand))? (?:at most (?:at|with)|slower than|no faster than"
+                r"|at no more than))"
+                r"|the (?:gripper|hand) of {agent} {not} (?:be|move) faster than) {speed}",
                 cls._read,
             ),
         )

@@ -45,7 +45,7 @@ class ContactAt(OfAgent):
 
     @classmethod
     def _read(cls, words: Words) -> Statement:
-        agent, name, verb = words.agent(), words.object(), words.verb() or ""
+        agent, name, verb = words.agent(), words.object(), words.verb(contact=True) or ""
         point = words.point(name)
         kind = words.kind(name, point)
         if kind not in CONTACT_KINDS:
@@ -116,7 +116,7 @@ class Direction(OfAgent):
         gripper = r"(?:the (?:gripper|hand) of {agent} (?:{must} (?:be|stay|remain)|is|stays|remains) {is}|"
         keeps = r"{agent} (?:{must} (?:keep|hold)|keeps|holds) (?:its |the )(?:gripper|hand) {is})"
         return (
-            Form(r"{agent} {must} (?:approach|reach|{verb}) {object} {comes}", cls._read),
+            Form(r"{agent} (?:{must} )?(?:approach(?:es)?|reach(?:es)?|{meets}) {object} {comes}", cls._read),
             Form(r"the (?:gripper|hand) of {agent} (?:{must} be|is) {is} (?:to|at) {object}"
                  r"(?: (?:when|while) {doing}(?: it)?)?", cls._read),
             Form(rf"{gripper}{keeps} (?:when|while) {{doing}} {{object}}", cls._read),
@@ -124,7 +124,8 @@ class Direction(OfAgent):
 
     @classmethod
     def _read(cls, words: Words) -> Statement:
-        agent, name, direction, verb = words.agent(), words.object(), words.direction(), words.verb()
+        agent, name, direction = words.agent(), words.object(), words.direction()
+        verb = words.verb(contact=words["direction"] in ("from above", "from the side", "perpendicularly"))
         if verb and direction == "perpendicular" and not VERBS[verb].is_contact:
             raise words.refused(
                 f"is not possible: perpendicular is about contact, which to {verb} {name} is not; "

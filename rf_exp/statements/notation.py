@@ -1,11 +1,12 @@
 """The small notation in which patterns of sentences are written, and the words that a pattern found.
 
-`{agent}` an agent, `{agents}` several, `{verb}` a verb of a subgoal, `{doing}` its -ing form, `{object}`,
-`{point}`, `{s}` seconds, `{m}` a length, `{deg}` an angle, `{speed}`, `{low}` and `{high}` corners of a box;
-`{must}`, `{may}`, `{not}` and so on ways to say so. Composed: `{did}` what must happen (Agent_2 must lift
-lid), `{ended}` that it has (Agent_2 has lifted the lid, the lid is on the table), `{starts}` that something
-begins. A second word tells apart what stands twice: `{agent then}`. The rest is a regular expression without
-wildcards, over words in lower case.
+`{agent}` an agent, `{agents}` several, `{verb}` a verb of a subgoal, `{does}` one in the present, `{meets}`
+one by which a gripper meets a point, `{doing}` the -ing form, `{object}`, `{point}`, `{s}` a time, `{m}` a
+length, `{deg}` an angle, `{speed}`, `{low}` and `{high}` corners of a box; `{must}`, `{may}`, `{not}` and
+so on ways to say so. Composed: `{did}` what must happen, and then is over (Agent_2 must lift lid),
+`{ended}` that it is over (Agent_2 has lifted the lid, the lid is on the table), `{starts}` that something
+begins. A second word tells apart what stands twice: `{agent then}`. The rest is a regular expression
+without wildcards, over words in lower case.
 """
 
 import itertools
@@ -14,6 +15,7 @@ from collections.abc import Mapping
 from functools import cache
 
 from rf_exp.errors import ArgumentError
+from rf_exp.statements import units
 from rf_exp.statements.events import Event, LiesOn, Step
 from rf_exp.statements.verbs import VERBS
 from rf_exp.statements.vocabulary import TABLE, Vocabulary
@@ -54,10 +56,10 @@ _TOKENS: Mapping[str, str] = {
     "point": r"(?P<KEYpoint>\w+)(?: (?:interaction |contact |grasp )?(?:point|side|end|part|handle))?",
     "is": r"(?P<KEYdirection>perpendicular|vertical|horizontal|level)",
     "comes": r"(?P<KEYdirection>perpendicularly|vertically|horizontally|from above|from the side)",
-    "s": rf"(?P<KEYs>{_NUMBER}) ?s(?:ecs?|econds?)?",
-    "m": rf"(?P<KEYm>{_NUMBER}) ?(?P<KEYunit>mm|cm|m|millimetres?|centimetres?|met(?:re|er)s?)",
-    "deg": rf"(?P<KEYdeg>{_NUMBER}) ?(?:deg(?:rees?)?|\u00b0)",
-    "speed": rf"(?P<KEYspeed>{_NUMBER}) ?(?P<KEYunit>mm|cm|m)/s",
+    **{
+        quantity: rf"(?P<KEY{quantity}>{_NUMBER}) ?(?P<KEYunit>{units.pattern(known)})"
+        for quantity, known in units.UNITS.items()
+    },
     "low": rf"(?P<KEYlow>{_POINT3})",
     "high": rf"(?P<KEYhigh>{_POINT3})",
     "must": r"(?:must|should|shall|has to|have to|needs? to|will)",
@@ -66,13 +68,16 @@ _TOKENS: Mapping[str, str] = {
     "begin": r"(?:(?:begins?|starts?|proceeds?)(?: {task})?|acts?|moves?)",
     "end": r"(?:completes?|finish(?:es)?|ends?)",
     "finished": (
-        r"(?:has |is |have )?(?:finishes|finished|completes|completed|ends|ended|stops|stopped|done)"
-        r"(?: {task})?"
+        r"(?:has |is |have )?(?:finishes|finished|completes|completed|ends|ended|done)"
+        r"(?: {task}| {doing KEY} {object KEY})?"
     ),
     "task": r"(?:(?:with )?(?:its|the|their) (?:tasks?|actions?|motions?|work))",
     "consistent": r"(?:consistent|same|equal|identical)",
-    "together": r"(?:simultaneously|at the same time|together|in sync(?:hrony)?|concurrently)",
-    "within": r"(?:,? (?:to )?within {s}(?: of each other)?|,? at most {s} apart)?",
+    "together": r"(?P<KEYtogether>simultaneously|at the same time|together|in sync(?:hrony)?|concurrently)",
+    "within": (
+        r"(?:,? within {s}(?: (?P<KEYapart>of each other))?|"
+        r",? (?P<KEYapart>to within) {s}(?: of each other)?|,? at most {s} (?P<KEYapart>apart))?"
+    ),
     "in turn": (
         r"(?:one after the other|one after another|chronologically|in turns?|at different times|sequentially)"
     ),
@@ -89,19 +94,20 @@ _TOKENS: Mapping[str, str] = {
     # An action: `Agent_2 lifts lid`, whatever the form of the verb.
     "did": (
         r"(?:{agent KEY} (?:{must} )?(?:have |has )?{verb KEY} {object KEY}|"
-        r"{agent KEY} (?:{must} )?{end}(?: {task})?|"
+        r"{agent KEY} (?:{must} )?{end}(?: {task}| {doing KEY} {object KEY})?|"
+        r"{agent KEY} {finished KEY}|"
         r"{object KEY} (?:{must} be|is) {participle KEY} by {agent KEY}|"
         r"{object KEY} {must} be (?:back )?on {surface KEY})"
     ),
     "ended": (
-        r"(?:{agent KEY} (?:has |have )?{verb KEY} {object KEY}|{agent KEY} {finished}|"
+        r"(?:{agent KEY} (?:has |have )?{verb KEY} {object KEY}|{agent KEY} {finished KEY}|"
         r"{object KEY} (?:is|was|has been) {participle KEY} by {agent KEY}|"
         r"{object KEY} (?:is|lies|has been put) (?:back )?on {surface KEY})"
     ),
     "starts": (
         r"(?:{agent KEY} (?:(?:{must}|{may}) )?{begin}|"
         r"{agent KEY} (?:(?:{must}|{may}|is (?:allowed )?to) )?(?:(?:begin|start)s? to )?"
-        r"{verb KEY} {object KEY}|"
+        r"{does KEY} {object KEY}|"
         r"{agent KEY} (?:begins?|starts?) {doing KEY} {object KEY})"
     ),
 }
@@ -119,7 +125,9 @@ def _compiled(notation: str, verbs: tuple[str, ...]) -> re.Pattern[str]:
     tokens = {
         **_TOKENS,
         "verb": _any("verb", [word for verb in known for word in verb.finite]),
+        "does": _any("verb", [word for verb in known for word in verb.present]),
         "participle": _any("verb", [word for verb in known for word in verb.participles]),
+        "meets": _any("verb", [word for verb in known if verb.is_contact for word in verb.present]),
         "doing": _any("verb", [word for verb in known for word in verb.gerunds]),
     }
 
@@ -216,10 +224,20 @@ class Words:
     def kind(self, name: str, point: str) -> str:
         return self.vocabulary.points[name][point]
 
-    def verb(self, key: str = "") -> str | None:
-        """The verb of a subgoal that a word stands for; None where the sentence has none."""
-        word = self._parts.get(f"{key}_verb" if key else "verb")
-        return canonical(word) if word else None
+    def verb(self, key: str = "", contact: bool = False) -> str | None:
+        """The verb of a subgoal that a word stands for; None where the sentence has none.
+
+        `contact` is whether the sentence says where or whence the gripper comes. Raises ArgumentError for a
+        word that says something else here.
+        """
+        if (word := self._parts.get(f"{key}_verb" if key else "verb")) is None:
+            return None
+        verb = VERBS[canonical(word)]
+        if narrow := verb.narrowed(word):
+            name = self.object(key)
+            if name.rpartition("_")[2] != narrow.of and not (contact and narrow.contact):
+                raise self.refused(narrow.otherwise.format(object=name))
+        return verb.name
 
     def direction(self) -> str:
         return DIRECTIONS[self._part("direction", "")]
@@ -231,30 +249,26 @@ class Words:
 
     def event(self, key: str = "") -> Event:
         if (f"{key}_surface" if key else "surface") in self._parts:
-            return LiesOn(self.object(key), self.surface(key))
+            name, surface = self.object(key), self.surface(key)
+            if name == surface:
+                raise self.refused(f"is not possible: {name} does not lie on itself")
+            return LiesOn(name, surface)
         return self.step(key)
 
-    def seconds(self, default_s: float | None = None) -> float:
-        said = self._parts.get("s")
-        value = float(said) if said else default_s
-        assert value is not None  # the pattern demands a number where there is no default
-        if not 0 <= value <= MAX_WAIT_S:
-            raise self.refused(f"is not possible: {value:g} s is not between 0 and {MAX_WAIT_S:g} s")
-        return value
+    def seconds(self, default_s: float | None = None, largest_s: float = MAX_WAIT_S) -> float:
+        return self.quantity("s", largest_s, default_s)
 
     def quantity(
-        self, part: str, largest: float, default: float | None = None, smallest: float = 0.0
+        self, part: units.Quantity, largest: float, default: float | None = None, smallest: float = 0.0
     ) -> float:
-        """A length in m, an angle in deg or a speed in m/s; its default where none is said."""
+        """A length in m, a time in s, an angle in deg or a speed in m/s; its default where none is said."""
         if part not in self._parts and default is not None:
             return default
-        unit = self._parts.get("unit", "")
-        scale = 1000.0 if unit.startswith("mi") or unit == "mm" else 100.0 if unit.startswith("c") else 1.0
-        value = (float(self._parts[part]) + 0.0) / scale
+        value = units.value(part, self._parts[part], self._parts["unit"])
         if not smallest <= value <= largest:
-            units = {"m": "m", "deg": "deg", "speed": "m/s"}[part]
-            bounds = f"{smallest:g} and {largest:g} {units}"
-            raise self.refused(f"is not possible: {value:g} {units} is not between {bounds}")
+            unit = units.BASE[part]
+            bounds = f"{smallest:g} and {largest:g} {unit}"
+            raise self.refused(f"is not possible: {value:g} {unit} is not between {bounds}")
         return value
 
     def zone(self) -> tuple[Vector, Vector]:

@@ -14,6 +14,8 @@ from functools import cache
 from typing import ClassVar, Self
 
 from rf_exp.errors import ArgumentError
+from rf_exp.statements import units
+from rf_exp.statements.advice import advice
 from rf_exp.statements.base import Form, Statement, kinds
 from rf_exp.statements.notation import Words, compiled, found, object_name
 from rf_exp.statements.verbs import VERBS
@@ -30,7 +32,7 @@ _WRITTEN = re.compile(
 _AGENTS = r"(?:agents?|robots?|arms?)"
 _SEVERAL = re.compile(
     rf"\b(?:the )?{_AGENTS}[ _-]?(\d{{1,3}}(?:(?:, and |, | and |,)\d{{1,3}}(?![\w.]))+)"
-    r"(?! ?(?:s|secs?|seconds?|m|cm|mm|deg|degrees?)\b)"
+    rf"(?! ?(?:{units.pattern({unit for known in units.UNITS.values() for unit in known})})(?!\w))"
 )
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
@@ -137,7 +139,7 @@ def _not_understood(text: str, words: Sequence[str], vocabulary: Vocabulary) -> 
         why = "finds no words"
     return ArgumentError(
         f"constraint {text!r} is not understood: the grammar {why}; the nearest that is: {nearest!r}; "
-        f"{vocabulary}"
+        f"{vocabulary}{advice(_normal(words, vocabulary))}"
     )
 
 

@@ -3,18 +3,20 @@
 import re
 
 from rf_exp.errors import ArgumentError
+from rf_exp.statements import units
 from rf_exp.statements.verbs import PARTS, VERBS
 from rf_exp.statements.vocabulary import Vocabulary, agent_name
 from rf_exp.types import Subgoal
 
 LONGEST = 200  # characters of a subgoal
+HIGHEST_M = 100.0  # no arm comes near it; what it reaches is for the planner to say
 _SHOWN = 80
 _SUBGOAL = re.compile(
     r"(?P<verb>\w+)"
     r"(?: (?P<object>(?!at\b|to\b|by\b)\w+))?"
     r"(?: at (?P<point>\w+))?"
     r"(?: to (?P<target>\w+)(?: at (?P<target_point>\w+))?)?"
-    r"(?: by (?P<height_m>\d{1,2}(?:\.\d{1,4})?) ?m)?\.?",
+    rf"(?: by (?P<height_m>\d{{1,4}}(?:\.\d{{1,4}})?) ?(?P<unit>{units.pattern(units.UNITS['m'])}))?\.?",
     re.IGNORECASE,
 )
 
@@ -39,7 +41,11 @@ def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
             f"{where} has {' and '.join(strange)}, which {verb.name} has no use for; "
             f"forms: {', '.join(subgoal_forms())}"
         )
-    height_m = float(said.pop("height_m")) if "height_m" in said else None
+    height_m = None
+    if "height_m" in said:
+        height_m = units.value("m", said.pop("height_m"), match["unit"].casefold())
+        if height_m >= HIGHEST_M:
+            raise ArgumentError(f"{where} is by {height_m:g} m; expected less than {HIGHEST_M:g} m")
     subgoal = Subgoal(agent, verb.name, height_m=height_m, **said)
     _check_names(subgoal, where, vocabulary)
     return subgoal

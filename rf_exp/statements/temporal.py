@@ -5,11 +5,13 @@ from typing import ClassVar
 
 from rf_exp.statements.base import Form, OfAgents, Statement
 from rf_exp.statements.events import Event, LiesOn, Step, named
-from rf_exp.statements.notation import TOGETHER_S, Words, number
+from rf_exp.statements.notation import MAX_WAIT_S, TOGETHER_S, Words, number
 from rf_exp.statements.vocabulary import agent_name, listed
 from rf_exp.types import Kind
 
-_AT_LEAST = r"(?:for )?(?:at least )?{s}"
+LARGEST_TOLERANCE_S = 10.0  # between beginnings that are called simultaneous
+_JOINS = ("put", "set", "lay", "stack", "bring")  # with `together`
+SHORT_S = 2.0  # nothing is over so soon: `simultaneously within 2 s` is no deadline
 
 
 @dataclass(frozen=True)
@@ -46,11 +48,15 @@ class Before(Statement):
 
     @classmethod
     def forms(cls) -> tuple[Form, ...]:
-        does = r"{verb then} {object then}"
+        does = r"{does then} {object then}"
         return (
             Form(r"{did first} before {starts then}", cls._read),
-            Form(r"before {starts then},? {did first}", cls._read),
-            Form(r"(?:first,? )?{did first},? (?:and )?then,? {did then}", cls._read_then),
+            Form(r"before {starts then}, {did first}", cls._read),
+            Form(
+                r"(?:first,? )?{did first},? (?:and )?then,? "
+                r"(?:{starts then}|{object then} (?:{must} be|is) {participle then} by {agent then})",
+                cls._read,
+            ),
             Form(
                 rf"{{agent then}} (?:(?:{{must}} )?(?:only )?{does}|{{may}} only {does}|"
                 rf"(?:{{must}}|{{may}}) {does} only) (?:after|once) {{ended first}}",
@@ -63,20 +69,22 @@ class Before(Statement):
             Form(rf"{{agent then}} {{not}} (?:{does}|{{begin}}) (?:before|until) {{ended first}}", cls._read),
             Form(
                 r"{agent then} (?:{must} )?waits? until {ended first}"
-                r"(?: before (?:it )?(?:{may} )?(?:{verb then}|{doing then}) {object then})?",
+                r"(?: before (?:it )?(?:{may} )?(?:{does then}|{doing then}) {object then})?",
                 cls._read,
             ),
             Form(
                 r"{agent then} (?:{must} )?waits? for {agent first} to "
-                r"(?:{verb first} {object first}|(?:be done|finish|complete)(?: {task})?)",
+                r"(?:{does first} {object first}|"
+                r"(?:be done|finish|complete)(?: {task}| {doing first} {object first})?)",
                 cls._read,
             ),
             Form(
-                rf"{{agent then}} (?:{{must}} )?waits? {_AT_LEAST} after (?:{{ended first}}|{{agent first}})",
+                r"{agent then} (?:{must} )?waits? (?:for )?(?:at least )?{s} after "
+                r"(?:{ended first}|{agent first})",
                 cls._read,
             ),
             Form(
-                rf"{{agent then}} (?:{{must}} )?{does} {_AT_LEAST} after {{ended first}}",
+                rf"{{agent then}} (?:{{must}} )?{does} at least {{s}} after {{ended first}}",
                 cls._read,
             ),
         )
@@ -87,12 +95,6 @@ class Before(Statement):
         if isinstance(first, Step) and first.agent == then.agent:
             words.several((then.agent,))
         return cls(first, then, words.seconds(0.0))
-
-    @classmethod
-    def _read_then(cls, words: Words) -> Statement:
-        if "then_surface" in words:
-            raise words.refused("does not say which agent does the second thing")
-        return cls._read(words)
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,8 @@ class Together(OfAgents):
     @property
     def sentence(self) -> str:
         what = f"{self.verb} {self.object}" if self.verb else "perform their tasks"
-        return f"{listed(self.who)} must {what} simultaneously within {number(self.within_s)} s."
+        apart = " of each other" if self.within_s > SHORT_S else ""
+        return f"{listed(self.who)} must {what} simultaneously within {number(self.within_s)} s{apart}."
 
     @classmethod
     def forms(cls) -> tuple[Form, ...]:
@@ -132,7 +135,22 @@ class Together(OfAgents):
     def _read(cls, words: Words) -> Statement:
         verb = words.verb()
         name = words.object() if verb else None
-        return cls(words.agents(), verb, name, words.seconds(TOGETHER_S))
+        loosely = words["together"] == "together"
+        if loosely and verb and words["verb"].split()[0].rstrip("s") in _JOINS:
+            raise words.refused(
+                f"is not clear: to {words['verb']} {name} together may be to join it; say 'simultaneously'"
+            )
+        apart = "apart" in words
+        within_s = words.seconds(TOGETHER_S, LARGEST_TOLERANCE_S if apart else MAX_WAIT_S)
+        stated = cls(words.agents(), verb, name, within_s)
+        if "s" in words and not apart and (loosely or within_s > SHORT_S):
+            alone = Deadline(Step(stated.who[0], verb, name), within_s)
+            apart_s = min(within_s, LARGEST_TOLERANCE_S)
+            raise words.refused(
+                f"is not clear: is {within_s:g} s when they have to be done, or how far apart they begin? "
+                f"Say '{alone.sentence}' of each of them, or 'within {apart_s:g} s of each other'"
+            )
+        return stated
 
 
 @dataclass(frozen=True)
@@ -160,8 +178,11 @@ class Deadline(Statement):
     @classmethod
     def forms(cls) -> tuple[Form, ...]:
         return (
-            Form(r"{agent} (?:(?:{must} )?{end}(?: {task})?|{must} be done) within {s}", cls._read),
-            Form(r"{agent} (?:{must} )?{verb} {object} within {s}", cls._read),
+            Form(
+                r"{agent} (?:(?:{must} )?{end}(?: {task}| {doing} {object})?|{must} be done) within {s}",
+                cls._read,
+            ),
+            Form(r"{agent} (?:{must} )?{does} {object} within {s}", cls._read),
         )
 
     @classmethod
@@ -197,6 +218,10 @@ Before.samples = (
     Before(LiesOn("lid"), Step(1)),
     Before(Step(2, "lift", "lid"), Step(1), 2.0),
 )
-Together.samples = (Together((1, 2), "lift", "barrier", 0.5), Together((1, 2)))
+Together.samples = (
+    Together((1, 2), "lift", "barrier", 0.5),
+    Together((1, 2), "lift", "barrier", 5.0),
+    Together((1, 2)),
+)
 Deadline.samples = (Deadline(Step(1), 10.0), Deadline(Step(1, "lift", "barrier"), 10.0))
 ShareSpace.samples = (ShareSpace((1, 2)),)

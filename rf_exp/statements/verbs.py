@@ -25,11 +25,21 @@ _WRITTEN: Mapping[Part, str] = {  # how a part stands in the form of a subgoal
 
 
 @dataclass(frozen=True)
+class Narrow:
+    """A word that means a verb in some sentences, and something else in others, which are refused."""
+
+    word: str  # its five forms, as in `Verb.words`
+    otherwise: str  # what it says there, of {object}, and what is to be said instead
+    of: str = ""  # it means the verb of things with this name, such as lid or pot_lid
+    contact: bool = False  # it means the verb where a sentence says at which point or whence a gripper comes
+
+
+@dataclass(frozen=True)
 class Verb:
     """One verb.
 
     `words` are what people say: for each synonym its base form, third person, past, past participle and
-    -ing form, with underscores for spaces; the first is the verb itself.
+    -ing form, with underscores for spaces; the first is the verb itself. `narrow` ones mean it at times.
     """
 
     name: str
@@ -37,9 +47,10 @@ class Verb:
     may_have: tuple[Part, ...] = ()
     meets: str | None = None  # the kind of the interaction points at which it is done
     words: tuple[str, ...] = ()
+    narrow: tuple[Narrow, ...] = ()
 
     def __post_init__(self) -> None:
-        for said in self.words:
+        for said in self._said:
             if len(said.split()) != 5:
                 raise ArgumentError(
                     f"verb {self.name!r}: {said!r} has {len(said.split())} forms; expected base, third "
@@ -58,9 +69,17 @@ class Verb:
         """Whether a gripper meets an annotated point by it."""
         return self.meets in CONTACT_KINDS
 
+    def narrowed(self, word: str) -> Narrow | None:
+        """When a word for it means it; None for one that always does."""
+        return next((each for each in self.narrow if word in _forms(each.word)), None)
+
+    @property
+    def _said(self) -> tuple[str, ...]:
+        return (*self.words, *(each.word for each in self.narrow))
+
     @cached_property
     def _forms(self) -> tuple[tuple[str, ...], ...]:
-        return tuple(tuple(form.replace("_", " ") for form in said.split()) for said in self.words)
+        return tuple(map(_forms, self._said))
 
     @property
     def third_person(self) -> str:
@@ -76,12 +95,21 @@ class Verb:
         return (form for forms in self._forms for form in dict.fromkeys(forms[:4]))
 
     @property
+    def present(self) -> Iterator[str]:
+        """Base form and third person of every word for it."""
+        return (form for forms in self._forms for form in dict.fromkeys(forms[:2]))
+
+    @property
     def participles(self) -> Iterator[str]:
         return (forms[3] for forms in self._forms)
 
     @property
     def gerunds(self) -> Iterator[str]:
         return (forms[4] for forms in self._forms)
+
+
+def _forms(said: str) -> tuple[str, ...]:
+    return tuple(form.replace("_", " ") for form in said.split())
 
 
 CONTACT_KINDS = ("grasp", "press")  # of interaction points that a gripper meets
@@ -101,6 +129,12 @@ def add_verb(verb: Verb) -> None:
     _VERBS[verb.name] = verb
 
 
+_PICKED = "is not clear: to pick up {object} is to grasp and to lift it; say 'grasp' or 'lift'"
+_TAKEN = "is not clear: to take {object} may be to grasp it or to carry it off; say 'grasp' or 'carry'"
+_OPENED = "is not clear: of a lid, to open is to lift it; say what is lifted in place of {object}"
+_REMOVED = "is not clear: to remove {object} is to take it off and away; say 'lift', 'carry' or 'place'"
+_PUSHED = "is not clear: to push {object} may be to press on it or to shift it; say 'press' for the former"
+
 for _verb in (
     Verb(
         "grasp",
@@ -110,10 +144,12 @@ for _verb in (
             "grasp grasps grasped grasped grasping",
             "grip grips gripped gripped gripping",
             "grab grabs grabbed grabbed grabbing",
-            "pick picks picked picked picking",
-            "pick_up picks_up picked_up picked_up picking_up",
-            "take takes took taken taking",
             "seize seizes seized seized seizing",
+        ),
+        narrow=(
+            Narrow("pick picks picked picked picking", _PICKED, contact=True),
+            Narrow("pick_up picks_up picked_up picked_up picking_up", _PICKED, contact=True),
+            Narrow("take takes took taken taking", _TAKEN, contact=True),
         ),
     ),
     Verb(
@@ -124,8 +160,10 @@ for _verb in (
             "lift_up lifts_up lifted_up lifted_up lifting_up",
             "raise raises raised raised raising",
             "elevate elevates elevated elevated elevating",
-            "open opens opened opened opening",
-            "remove removes removed removed removing",
+        ),
+        narrow=(
+            Narrow("open opens opened opened opening", _OPENED, of="lid"),
+            Narrow("remove removes removed removed removing", _REMOVED),
         ),
     ),
     Verb(
@@ -172,9 +210,9 @@ for _verb in (
         meets="press",
         words=(
             "press presses pressed pressed pressing",
-            "push pushes pushed pushed pushing",
             "click clicks clicked clicked clicking",
         ),
+        narrow=(Narrow("push pushes pushed pushed pushing", _PUSHED, contact=True),),
     ),
     Verb(
         "release",
@@ -187,6 +225,6 @@ for _verb in (
     ),
     Verb("home"),
     Verb("aside"),
-    Verb("hold", words=("hold holds held held holding", "keep keeps kept kept keeping")),
+    Verb("hold", words=("hold holds held held holding",)),
 ):
     add_verb(_verb)

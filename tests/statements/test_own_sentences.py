@@ -37,6 +37,7 @@ AGENT, OBJECT = st.sampled_from((1, 2)), st.sampled_from(("lid", "pot", "steak")
 VERB = st.sampled_from(("grasp", "lift", "carry", "place", "strike", "press", "release", "hold"))
 STEP = st.builds(Step, AGENT) | st.builds(Step, AGENT, VERB, OBJECT)
 SECONDS = st.floats(0, 600, allow_subnormal=False)
+TOLERANCE = st.floats(0, 10, allow_subnormal=False)
 CORNERS = st.tuples(*[st.floats(-9, 9, allow_subnormal=False)] * 3).map(
     lambda low: (tuple(value + 0.0 for value in low), tuple(value + 0.5 for value in low))
 )
@@ -64,7 +65,8 @@ STATED: dict[type[Statement], st.SearchStrategy[Statement]] = {
     ),
     SameHeight: st.builds(SameHeight, PAIR) | st.builds(SameHeight, PAIR, VERB, OBJECT),
     Before: BEFORE,
-    Together: st.builds(Together, PAIR, VERB, OBJECT, SECONDS) | st.builds(Together, PAIR, within_s=SECONDS),
+    Together: st.builds(Together, PAIR, VERB, OBJECT, TOLERANCE)
+    | st.builds(Together, PAIR, within_s=TOLERANCE),
     Deadline: st.builds(Deadline, STEP, SECONDS),
     ShareSpace: st.builds(ShareSpace, PAIR),
     KeepApart: st.builds(KeepApart, st.just((1, 2)), LENGTH, st.sampled_from(("grippers", "arms"))),

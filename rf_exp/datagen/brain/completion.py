@@ -1,6 +1,7 @@
 """The text in a chat completion, whichever of its places a server puts it into."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel, Field, ValidationError
@@ -37,7 +38,9 @@ class _Completion(BaseModel):
 
 
 def content(body: bytes, kind: str) -> str:
-    """The model's text in a completion of that content type. Raises BadAnswer that says why there is none."""
+    """The model's text in a completion of that content type; what it thought, as `<think>`, where it wrote
+    JSON there and nothing elsewhere. Raises BadAnswer that says why there is none.
+    """
     try:
         choice = _Completion.model_validate_json(body).choices[0]
     except ValidationError as error:
@@ -63,10 +66,24 @@ def content(body: bytes, kind: str) -> str:
         return "\n".join(texts)
     if found:
         raise BadAnswer("the answer is a tool call without arguments")
-    if message.reasoning or message.reasoning_content:
+    thought = "\n".join(dict.fromkeys(_thoughts(message, parts)))
+    if "{" in thought:
+        return f"<think>{thought}"
+    if thought.strip() or message.reasoning or message.reasoning_content:
         raise BadAnswer("the answer is thinking only: it has no text")
     others = sorted({printable(str(each.get("type")), 40) for each in parts if isinstance(each, dict)})
     raise BadAnswer(f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}")
+
+
+def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:
+    """The texts in the places where servers put what a model thinks."""
+    places = [message.reasoning_content, message.reasoning]
+    places += [
+        part.get("text") or part.get(kind)
+        for part in parts
+        if isinstance(part, dict) and (kind := part.get("type")) in ("reasoning", "thinking")
+    ]
+    return (each for each in places if isinstance(each, str))
 
 
 def _text(part: object) -> str:

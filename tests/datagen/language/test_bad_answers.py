@@ -62,6 +62,18 @@ BAD = {
         completion(None, more={"reasoning_content": "The barrier is long."}),
         "the answer is thinking only: it has no text",
     ),
+    "thinking only, in a part": (
+        completion([{"type": "thinking", "thinking": "The barrier is long."}]),
+        "the answer is thinking only: it has no text",
+    ),
+    "thinking that ends in JSON of another kind": (
+        completion(None, more={"reasoning_content": 'Say {"plan": 1}.'}),
+        "the answer is not the expected JSON: its JSON lacks 'Subgoals'; it holds 'plan'",
+    ),
+    "two answers, where it thinks": (
+        completion(None, more={"reasoning_content": GOOD + GOOD.replace("hold", "home")}),
+        "the answer holds 2 different objects with 'Subgoals'; send one",
+    ),
     "a tool call without arguments": (
         completion("", more={"tool_calls": [{"type": "function", "function": {"name": "answer"}}]}),
         "the answer is a tool call without arguments",
@@ -87,6 +99,12 @@ READ = {
     ),
     "a function call": completion(None, more={"function_call": CALL["function"]}),
     "after thinking": completion(GOOD, more={"reasoning_content": "Hm.", "annotations": []}),
+    "where others think, with null": completion(None, more={"reasoning_content": GOOD}),
+    "where others think, with nothing": completion(" ", more={"reasoning": f"Hm.\n{GOOD}"}),
+    "where others think, twice": completion(None, more={"reasoning": GOOD, "reasoning_content": GOOD}),
+    "where others think, after it": completion(None, more={"reasoning_content": f"Hm.</think>{GOOD}"}),
+    "a part that others think in": completion([{"type": "thinking", "thinking": GOOD}]),
+    "after a draft in thinking": completion(GOOD, more={"reasoning_content": GOOD.replace("hold", "home")}),
     "compressed": Reply(gzip.compress(completion(GOOD).body), headers={"Content-Encoding": "gzip"}),
     "another type and charset": completion(GOOD, headers={"Content-Type": "text/plain; charset=zlib"}),
 }

@@ -1,0 +1,104 @@
+"""Sentences of people who do not know the language: read as what they say, or refused with advice."""
+
+import re
+
+import pytest
+
+from rf_exp.errors import ArgumentError
+from rf_exp.statements import read, reading
+from tests.statements.second_reading import misread
+from tests.statements.sentences import BAR, FOOD
+from tests.statements.strangers import READ, REFUSED
+
+
+def stated(text: str):
+    return read(text, (BAR if "barrier" in text else FOOD).vocabulary, (1, 2))
+
+
+def test_what_is_read_is_what_was_said():
+    assert {text: stated(text).sentence for text in READ} == READ
+    assert {text: misread(text, stated(text)) for text in READ} == dict.fromkeys(READ, "")
+
+
+@pytest.mark.slow
+def test_what_has_another_meaning_is_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(reading, "_not_understood", lambda text, *_: ArgumentError(text))
+    found = {}
+    for text in REFUSED:
+        try:
+            found[text] = stated(text).sentence
+        except ArgumentError:
+            continue
+    assert found == {}
+    assert len(REFUSED) > 500
+
+
+ORDER = (
+    "an order is between what is over and what begins: say 'Agent_2 must complete its task before Agent_1 "
+    "begins.'"
+)
+STOPS = "no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
+TURNED = (
+    "of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be vertical at "
+    "lid when lifting it.'"
+)
+ADVICE = {
+    "First Agent_2 lifts the lid, then Agent_1 finishes": ORDER,
+    "First Agent_2 lifts the lid, then Agent_1 must finish": ORDER,
+    "Agent_2 must lift the lid before Agent_1 ends": ORDER,
+    "Agent_2 must begin before Agent_1 begins": ORDER,
+    "Agent_1 must wait until Agent_2 starts": ORDER,
+    "Agent_1 must place the steak after Agent_2 begins lifting the lid": ORDER,
+    "Agent_1 waits until Agent_2 stops": STOPS,
+    "Agent_2 must stop before Agent_1 begins": STOPS,
+    "Agent_1 must lift the lid vertically": TURNED,
+    "Agent_1 carries the lid horizontally": TURNED,
+    "Agent_1 must keep the steak vertically": TURNED,
+    "Agent_1 must keep the steak vertical": TURNED,
+    "Agent_1 must place the steak from above": TURNED,
+    "Agent_2 must remove the lid before Agent_1 begins": (
+        "is not clear: to remove lid is to take it off and away; say 'lift', 'carry' or 'place'"
+    ),
+    "Agent_2 must pick up the lid before Agent_1 begins": (
+        "is not clear: to pick up lid is to grasp and to lift it; say 'grasp' or 'lift'"
+    ),
+    "Agent_1 takes the steak after Agent_2 lifts the lid": (
+        "is not clear: to take steak may be to grasp it or to carry it off; say 'grasp' or 'carry'"
+    ),
+    "Agent_2 must open the pot before Agent_1 begins": (
+        "is not clear: of a lid, to open is to lift it; say what is lifted in place of pot"
+    ),
+    "Agent_1 must push the lid within 5 s": (
+        "is not clear: to push lid may be to press on it or to shift it; say 'press' for the former"
+    ),
+    "Agent_1 and Agent_2 must lift the barrier together within 10 s": (
+        "is not clear: is 10 s when they have to be done, or how far apart they begin? Say 'Agent_1 must "
+        "lift barrier within 10 s.' of each of them, or 'within 10 s of each other'"
+    ),
+    "Agent_1 and Agent_2 must perform their tasks at the same time within 1 minute": (
+        "Say 'Agent_1 must finish within 60 s.' of each of them, or 'within 10 s of each other'"
+    ),
+    "Agent_1 and Agent_2 must lift the barrier together within 600 s of each other": (
+        "is not possible: 600 s is not between 0 and 10 s"
+    ),
+    "Agent_1 and Agent_2 must put the barrier together": (
+        "is not clear: to put barrier together may be to join it; say 'simultaneously'"
+    ),
+    "Agent_1 must wait until the lid is on the lid": "is not possible: lid does not lie on itself",
+}
+
+
+@pytest.mark.parametrize("text", ADVICE)
+def test_a_refusal_says_what_can_be_said(text: str):
+    with pytest.raises(ArgumentError, match=re.escape(ADVICE[text])):
+        stated(text)
+
+
+def test_what_an_advice_says_can_be_said():
+    for sentence in re.findall(r"'((?:Agent_|The gripper)[^']*\.)'", " ".join((ORDER, TURNED))):
+        assert read(sentence, FOOD.vocabulary)
+    with pytest.raises(ArgumentError, match="is not clear") as refused:
+        stated("Agent_1 and Agent_2 must lift the barrier together within 10 s")
+    alone, apart = re.findall(r"'([^']*)'(?: of each of them|$)", str(refused.value))
+    assert stated(alone).sentence == alone
+    assert stated(f"Agent_1 and Agent_2 must lift the barrier together {apart}")
