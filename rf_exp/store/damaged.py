@@ -2,14 +2,14 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
 
-from rf_exp.errors import StageError
-from rf_exp.store.integrity import require_file
+from rf_exp.store.integrity import Damage, opened, refuse_access, require_file
 from rf_exp.store.layout import JUDGED, array_of, empty_like, extra_names, layout, rows_a_file
 from rf_exp.types import Episode, Judged
 
@@ -22,16 +22,10 @@ class Damaged:
     """
 
     def __init__(self, path: Path, frame: Path) -> None:
-        """`frame` is an empty folder of which it makes use. Raises StageError without attributes."""
+        """`frame` is an empty folder of which it makes use. Raises StageError as `opened` does."""
         self._path = path
-        try:
-            self.attrs: dict[str, Any] = dict(zarr.open_group(path, mode="r", zarr_format=3).attrs)
-            empty_like(frame / "store", self.attrs)
-        except Exception as error:  # whatever damaged bytes lead to
-            raise StageError(
-                f"{path} has no attributes that can be read ({type(error).__name__}: {error}), and "
-                "nothing can be rescued without; restore it from a copy, or delete it and generate again"
-            ) from error
+        _, self.attrs = opened(path, "r")
+        empty_like(frame / "store", self.attrs)
         self._arrays = zarr.open_group(frame / "store", mode="r+", zarr_format=3)
         for name in self._names():
             (frame / "store" / name / "c").symlink_to((path / name / "c").resolve())
@@ -42,12 +36,12 @@ class Damaged:
             array.resize((rows, *array.shape[1:]))
 
     def episode(self, index: int) -> Episode:
-        """One episode. Raises StageError that says which part of it cannot be read."""
+        """One episode. Raises Damage that says which part of it cannot be read."""
         start, end = (self.ends[index - 1] if index else 0), self.ends[index]
         try:
             certificate = json.loads(str(self._read("meta/certificate", index, index + 1)[0]))
         except ValueError as error:
-            raise StageError(f"meta/certificate holds no JSON: {error}") from error
+            raise Damage(f"meta/certificate holds no JSON: {error}") from error
         return Episode(
             task=str(self.attrs["task"]),
             seed=self.seed(index),
@@ -77,21 +71,21 @@ class Damaged:
         return found | {"extras": extras}
 
     def seed(self, index: int) -> int:
-        """Raises StageError where it cannot be read."""
+        """Raises Damage where it cannot be read."""
         return int(self._read("meta/seed", index, index + 1)[0])
 
     def _ends(self) -> list[int]:
         """The row after the last of each episode, as far as they can be read and rise."""
         array, found = self._array("meta/episode_ends"), [0]
-        try:
-            stored = zarr.open_array(self._path / "meta/episode_ends", mode="r", zarr_format=3).shape[0]
-        except Exception:  # lost as well; the rows behind the last are zeros
-            stored = array.chunks[0] * len(list((self._path / "meta/episode_ends/c").glob("*")))
+        stored = array.chunks[0] * len(list((self._path / "meta/episode_ends/c").glob("*")))
+        with suppress(Exception):  # lost as well; the rows behind the last are zeros
+            declared = zarr.open_array(self._path / "meta/episode_ends", mode="r", zarr_format=3).shape[0]
+            stored = min(stored, declared)  # whatever it declares, no more than there are files for
         array.resize((stored,))
         while len(found) <= stored:
             try:
                 end = int(self._read("meta/episode_ends", len(found) - 1, len(found))[0])
-            except StageError:
+            except Damage:
                 break
             if end <= found[-1]:
                 break
@@ -113,4 +107,5 @@ class Damaged:
                 require_file(self._path, name, array, row)
             return np.asarray(array[start:end])
         except Exception as error:  # whatever a decoder raises on damaged bytes
-            raise StageError(f"{name} cannot be read: {error}") from error
+            refuse_access(self._path, error)
+            raise Damage(f"{name} cannot be read: {error}") from error

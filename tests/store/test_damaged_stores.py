@@ -139,5 +139,5 @@ def test_no_store_at_all(tmp_path: Path) -> None:
     with pytest.raises(StageError, match=r"no store at .*; generate the data first \(stages=\[generate\]\)"):
         Store.open(tmp_path / "nothing.zarr")
     (tmp_path / "empty.zarr").mkdir()
-    with pytest.raises(StageError, match="is damaged: the store cannot be opened"):
+    with pytest.raises(StageError, match="is an empty folder; nothing is wrong with it, but it is no store"):
         Store.open(tmp_path / "empty.zarr")
