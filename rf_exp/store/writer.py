@@ -10,7 +10,7 @@ from typing import Any, NoReturn, Self
 
 import numpy as np
 
-from rf_exp.artifacts import commit, expect_same, hold_folder, installed, plain
+from rf_exp.artifacts import code, expect_same, hold_folder, installed, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import layout
 from rf_exp.store.additions import additions
@@ -158,7 +158,7 @@ def _made_of(identity: Mapping[str, object]) -> dict[str, Any]:
         "task": configuration.get("task"),
         "criteria_version": configuration.get("version"),
         "generator": configuration.get("generator"),
-        "commit": commit(),
+        "commit": code(),
         "identity": configuration,
         "control_hz": CONTROL_HZ,
     }
