@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
 from rf_exp.store.description import Description
-from rf_exp.store.layout import READABLE, array_of, file_of, layout, rows_a_file
+from rf_exp.store.layout import READABLE, array_of, chunking, file_of, is_picture, layout, rows_a_file
 from rf_exp.store.other_kinds import refuse_other_kinds
 from rf_exp.types import CONTROL_HZ
 
@@ -50,8 +50,8 @@ def refuse_access(path: Path, error: Exception) -> None:
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
         why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
         raise StageError(
-            f"{path} cannot be read now: {why}; nothing is known to be wrong with the store: see to that, and "
-            "run the same command again"
+            f"{path} cannot be read now: {why}; nothing is known to be wrong with the store: see to that, "
+            "and run the same command again"
         ) from error
 
 
@@ -99,7 +99,7 @@ def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
 def check_rows(
     path: Path, group: zarr.Group, attributes: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Shapes, types, lengths, and one read from every file.
+    """Shapes, types, lengths, all states, and one picture from every file.
 
     Returns the row after the last of each episode (E,) and its seed (E,). Raises StageError that says what is
     damaged.
@@ -131,6 +131,10 @@ def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dic
         if array.shape[1:] != shape or array.dtype != np.dtype(dtype):
             found = f"{array.dtype} {('T', *array.shape[1:])}"
             raise damaged(path, f"{name} is {found}, expected {dtype} {('T', *shape)}")
+        chunk, shard = chunking(name, attributes)
+        lies, expected = (array.chunks, array.shards), ((chunk, *shape), (shard, *shape) if shard else None)
+        if lies != expected:
+            raise damaged(path, f"{name} lies in chunks and files of {lies}, expected {expected}")
     return arrays
 
 
@@ -148,7 +152,7 @@ def _check_length(path: Path, name: str, array: zarr.Array[Any], expected: int) 
         last = min(first + rows_a_file(array), expected) - 1
         try:
             require_file(path, name, array, first)
-            array[last]
+            array[last if is_picture(name) else slice(first, last + 1)]  # pictures are most of the bytes
         except Exception as error:  # whatever a decoder raises on damaged bytes
             refuse_access(path, error)
             raise damaged(
