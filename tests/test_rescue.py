@@ -54,7 +54,7 @@ DAMAGES = {  # what is done to the folder -> the seeds that stay
     ),
     "the ends' metadata is lost": (lambda p: (p / "meta/episode_ends/zarr.json").unlink(), list(range(6))),
     "the seeds are lost": (lambda p: (p / "meta/seed/c/0").unlink(), []),
-    "a bit of the joints is flipped": (lambda p: flip(p / "data/qpos/c/0/0/0"), []),
+    "a bit of the joints is flipped": (lambda p: flip(p / "data/qpos/c/0/0/0"), [0, 3, 4, 5]),
 }
 
 
