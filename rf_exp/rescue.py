@@ -7,6 +7,7 @@ python -m rf_exp.rescue outputs/data/lift_barrier/full/quick.zarr --dry-run   sa
 import argparse
 import shutil
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,22 +15,21 @@ from rf_exp.command import guarded
 from rf_exp.errors import StageError
 from rf_exp.progress import console
 from rf_exp.stages import owned
-from rf_exp.store import Damaged, Store, empty_like
+from rf_exp.store import Damage, Damaged, Store, empty_like, refuse_other_kinds
 
 
 def rescue(path: Path, dry_run: bool = False) -> None:
     """Keeps the whole episodes of a store. Raises StageError where that cannot be done."""
     beside = path.with_name(f"{path.stem}.rescued{path.suffix}")
     aside = path.with_name(f"{path.stem}.damaged{path.suffix}")
-    with owned(path), TemporaryDirectory(prefix="rf_exp-") as frame:
+    if path.exists() or not beside.is_dir():  # unless killed between the two moves
+        refuse_other_kinds(path)
+    alone = nullcontext() if dry_run else owned(path)  # reading changes nothing, and locks nobody out
+    with alone, TemporaryDirectory(prefix="rf_exp-") as frame:
         if beside.is_dir() and aside.is_dir() and not path.exists():  # killed between the two moves
             beside.rename(path)
             console.print(f"{path} is the rescued one now; the damaged one is {aside}")
             return
-        if not path.is_dir():
-            raise StageError(
-                f"no store at {path}; expected the folder of one, such as outputs/data/.../quick.zarr"
-            )
         damaged = Damaged(path, Path(frame))
         if not dry_run:
             if aside.exists():
@@ -67,7 +67,7 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
     for index in range(len(damaged.ends)):
         try:
             episode = damaged.episode(index)
-        except StageError as error:
+        except Damage as error:
             lost[index] = f"{_seed(damaged, index)}: {error}"
             continue
         if episode.seed in kept:
@@ -84,14 +84,14 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
 def _seed(damaged: Damaged, index: int) -> str:
     try:
         return f"seed {damaged.seed(index)}"
-    except StageError:
+    except Damage:
         return "of a seed that cannot be read"
 
 
 def _opens(path: Path) -> bool:
     try:
         Store.open(path)
-    except StageError:
+    except Damage:
         return False
     return True
 

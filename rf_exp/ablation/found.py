@@ -20,7 +20,7 @@ from rf_exp.ablation.rollouts import FILM, PICTURE, learnt_from, rollout_file
 from rf_exp.ablation.rows import EvaluationRow, Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import title_of
-from rf_exp.artifacts import commit, installed
+from rf_exp.artifacts import code, installed
 from rf_exp.errors import RfError
 from rf_exp.store import Store
 from rf_exp.types import CONTROL_DT_S
@@ -130,7 +130,7 @@ def provenance(out: Path, results: Results) -> Section:
     criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
     facts = (
         ("Written", datetime.now().astimezone().isoformat(" ", "seconds")),
-        ("Code", commit() or "not from a git checkout"),
+        ("Code", code()),
         ("Success criteria", criteria or "no rows"),
         ("Packages", ", ".join(f"{name} {version}" for name, version in installed(PACKAGES).items())),
         ("Machine", f"{platform.platform()}, {platform.machine()}"),

@@ -13,11 +13,12 @@ from rf_exp.artifacts.identity import canonical, differing, digest, expect_same,
 from rf_exp.artifacts.lines import append_line, read_lines
 from rf_exp.artifacts.locks import hold_folder, locked
 from rf_exp.artifacts.pages import rendered
-from rf_exp.artifacts.provenance import commit, installed
+from rf_exp.artifacts.provenance import code, commit, installed
 
 __all__ = [
     "append_line",
     "canonical",
+    "code",
     "commit",
     "configuration_file",
     "differing",

@@ -30,6 +30,11 @@ def commit(checkout: Path = CHECKOUT) -> str:
     return ran.stdout.strip()
 
 
+def code(checkout: Path = CHECKOUT) -> str:
+    """Which code runs, as every artifact says: its commit or, where it is no checkout, its version."""
+    return commit(checkout) or f"rf_exp {installed(['rf_exp']).get('rf_exp', 'of unknown version')}"
+
+
 def installed(packages: Iterable[str]) -> dict[str, str]:
     """The version of Python and of those packages that are installed."""
     found = {"python": platform.python_version()}

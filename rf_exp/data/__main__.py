@@ -19,7 +19,7 @@ from rf_exp.artifacts import whole, write_text
 from rf_exp.command import guarded
 from rf_exp.errors import StageError, choices
 from rf_exp.progress import Progress, console
-from rf_exp.store import Store, card, facts, merge, merge_order, problems
+from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
 
 FORMATS = ("lerobot", "robomimic")  # a module each, of that name
 
@@ -38,12 +38,13 @@ def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
 
 def validate(paths: Sequence[Path]) -> None:
     """Reads everything in stores. Raises StageError where something is wrong, once all of it is told."""
-    wrong = 0
+    wrong = unread = 0
     for path in paths:
         try:
             store = Store.open(path)
         except StageError as error:
-            wrong += 1
+            wrong += isinstance(error, Damage)
+            unread += not isinstance(error, Damage)  # of another kind or version: nothing is wrong with it
             console.print(str(error))
             continue
         found: list[str] = []
@@ -56,8 +57,11 @@ def validate(paths: Sequence[Path]) -> None:
         if not found:
             console.print(f"{path}: all {len(store)} episodes are as they should be")
         wrong += bool(found)
-    if wrong:
-        raise StageError(f"{wrong} of {len(paths)} stores are not as they should be; what is wrong is above")
+    told = {"are not as they should be; what is wrong": wrong, "cannot be validated; why": unread}
+    if found := [
+        f"{number} of {len(paths)} stores {what} is above" for what, number in told.items() if number
+    ]:
+        raise StageError("; ".join(found))
 
 
 def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None:

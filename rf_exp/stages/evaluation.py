@@ -19,7 +19,7 @@ from rf_exp.ablation import (
     rollout_name,
     worth_seeing,
 )
-from rf_exp.artifacts import commit, sweep, whole
+from rf_exp.artifacts import code, sweep, whole
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator
 from rf_exp.experiment import EVALUATION_SEED
@@ -230,7 +230,7 @@ def _row(cell: Cell, limit: int, learned: Learning, result: Rollout, wall_s: flo
         wall_s=round(wall_s, 3),
         version=cell.task.version,
         contacts=result.contacts,
-        commit=commit(),
+        commit=code(),
         observation=foreign.observation if foreign else experiment.policy.observation,
         disturbance_rad=0.0 if foreign else experiment.disturbance_rad,
         shield=experiment.shield,

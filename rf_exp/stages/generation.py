@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
-from rf_exp.artifacts import commit, keep_text, plain, sweep, whole
+from rf_exp.artifacts import code, keep_text, plain, sweep, whole
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, generate, generator_version, make_episode
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED
@@ -191,7 +191,7 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
         violations=outcome.violations,
         contacts=outcome.contacts,
         generator=generator_version(task),
-        commit=commit(),
+        commit=code(),
         disturbance_rad=settings.disturbance_rad,
         delay_s=settings.delay_s,
         account=outcome.account,

@@ -31,8 +31,10 @@ the conditions of success, cameras and robots (`Description`), and what made it.
 from rf_exp.store.cards import card, facts
 from rf_exp.store.damaged import Damaged
 from rf_exp.store.description import COMMANDS, JOINTS, POSE, Description
+from rf_exp.store.integrity import Damage
 from rf_exp.store.layout import empty_like
 from rf_exp.store.merging import merge, merge_order
+from rf_exp.store.other_kinds import refuse_other_kinds
 from rf_exp.store.validation import problems
 from rf_exp.store.writer import Store
 
@@ -40,6 +42,7 @@ __all__ = [
     "COMMANDS",
     "JOINTS",
     "POSE",
+    "Damage",
     "Damaged",
     "Description",
     "Store",
@@ -49,4 +52,5 @@ __all__ = [
     "merge",
     "merge_order",
     "problems",
+    "refuse_other_kinds",
 ]

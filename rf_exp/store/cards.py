@@ -52,18 +52,18 @@ def facts(store: Reader) -> dict[str, Any]:
     """The data in numbers, by name; values are plain."""
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
-    row = store.identity.get("row", {})
+    row = store.identity.get("constraint_set", {})
     picture = f"{store.attrs['width']} x {store.attrs['height']} px" if store.cameras else "none"
     return {
         "task": store.attrs["task"],
-        "constraints": row.get("name", "") if isinstance(row, dict) else row,
+        "constraints": row.get("name", "not known"),
         "robots": f"{store.agents} x Franka Panda with its gripper, in simulation (ManiSkill 3, SAPIEN)",
         "episodes": len(store),
         "steps": store.steps,
-        "steps an episode": f"{lengths.min()} to {lengths.max()}" if len(store) else "",
+        "steps an episode": f"{lengths.min()} to {lengths.max()}" if len(store) else "none",
         "control rate": f"{store.attrs['control_hz']} Hz",
         "minutes of motion": round(store.steps / store.attrs["control_hz"] / 60, 2),
-        "scene seeds": f"{seeds.min()} to {seeds.max()}" if len(store) else "",
+        "scene seeds": f"{seeds.min()} to {seeds.max()}" if len(store) else "none",
         "cameras": ", ".join(store.cameras) or "none",
         "pictures": picture,
         "depth, segmentation": ", ".join(store.extra_names) or "none",
@@ -92,7 +92,7 @@ def _made(store: Reader) -> str:
         "schedule of them, RoboChecker checks both and watches the simulated arms; only what succeeds\n"
         "is kept. The certificate of each episode holds proposals, check code and verdicts. The same\n"
         "seeds and versions give the same states and actions again.\n\n"
-        f"Generator {store.attrs.get('generator')}, commit {store.attrs.get('commit') or 'not known'}; "
+        f"Generator {store.attrs.get('generator')}, code {store.attrs.get('commit') or 'not known'}; "
         f"{versions}.\n\n<details><summary>Configuration</summary>\n\n```json\n{recipe}\n```\n\n</details>\n\n"
         "## Licence\n\nMIT, as `rf_exp`. If you use the data, cite RoboFactory (Qin et al., ICCV 2025)."
     )

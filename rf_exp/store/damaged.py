@@ -2,15 +2,15 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
 
-from rf_exp.errors import StageError
-from rf_exp.store.integrity import require_file
-from rf_exp.store.layout import JUDGED, array_of, empty_like, extra_names, layout, rows_a_file
+from rf_exp.store.integrity import Damage, opened, refuse_access, require_file
+from rf_exp.store.layout import JUDGED, array_of, empty_like, extra_names, layout, rows_a_file, view
 from rf_exp.types import Episode, Judged
 
 
@@ -22,32 +22,18 @@ class Damaged:
     """
 
     def __init__(self, path: Path, frame: Path) -> None:
-        """`frame` is an empty folder of which it makes use. Raises StageError without attributes."""
+        """`frame` is an empty folder of which it makes use. Raises StageError as `opened` does."""
         self._path = path
-        try:
-            self.attrs: dict[str, Any] = dict(zarr.open_group(path, mode="r", zarr_format=3).attrs)
-            empty_like(frame / "store", self.attrs)
-        except Exception as error:  # whatever damaged bytes lead to
-            raise StageError(
-                f"{path} has no attributes that can be read ({type(error).__name__}: {error}), and "
-                "nothing can be rescued without; restore it from a copy, or delete it and generate again"
-            ) from error
-        self._arrays = zarr.open_group(frame / "store", mode="r+", zarr_format=3)
+        _, self.attrs = opened(path, "r")
+        empty_like(frame / "store", self.attrs)
+        self._arrays = zarr.open_group(frame / "store", mode="r", zarr_format=3)
         for name in self._names():
             (frame / "store" / name / "c").symlink_to((path / name / "c").resolve())
         self.ends = self._ends()
-        for name in self._names():
-            rows = self.ends[-1] if self.ends and name.startswith("data/") else len(self.ends)
-            array = self._array(name)
-            array.resize((rows, *array.shape[1:]))
 
     def episode(self, index: int) -> Episode:
-        """One episode. Raises StageError that says which part of it cannot be read."""
+        """One episode. Raises Damage that says which part of it cannot be read."""
         start, end = (self.ends[index - 1] if index else 0), self.ends[index]
-        try:
-            certificate = json.loads(str(self._read("meta/certificate", index, index + 1)[0]))
-        except ValueError as error:
-            raise StageError(f"meta/certificate holds no JSON: {error}") from error
         return Episode(
             task=str(self.attrs["task"]),
             seed=self.seed(index),
@@ -55,7 +41,7 @@ class Damaged:
             qvel=self._read("data/qvel", start, end),
             action=self._read("data/action", start, end),
             images={each: self._read(f"data/rgb_{each}", start, end) for each in self.attrs["cameras"]},
-            certificate=certificate,
+            certificate=self._certificate(index),
             **self._optional(start, end),
         )
 
@@ -77,26 +63,58 @@ class Damaged:
         return found | {"extras": extras}
 
     def seed(self, index: int) -> int:
-        """Raises StageError where it cannot be read."""
-        return int(self._read("meta/seed", index, index + 1)[0])
+        """As it is stored or, where that cannot be read, as the row of the certificate says.
+
+        Raises Damage where neither can be read.
+        """
+        try:
+            return int(self._read("meta/seed", index, index + 1)[0])
+        except Damage:
+            try:
+                return int(self._certificate(index)["row"]["seed"])
+            except (Damage, LookupError, TypeError, ValueError):
+                pass
+            raise
+
+    def _certificate(self, index: int) -> Any:
+        try:
+            return json.loads(str(self._read("meta/certificate", index, index + 1)[0]))
+        except ValueError as error:
+            raise Damage(f"meta/certificate holds no JSON: {error}") from error
 
     def _ends(self) -> list[int]:
-        """The row after the last of each episode, as far as they can be read and rise."""
-        array, found = self._array("meta/episode_ends"), [0]
-        try:
-            stored = zarr.open_array(self._path / "meta/episode_ends", mode="r", zarr_format=3).shape[0]
-        except Exception:  # lost as well; the rows behind the last are zeros
-            stored = array.chunks[0] * len(list((self._path / "meta/episode_ends/c").glob("*")))
-        array.resize((stored,))
+        """The row after the last of each episode, as far as they can be read and rise.
+
+        Where they cannot be read, episodes end where the time of the next begins.
+        """
+        found = [0]
+        stored = self._rows("meta/episode_ends")
         while len(found) <= stored:
             try:
                 end = int(self._read("meta/episode_ends", len(found) - 1, len(found))[0])
-            except StageError:
-                break
-            if end <= found[-1]:
+            except Damage:
+                return max(found[1:], self._ends_by_time(), key=len)
+            if end <= found[-1]:  # zeros, where it is not known how many there are
                 break
             found.append(end)
         return found[1:]
+
+    def _ends_by_time(self) -> list[int]:
+        if "data/time_s" not in layout(self.attrs):
+            return []
+        rows = self._rows("data/time_s")
+        try:
+            began = np.flatnonzero(self._read("data/time_s", 0, rows) == 0)
+        except Damage:
+            return []
+        return [*began[1:].tolist(), rows][: self._rows("meta/certificate")]
+
+    def _rows(self, name: str) -> int:
+        """How many rows an array has: those that it declares, but no more than there are files for."""
+        rows = rows_a_file(self._array(name)) * len(list((self._path / name / "c").glob("*")))
+        with suppress(Exception):  # what it declares is lost as well
+            rows = min(rows, zarr.open_array(self._path / name, mode="r", zarr_format=3).shape[0])
+        return rows
 
     def _names(self) -> Iterator[str]:
         for group in ("data", "meta"):
@@ -111,6 +129,7 @@ class Damaged:
         try:
             for row in range(start - start % rows, end, rows):
                 require_file(self._path, name, array, row)
-            return np.asarray(array[start:end])
+            return np.asarray(view(array, end)[start:end])  # resizing it would delete files
         except Exception as error:  # whatever a decoder raises on damaged bytes
-            raise StageError(f"{name} cannot be read: {error}") from error
+            refuse_access(self._path, error)
+            raise Damage(f"{name} cannot be read: {error}") from error

@@ -1,55 +1,105 @@
-"""Whether a store is whole: attributes, layout, shapes, types, ends, seeds, and that every file answers."""
+"""Whether a store is whole: attributes, layout, shapes, types, ends, seeds, and that every file answers.
 
+What a store declares is never believed: sizes are held against bounds, and lengths against the files that are
+there, before anything is read or allocated.
+"""
+
+import errno
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import zarr
 from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
-from rf_exp.store.layout import READABLE, array_of, file_of, layout, rows_a_file
+from rf_exp.store.description import Description
+from rf_exp.store.layout import READABLE, array_of, chunking, file_of, is_picture, layout, rows_a_file
+from rf_exp.store.other_kinds import refuse_other_kinds
 from rf_exp.types import CONTROL_HZ
 
 ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "height", "width", "control_hz"}
+SIZES = {"agents": (1, 99), "height": (0, 8192), "width": (0, 8192)}  # least and most; pictures in px
+MOST_SURPLUS = 1_000_000  # rows behind the episodes, of one whose append was killed: 14 hours of motion
+REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
+
+
+class Damage(StageError):
+    """Bytes of a store are not as they were written."""
 
 
 @contextmanager
-def blames(path: Path, what: str) -> Iterator[None]:
-    """Turns whatever a decoder raises on damaged bytes into a StageError that names the array."""
+def blames(path: Path, what: str, rescuable: bool = True) -> Iterator[None]:
+    """Turns whatever a decoder raises on damaged bytes into a Damage that names the array.
+
+    Where the system gives no access, or no memory, nothing is damaged: that is another StageError.
+    """
     try:
         yield
     except RfError:
         raise
     except Exception as error:
-        raise damaged(path, f"{what} ({type(error).__name__}: {error})") from error
+        refuse_access(path, error)
+        raise damaged(path, f"{what} ({type(error).__name__}: {error})", rescuable) from error
 
 
-def damaged(path: Path, what: str) -> StageError:
-    return StageError(
-        f"{path} is damaged: {what}; restore it from a copy, keep what is "
-        f"whole with `python -m rf_exp.rescue {path}`, or delete it and generate again"
+def refuse_access(path: Path, error: Exception) -> None:
+    """Raises StageError where it is the system that does not let a store be read."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
+        why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
+        raise StageError(
+            f"{path} cannot be read now: {why}; nothing is known to be wrong with the store: see to that, "
+            "and run the same command again"
+        ) from error
+
+
+def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
+    """The error for a store of which episodes can be kept, or, where its attributes are lost, none can."""
+    keep = f"keep what is whole with `python -m rf_exp.rescue {path}`, " if rescuable else ""
+    lost = "" if rescuable else ", without which no episode can be told from another"
+    return Damage(
+        f"{path} is damaged: {what}{lost}; restore it from a copy, {keep}or delete it and generate again"
     )
 
 
-def check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
-    """Raises StageError for attributes that are missing, or of another format."""
+def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, Any]]:
+    """The group of a store and its attributes, checked.
+
+    Raises Damage for attributes that are lost, StageError for what is no store, or one of another format.
+    """
+    with blames(path, "it has no attributes that can be read", rescuable=False):
+        refuse_other_kinds(path)
+        group = zarr.open_group(path, mode=mode, zarr_format=3)
+        attributes: dict[str, Any] = dict(group.attrs)
+    _check_attributes(path, attributes)
+    return group, attributes
+
+
+def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
+    """Raises Damage for attributes that are missing or cannot be, StageError for those of another format."""
     if missing := sorted(ATTRIBUTES - set(attributes)):
-        raise damaged(path, f"attributes {', '.join(missing)} are missing")
+        raise damaged(path, f"attributes {', '.join(missing)} are missing", rescuable=False)
     for key, possible in (("format", READABLE), ("control_hz", (CONTROL_HZ,))):
         if attributes[key] not in possible:
+            *others, last = map(str, possible)
+            listed = f"{', '.join(others)} and {last}" if others else last
             raise StageError(
-                f"{path} has {key} {attributes[key]}; this version reads {' and '.join(map(str, possible))}; "
-                "generate the data again"
+                f"{path} has {key} {attributes[key]}; this version reads {listed}; generate the data again"
             )
+    for key, (least, most) in SIZES.items():
+        if type(value := attributes[key]) is not int or not least <= value <= most:
+            raise damaged(path, f"{key} is {value!r}; expected {least} to {most}", rescuable=False)
+    with blames(path, "its attributes do not say which arrays it has", rescuable=False):
+        layout(attributes)
+        Description.of(attributes)
 
 
 def check_rows(
     path: Path, group: zarr.Group, attributes: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Shapes, types, lengths, and one read from every file.
+    """Shapes, types, lengths, all states, and one picture from every file.
 
     Returns the row after the last of each episode (E,) and its seed (E,). Raises StageError that says what is
     damaged.
@@ -61,7 +111,10 @@ def check_rows(
         raise damaged(path, f"meta/episode_ends does not rise: {ends.tolist()}")
     steps = int(ends[-1]) if len(ends) else 0
     for name, array in arrays.items():
-        _check_length(path, name, array, steps if name.startswith("data/") else episodes)
+        expected = steps if name.startswith("data/") else episodes
+        _check_length(path, name, array, expected)
+        if array.shape[0] > expected + MOST_SURPLUS:
+            raise damaged(path, f"{name} declares {array.shape[0]} rows, {expected} expected")
     seeds = _whole(path, arrays, "meta/seed", episodes)
     values, counts = np.unique(seeds, return_counts=True)
     if repeated := values[counts > 1].tolist():
@@ -78,6 +131,10 @@ def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dic
         if array.shape[1:] != shape or array.dtype != np.dtype(dtype):
             found = f"{array.dtype} {('T', *array.shape[1:])}"
             raise damaged(path, f"{name} is {found}, expected {dtype} {('T', *shape)}")
+        chunk, shard = chunking(name, attributes)
+        lies, expected = (array.chunks, array.shards), ((chunk, *shape), (shard, *shape) if shard else None)
+        if lies != expected:
+            raise damaged(path, f"{name} lies in chunks and files of {lies}, expected {expected}")
     return arrays
 
 
@@ -95,8 +152,9 @@ def _check_length(path: Path, name: str, array: zarr.Array[Any], expected: int) 
         last = min(first + rows_a_file(array), expected) - 1
         try:
             require_file(path, name, array, first)
-            array[last]
+            array[last if is_picture(name) else slice(first, last + 1)]  # pictures are most of the bytes
         except Exception as error:  # whatever a decoder raises on damaged bytes
+            refuse_access(path, error)
             raise damaged(
                 path,
                 f"{name} has only {first} readable rows, {expected} expected: rows {first} to {last} in file "

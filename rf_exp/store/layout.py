@@ -12,12 +12,16 @@ from zarr.codecs import ZstdCodec
 from rf_exp.artifacts import whole
 from rf_exp.store.description import COMMANDS, JOINTS, POSE, dimensions, explained
 
-FORMAT = 2  # since stores say what they are about, and keep the values of the conditions of success
-READABLE = (1, 2)
+FORMAT = (
+    3  # since states lie in small chunks; 2: they say what they are about, and keep the conditions of success
+)
+READABLE = (1, 2, 3)
 IMAGES = ("rgb", "depth", "segmentation")
 JUDGED = ("value", "bound", "unit", "holds")  # the arrays of the conditions of success
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
-STATE_CHUNK, META_CHUNK = 1024, 256  # rows
+STATE_CHUNK, STATE_SHARD = 128, 1024  # rows; what is damaged in a chunk costs no more than the rows of that
+CERTIFICATE_CHUNK, CERTIFICATE_SHARD = 1, 32  # episodes
+META_CHUNK = 256  # episodes, a file each
 ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always means damage
 
 
@@ -65,6 +69,24 @@ def _described(attributes: Mapping[str, Any], size: tuple[int, int]) -> dict[str
     }
 
 
+def is_picture(name: str) -> bool:
+    return name.startswith(tuple(f"data/{kind}_" for kind in IMAGES))
+
+
+def chunking(name: str, attributes: Mapping[str, Any]) -> tuple[int, int | None]:
+    """(rows of a chunk, which are compressed together and checked by one sum; rows of a file of such chunks).
+
+    None for a file is one that is a chunk itself. Both follow from the format of the store.
+    """
+    if is_picture(name):
+        return PICTURE_CHUNK, PICTURE_SHARD
+    if attributes["format"] < 3:
+        return (META_CHUNK if name.startswith("meta/") else STATE_SHARD), None
+    if name == "meta/certificate":
+        return CERTIFICATE_CHUNK, CERTIFICATE_SHARD
+    return (META_CHUNK, None) if name.startswith("meta/") else (STATE_CHUNK, STATE_SHARD)
+
+
 def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
     """A new store without episodes, with all attributes of another, also those that say who made it.
 
@@ -73,14 +95,13 @@ def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
     with whole(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():
-            picture = name.startswith(tuple(f"data/{kind}_" for kind in IMAGES))
-            rows = PICTURE_CHUNK if picture else META_CHUNK if name.startswith("meta/") else STATE_CHUNK
+            chunk, shard = chunking(name, attributes)
             group.create_array(
                 name,
                 shape=(0, *shape),
                 dtype=dtype,
-                chunks=(rows, *shape),
-                shards=(PICTURE_SHARD, *shape) if picture else None,
+                chunks=(chunk, *shape),
+                shards=(shard, *shape) if shard else None,
                 filters=None,
                 compressors=ZstdCodec(level=3, checksum=True),
                 dimension_names=dimensions(name),

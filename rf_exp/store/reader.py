@@ -21,10 +21,10 @@ from rf_exp.types import NO_EXTRAS, Episode, Extras, Judged
 class Reader:
     """The demonstrations in a Zarr group, in the order they were stored."""
 
-    def __init__(self, path: Path, group: zarr.Group) -> None:
+    def __init__(self, path: Path, group: zarr.Group, attributes: dict[str, Any]) -> None:
         self.path = path
         self._group = group
-        self._attrs: dict[str, Any] = dict(group.attrs)
+        self._attrs = attributes
         self._ends = np.zeros(0, np.int64)
         self._seeds = np.zeros(0, np.int64)
 
@@ -48,7 +48,7 @@ class Reader:
         """
         if not 0 <= episodes <= len(self):
             raise ArgumentError(f"{self.path} holds {len(self)} episodes; {episodes} were asked for")
-        part = type(self)(self.path, self._group)
+        part = type(self)(self.path, self._group, self._attrs)
         part._ends, part._seeds = self._ends[:episodes], self._seeds[:episodes]
         return part
 

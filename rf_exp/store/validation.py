@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import StageError
+from rf_exp.store.integrity import Damage
 from rf_exp.store.reader import Reader
 from rf_exp.types import Episode
 
@@ -16,7 +16,7 @@ def problems(store: Reader, index: int) -> list[str]:
     """What is wrong with one episode, in words; nothing for one that is whole. Reads all of it."""
     try:
         episode = store.episode(index)
-    except StageError as error:
+    except Damage as error:
         return [str(error)]
     floats: dict[str, NDArray[Any]] = {
         "qpos": episode.qpos,

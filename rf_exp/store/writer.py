@@ -9,14 +9,13 @@ from types import TracebackType
 from typing import Any, NoReturn, Self
 
 import numpy as np
-import zarr
 
-from rf_exp.artifacts import commit, expect_same, hold_folder, installed, plain
+from rf_exp.artifacts import code, expect_same, hold_folder, installed, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import layout
 from rf_exp.store.additions import additions
 from rf_exp.store.description import Description
-from rf_exp.store.integrity import blames, check_attributes, check_rows
+from rf_exp.store.integrity import check_rows, opened
 from rf_exp.store.reader import Reader
 from rf_exp.types import CONTROL_HZ, Episode
 
@@ -73,18 +72,14 @@ class Store(Reader):
         With `identity`, the store must have been made from exactly that configuration. With
         `writable`, the store is locked and rows of an interrupted append are cut off.
 
-        Raises StageError saying what is damaged or different, and what to do.
+        Raises StageError saying what is damaged or different, and what to do, or that it is no store.
         """
         path = Path(path)
-        if not path.is_dir():
-            raise StageError(f"no store at {path}; generate the data first (stages=[generate])")
-        with blames(path, "the store cannot be opened"):
-            group = zarr.open_group(path, mode="r+" if writable else "r", zarr_format=3)
-        store = cls(path, group)
+        group, attributes = opened(path, "r+" if writable else "r")
+        store = cls(path, group, attributes)
         try:
             if writable:
                 store._take()
-            check_attributes(path, store.attrs)
             if identity is not None:
                 expect_same(path, store.identity, identity, "delete it or choose another `out`")
             store._ends, store._seeds = check_rows(path, group, store.attrs)
@@ -163,7 +158,7 @@ def _made_of(identity: Mapping[str, object]) -> dict[str, Any]:
         "task": configuration.get("task"),
         "criteria_version": configuration.get("version"),
         "generator": configuration.get("generator"),
-        "commit": commit(),
+        "commit": code(),
         "identity": configuration,
         "control_hz": CONTROL_HZ,
     }

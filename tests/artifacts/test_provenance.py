@@ -1,11 +1,16 @@
 """Which code made it: the commit of a checkout, marked where files were changed since."""
 
+import json
+import shutil
 import subprocess
+import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
-from rf_exp.artifacts import commit
+import rf_exp
+from rf_exp.artifacts import code, commit
 
 
 @pytest.fixture
@@ -33,3 +38,20 @@ def test_no_commit_outside_of_a_checkout(checkout: Path, monkeypatch: pytest.Mon
     assert commit.__wrapped__(checkout / "site-packages") == ""
     monkeypatch.setenv("PATH", "")
     assert commit.__wrapped__(checkout) == ""
+
+
+def test_code_is_named_by_its_commit_or_its_version(checkout: Path) -> None:
+    assert code(checkout) == commit(checkout) != ""
+    (checkout / "site-packages").mkdir()
+    assert code(checkout / "site-packages") == f"rf_exp {metadata.version('rf_exp')}"
+
+
+@pytest.mark.slow
+def test_a_store_that_an_installed_package_makes_names_its_version(tmp_path: Path) -> None:
+    shutil.copytree(
+        Path(rf_exp.__file__).parent, tmp_path / "rf_exp", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    make = "from rf_exp.store import Store; Store.create('s.zarr', {'task': 'lift_barrier'}, 1, (), 0, 0)"
+    subprocess.run([sys.executable, "-c", make], cwd=tmp_path, check=True)
+    said = json.loads((tmp_path / "s.zarr/zarr.json").read_text())["attributes"]
+    assert said["commit"] == f"rf_exp {metadata.version('rf_exp')}"

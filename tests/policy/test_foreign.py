@@ -5,6 +5,8 @@ import re
 import socket
 import subprocess
 import sys
+import time
+import tracemalloc
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -311,6 +313,34 @@ def test_arrays_that_are_none_are_refused(changed: dict) -> None:
         unpack(msgpack.packb({"actions": form}) or b"")
     with pytest.raises(TypeError, match="object cannot be sent"):
         pack(np.array([None]))
+
+
+MANY, FEW = 8_000_000, 4000
+SMALL_THINGS = {
+    "a list of lists": b"\xdd" + MANY.to_bytes(4, "big") + b"\x90" * MANY,
+    "a map": b"\xdf" + MANY.to_bytes(4, "big") + b"\xa1a\xc0" * (MANY // 3),
+    "lists of lists": b"\xdc\x0f\xa0" + (b"\xdc\x0f\xa0" + b"\x90" * FEW) * (MANY // FEW),
+    "lists in lists": b"\xdc\x0f\xa0" * 500 + b"\x90" * MANY,
+    "maps of nothing": b"\xdc\x0f\xa0" + (b"\xdc\x0f\xa0" + b"\x80" * FEW) * (MANY // FEW),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", SMALL_THINGS)
+def test_millions_of_small_things_are_refused_before_they_cost_anything(what: str) -> None:
+    message = b"\x81\xa7actions" + SMALL_THINGS[what]
+    tracemalloc.start()
+    began_s = time.process_time()
+    with pytest.raises(ValueError, match=r"bytes that are no message: ValueError: .*(items|exceeds max_)"):
+        unpack(message)
+    cost_s, (_, peak) = time.process_time() - began_s, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert cost_s < 1.0 and peak < 5e7, (cost_s, peak)
+
+
+def test_a_chunk_as_lists_is_understood() -> None:
+    chunk = np.random.default_rng(0).normal(size=(1500, 32)).tolist()
+    assert unpack(pack({"actions": chunk})) == {"actions": chunk}
 
 
 # -- the stage ---------------------------------------------------------------------------------------

@@ -9,6 +9,9 @@ from pydantic import BaseModel, Field, ValidationError
 from rf_exp.datagen.brain.reading import BadAnswer, printable
 
 
+MOST = 100  # choices, and calls of tools; a body of things that are none would be told of at great length
+
+
 class _Function(BaseModel):
     arguments: str | dict[str, Any] | None = None
 
@@ -22,7 +25,7 @@ class _Message(BaseModel):
     refusal: str | None = None
     reasoning: Any = None
     reasoning_content: Any = None
-    tool_calls: list[_Call] | None = None
+    tool_calls: list[_Call] | None = Field(None, max_length=MOST, fail_fast=True)
     function_call: _Function | None = None
 
 
@@ -34,7 +37,7 @@ class _Choice(BaseModel):
 class _Completion(BaseModel):
     """The part of a chat completion that matters; servers differ in the rest."""
 
-    choices: list[_Choice] = Field(min_length=1)
+    choices: list[_Choice] = Field(min_length=1, max_length=MOST, fail_fast=True)
 
 
 def content(body: bytes, kind: str) -> str:

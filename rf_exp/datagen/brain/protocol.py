@@ -91,7 +91,7 @@ class _Part(BaseModel):
 
 
 class _Constraint(_Part):
-    agents: list[str] = Field(default_factory=list, alias="Agents")
+    agents: list[str] = Field(default_factory=list, alias="Agents", max_length=16, fail_fast=True)
     text: str = Field(alias="Constraint", max_length=500)
 
     @model_validator(mode="before")

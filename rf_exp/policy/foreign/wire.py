@@ -12,6 +12,8 @@ import numpy as np
 
 ARRAY, NUMBER = b"__ndarray__", b"__npgeneric__"
 KINDS = "biuf"  # of dtypes that travel: truth values and real numbers
+LONGEST = 2**12  # items of one list or map; arrays travel as bytes, and are no such items
+MOST = 2**16  # items of all lists and maps of a message: each costs many times the byte that announces it
 
 
 def pack(value: Any) -> bytes:
@@ -22,9 +24,19 @@ def pack(value: Any) -> bytes:
 
 
 def unpack(data: bytes) -> Any:
-    """What `pack` was given; arrays are new ones. Raises ValueError for anything else."""
+    """What `pack` was given; arrays are new ones. Raises ValueError for anything else, and for too many items."""
+    items = 0
+
+    def counted(found: Any) -> Any:
+        nonlocal items
+        items += 1 + len(found)
+        if items > MOST:
+            raise ValueError(f"more than {MOST} items in lists and maps")
+        return _restored(found) if isinstance(found, dict) else found
+
+    limits = {"max_array_len": LONGEST, "max_map_len": LONGEST}
     try:
-        return msgpack.unpackb(data, object_hook=_restored)
+        return msgpack.unpackb(data, object_hook=counted, list_hook=counted, **limits)
     except (msgpack.UnpackException, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{len(data)} bytes that are no message: {type(error).__name__}: {error}") from error
 

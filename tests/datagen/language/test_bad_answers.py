@@ -4,11 +4,13 @@ import gzip
 import json
 import re
 import socket
+import time
 
 import pytest
 
 from rf_exp.datagen.brain import BadAnswer, Question, from_json
 from rf_exp.datagen.brain.bodies import LARGEST_BODY
+from rf_exp.datagen.brain.completion import content
 from rf_exp.datagen.brain.exchanges import read
 from rf_exp.types import Subgoal
 from tests.datagen.guard import FULL
@@ -179,3 +181,30 @@ def test_calls_keep_their_interval_and_their_budget(lift_barrier, server):
     with pytest.raises(BadAnswer, match="the budget of 2 calls is used up"):
         brain.answer(question)
     assert len(server.requests) == 2
+
+
+LISTS = b"[" + b"[]," * (LARGEST_BODY // 3 - 100) + b"[]]"  # as many as a body can hold
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "body",
+    [
+        b'{"choices": ' + LISTS + b"}",
+        b'{"choices": [{"message": {"tool_calls": ' + LISTS + b"}}]}",
+        b'{"choices": [{"message": {"tool_calls": ' + LISTS.replace(b"[],", b"{},") + b"}}]}",
+    ],
+)
+def test_of_many_things_that_are_none_one_is_told(body: bytes) -> None:
+    began_s = time.process_time()
+    with pytest.raises(BadAnswer, match="the server's answer is not a chat completion: "):
+        content(body, "application/json")
+    assert time.process_time() - began_s < 0.8
+
+
+def test_of_many_agents_that_are_none_one_is_told(lift_barrier) -> None:
+    entry = {"Agents": [[]] * 60_000, "Constraint": "x"}
+    answer = {"Subgoals": {"Agent_1": "hold"}, "Constraints": {"Logical": [entry]}}
+    with pytest.raises(BadAnswer) as caught:
+        from_json(json.dumps(answer, separators=(",", ":")), lift_barrier)
+    assert str(caught.value).endswith("Constraints.Logical.0.Agents.0: Input should be a valid string")

@@ -1,0 +1,99 @@
+"""What a data card and the summary say of a store: every value of them, as generation leaves it."""
+
+import json
+import sys
+from dataclasses import replace
+from html import unescape
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rf_exp.artifacts import code
+from rf_exp.command import guarded
+from rf_exp.data.__main__ import main
+from rf_exp.datagen import generator_version
+from rf_exp.stages import generate_data
+from rf_exp.stages.artifacts import data_path
+from rf_exp.stages.generation import _store
+from rf_exp.store import Store, facts
+from rf_exp.tasks import Task
+from tests.conftest import experiment
+
+ASKED = experiment("constraints=all")
+
+
+def told(card: str) -> dict[str, str]:
+    """The rows of the card's table."""
+    rows = (line.strip("|").split("|") for line in card.splitlines() if line.startswith("| "))
+    return {name.strip(): value.strip() for name, value in rows}
+
+
+def unmarked(values: dict[str, Any]) -> dict[str, Any]:
+    """The values without marks of Markdown."""
+    return {
+        name: value.replace("`", "") if isinstance(value, str) else value for name, value in values.items()
+    }
+
+
+@pytest.mark.slow
+def test_no_value_of_a_new_store_is_empty(lift_barrier: Task, tmp_path: Path) -> None:
+    for row in ASKED.constraint_sets:
+        with _store(replace(ASKED, out=tmp_path), lift_barrier, row) as store:
+            said = facts(store)
+        assert all(str(value) for value in said.values()), said
+        assert said["constraints"] == row.name
+
+
+@pytest.mark.slow
+def test_every_value_is_what_the_store_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = experiment(
+        *("task=pick_meat", "constraints=logical_temporal", "stages=[generate]", "episodes=1"),
+        *("render=false", "recordings=0", "wandb=disabled", f"out={tmp_path}"),
+    )
+    task, row = asked.tasks[0], asked.constraint_sets[0]
+    generate_data(asked, task, row)
+    path = data_path(asked, task, row)
+    store, card = Store.open(path), unescape(path.with_suffix(".md").read_text())
+    wanted = {
+        "task": "pick_meat",
+        "constraints": "logical_temporal",
+        "robots": "1 x Franka Panda with its gripper, in simulation (ManiSkill 3, SAPIEN)",
+        "episodes": 1,
+        "steps": store.steps,
+        "steps an episode": f"{store.steps} to {store.steps}",
+        "control rate": "20 Hz",
+        "minutes of motion": round(store.steps / 20 / 60, 2),
+        "scene seeds": "0 to 0",
+        "cameras": "none",
+        "pictures": "none",
+        "depth, segmentation": "none",
+        "objects": ", ".join(task.objects),
+        "disturbed": "yes: executed differs from action",
+    }
+    assert unmarked(facts(store)) == wanted
+    rows = unmarked(told(card))
+    assert rows.pop("what") == "value" and rows.pop("---") == "---"
+    assert rows == {name: str(value) for name, value in wanted.items()}
+    capsys.readouterr()
+    monkeypatch.setattr(sys, "argv", ["rf_exp.data", "summary", str(path), "--json"])
+    assert guarded(main) == 0
+    said = json.loads(capsys.readouterr().out)[str(path)]
+    assert said.pop("MiB") > 0 and unmarked(said) == wanted
+    success = [
+        line.removeprefix("- ") for line in card.split("## Success")[1].splitlines() if line[:2] == "- "
+    ]
+    assert store.description is not None and success == list(store.description.conditions)
+    for part in (
+        f"# {task.title}: demonstrations of several arms",
+        f"`{path.name}` is a Zarr 3 store",
+        f"{task.description} {task.target_condition}",
+        f"of version {task.version}; all of them held for {task.success['hold_steps']:g} control steps",
+        f"Generator {generator_version(task)}, code {code()}; python ",
+        f"numpy {metadata.version('numpy')}",
+        '"name": "logical_temporal"',
+    ):
+        assert part in card, part
