@@ -12,6 +12,7 @@ from rf_exp.coordination import Delays
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Motions, Unreachable, in_turn, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.datagen.overlaps import taken
 from rf_exp.datagen.yielding import Way, ways
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation
@@ -125,7 +126,10 @@ class Planner:
         except ArgumentError as error:
             return _refused(CheckName.CODE, scene, error)
         queues = in_turn(queues, checker.order) if constraint_set.temporal else queues
-        violation: Violation | None = None
+        known = constraint_set.spatial and scene.seen is None  # where things stand
+        if known and (violation := taken(task, queues, scene)) is not None:
+            return violation
+        violation = None
         tried = ways(queues, scene, constraint_set)
         for way in tried:
             result = self._motion(queues, checker, scene, way, rng, pauses)

@@ -1,5 +1,6 @@
 """Motion: inverse kinematics, primitives, collision-free paths, timing."""
 
+from rf_exp.datagen.motion.destination import destinations
 from rf_exp.datagen.motion.disturb import disturb
 from rf_exp.datagen.motion.planner import Handover, Motions, plan_motion
 from rf_exp.datagen.motion.queues import in_turn
@@ -21,6 +22,7 @@ __all__ = [
     "add_primitive",
     "as_commanded",
     "come_to_rest",
+    "destinations",
     "disturb",
     "in_turn",
     "let_off",
