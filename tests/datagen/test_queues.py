@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints.checks.temporal import times_s
-from rf_exp.datagen import Planned, Planner, Settings, Unreachable
+from rf_exp.datagen import Planned, Planner, Settings, Unreachable, commands_of
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
-from rf_exp.datagen.driving import commands_of
 from rf_exp.datagen.motion import in_turn
 from rf_exp.datagen.motion.queues import Queues
 from rf_exp.findings import Cause, Finding, Violation
