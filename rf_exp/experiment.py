@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import dacite
 
-from rf_exp.datagen.brain import BrainSpec, OpenAISpec, read_brain
+from rf_exp.datagen.brain import BrainSpec, FaultySpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy
@@ -252,7 +252,11 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             load_task(name, {**task, "randomisation": drawn | task.get("randomisation", {})})
             for name, task in node["task"].items()
         )
-        return replace(experiment, tasks=tuple(tasks))
+        experiment = replace(experiment, tasks=tuple(tasks))
+        if isinstance(experiment.brain, FaultySpec) and "generate" in experiment.stages:
+            for task in experiment.tasks:
+                experiment.brain.fits(task)
+        return experiment
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error
 

@@ -33,6 +33,7 @@ def main(config: DictConfig) -> None:
         generate_data,
         say_how_long,
         train_policies,
+        why_seeds_failed,
         write_tables,
     )
 
@@ -58,7 +59,7 @@ def main(config: DictConfig) -> None:
         write_tables(experiment)
 
     if "generate" in stages and not demonstrations:
-        raise StageError(f"no seed succeeded; the reasons are in {experiment.out / 'results' / 'generate'}")
+        raise StageError(f"no seed succeeded: {why_seeds_failed(experiment)}")
 
 
 def command() -> int:

@@ -206,7 +206,8 @@ def test_a_run_without_one_success_fails(command, tmp_path):
     result = command(*arguments, "stages=[generate,report]", f"out={tmp_path}")
     assert result.returncode == 1
     assert result.stderr.strip().splitlines()[-1] == (
-        f"failed: no seed succeeded; the reasons are in {tmp_path}/results/generate"
+        "failed: no seed succeeded: 2 of 2: nothing was carried out; not understood; the rows are in "
+        f"{tmp_path}/results/generate/pick_meat/full-disturbed.jsonl"
     )
     assert (tmp_path / "report.html").exists(), "the attempts are told all the same"
 

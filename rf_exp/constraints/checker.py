@@ -5,7 +5,7 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 from rf_exp.constraints.checked import CheckedPlan
@@ -23,7 +23,7 @@ from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet, Scene, Schedule, Trajectory
+from rf_exp.types import ConstraintSet, Scene, Schedule, Subgoal, Trajectory
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
@@ -102,13 +102,25 @@ class RoboChecker:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""
         return Paths(self._task, self._constraint_set, scene, tuple(trajectories))
 
-    def schedule(self, paths: Paths, delays: Delays | None = None) -> Schedule | Violation:
-        """When everybody moves: the shortest schedule with a model of time, turns without one."""
+    def schedule(
+        self,
+        paths: Paths,
+        delays: Delays | None = None,
+        *,
+        turns: Sequence[Subgoal] | None = None,
+        also: Sequence[Rule] = (),
+    ) -> Schedule | Violation:
+        """When everybody moves: the shortest schedule with a model of time, `turns` without one.
+
+        Turns are taken in the order of the proposal unless given. `also` are rules beside those of the code.
+        """
         trajectories = paths.trajectories
         if not self._constraint_set.temporal:
-            return sequential(trajectories, self._proposal)
+            in_turn = self._proposal if turns is None else replace(self._proposal, subgoals=tuple(turns))
+            return sequential(trajectories, in_turn)
         diagrams = paths.diagrams if self._constraint_set.spatial else {}
-        return schedule(trajectories, diagrams, self.rules(paths), delays, begins_s=paths.begins_s)
+        rules = (*self.rules(paths), *also)
+        return schedule(trajectories, diagrams, rules, delays, begins_s=paths.begins_s)
 
     def check(self, paths: Paths, timed: Schedule) -> CheckedPlan:
         """All checks on a plan before anything moves."""

@@ -1,11 +1,13 @@
 """Many episodes: consecutive seeds spread over processes, results in the order of the seeds."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.datagen.brain import FaultyBrain
 from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Settings
@@ -32,8 +34,12 @@ def make_episode(
     cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
     world = shared_simulator(settings.task, pictures)
     take = partial(depth_and_segmentation, world, cameras, extras)
-    maker = EpisodeMaker(settings, Limited(world, cameras), settings.make_brain(seed), extras=take)
-    return maker.make(seed, lead, known)
+    brain = settings.make_brain(seed)
+    made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
+    if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # it shows nothing of the fault
+        ended = f"the fault {brain.fault.name} was not planted: no plan in this scene has a place for it"
+        return replace(made, success=False, episode=None, account=Account(ended=ended))
+    return made
 
 
 def generate(

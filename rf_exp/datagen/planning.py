@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,9 @@ import numpy as np
 from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
-from rf_exp.datagen.motion import Unreachable, plan_motion
+from rf_exp.datagen.motion import Motions, Unreachable, in_turn, plan_motion
 from rf_exp.datagen.obstacles import Obstacles
+from rf_exp.datagen.overlaps import taken
 from rf_exp.datagen.yielding import Way, ways
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation
@@ -117,16 +119,22 @@ class Planner:
             return _refused(CheckName.BRAIN, scene, error)
         if not proposal.subgoals:
             return None
+        # Without a model of time agents take turns as they are listed; with one that must say nothing.
+        queues = in_turn(proposal, ()) if constraint_set.temporal else proposal
         try:
-            checker = RoboChecker(task, proposal, constraint_set)
+            checker = RoboChecker(task, queues, constraint_set)
         except ArgumentError as error:
             return _refused(CheckName.CODE, scene, error)
-        violation: Violation | None = None
-        tried = ways(proposal, scene, constraint_set)
+        queues = in_turn(queues, checker.order) if constraint_set.temporal else queues
+        known = constraint_set.spatial and scene.seen is None  # where things stand
+        if known and (violation := taken(task, queues, scene)) is not None:
+            return violation
+        violation = None
+        tried = ways(queues, scene, constraint_set)
         for way in tried:
-            result = self._motion(proposal, checker, scene, way, rng, pauses)
+            result = self._motion(queues, checker, scene, way, rng, pauses)
             if isinstance(result, Planned):
-                return result
+                return replace(result, proposal=proposal)
             # Of two reasons, that arms in the way leave no path says less than what a check has found.
             if violation is None or result.check is not CheckName.MOTION:
                 violation = result
@@ -147,7 +155,7 @@ class Planner:
         settings = self._settings
         obstacles = Obstacles(settings.task, scene, settings.constraint_set, proposal)
         try:
-            trajectories, _ = plan_motion(
+            motions = plan_motion(
                 settings.task,
                 proposal,
                 scene,
@@ -164,10 +172,11 @@ class Planner:
             if error.blockage is not None:
                 about |= obstacles.how_near(error.blockage)
             return Violation(check=CheckName.MOTION, time_s=now_s, **about)
+        trajectories = motions.trajectories
         if checker.speeds_m_s:
             trajectories = slowed(trajectories, PlanningScene(settings.task, scene).arms, checker.speeds_m_s)
         paths = checker.paths(trajectories, scene)
-        schedule = self._schedule(checker, paths, pauses)
+        schedule = self._schedule(checker, paths, motions, pauses)
         if isinstance(schedule, Violation):
             return schedule
         checked = checker.check(paths, schedule)
@@ -179,18 +188,20 @@ class Planner:
         self,
         checker: RoboChecker,
         paths: Paths,
+        motions: Motions,
         pauses: np.random.Generator | None,
     ) -> Schedule | Violation:
         """With as much of the delays as can be had."""
+        schedule = partial(checker.schedule, paths, turns=motions.subgoals, also=motions.handovers)
         steps = round(self._settings.delay_s * CONTROL_HZ)
         if steps:
             several = len(paths.trajectories) > 1  # one arm alone waits for nobody
             pausing = _pauses(paths.trajectories, steps, pauses) if several and pauses is not None else {}
             for slack in (steps, steps // 2):
-                timed = checker.schedule(paths, Delays(slack, pausing))
+                timed = schedule(Delays(slack, pausing))
                 if isinstance(timed, Schedule):
                     return timed
-        return checker.schedule(paths)
+        return schedule()
 
 
 def _pauses(

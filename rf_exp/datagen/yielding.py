@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.findings import Cause, CheckName, Violation, agent_name
+from rf_exp.findings import Cause, CheckName, Finding, Violation, agent_name
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, keep_clear
 from rf_exp.tasks import RETRACTED_QPOS, Task
 from rf_exp.tasks.predicates import holders
@@ -91,8 +91,11 @@ def yields_after(violation: Violation, proposal: Proposal, scene: Scene) -> list
 
     After a hit all that were in it; first the one whose work comes later in the plan, which came to where
     the other stood. Of two that are in each other's way who has nothing to do, or whose work comes later.
-    One that finds no way begins again from farther off. Of more than two nothing says who should.
+    One that finds no way begins again from farther off. Of more than two nothing says who should, and a
+    place that is taken stays so.
     """
+    if violation.finding is Finding.TAKEN:
+        return []
     alone = len(violation.agents) == 1 and violation.check not in (CheckName.COLLISION, CheckName.MOTION)
     if violation.cause not in (Cause.CONTACT, Cause.SPACE) or len(violation.agents) > 2 or alone:
         return []

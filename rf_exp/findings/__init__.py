@@ -1,11 +1,12 @@
 """What went wrong, as values: violations, and the account of an episode. Sentences are written from them."""
 
-from rf_exp.findings.account import Account, Closest, Lost, Touch, Unmet
+from rf_exp.findings.account import NOTHING, Account, Closest, Lost, Touch, Unmet
 from rf_exp.findings.finding import Finding
 from rf_exp.findings.violation import Cause, CheckName, Doing, Found, Violation
 from rf_exp.findings.words import agent_name, names
 
 __all__ = [
+    "NOTHING",
     "Account",
     "Cause",
     "CheckName",

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from rf_exp.findings.violation import Violation
 
 TOO_SHORT = "all conditions held, but not for long"
+IDLE = "nothing was carried out"
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,9 @@ class Closest:
         long = f", for {self.steps} steps" if self.steps else ""
         when = f" ({self.time_s:.2f} s{long})" if self.holding else ""
         return f"at best {self.holding} of {self.of}{when}"
+
+
+NOTHING = Closest(0, 0, 0.0, 0)  # of an attempt without one step
 
 
 @dataclass(frozen=True)
@@ -120,8 +124,8 @@ class Account:
             parts = ["failed: " + ", ".join(each.sentence for each in self.unmet)]
             parts += [closest.sentence] if closest is not None else []
         else:
-            steps = f" ({closest.steps} steps)" if closest is not None else ""
-            parts = [f"failed: {TOO_SHORT}{steps}"]
+            steps = f" ({closest.steps} steps)" if closest is not None and closest != NOTHING else ""
+            parts = [f"failed: {self._briefly}{steps}"]
         parts += [each.sentence for each in (*self.touches, *self.lost)]
         if self.rejections:  # the first says what went wrong; the last, why that could not be mended
             first, last, many = self.rejections[0], self.rejections[-1], len(self.rejections)
@@ -136,6 +140,11 @@ class Account:
             return f"refused: {self.refused.kind}"
         if self.ended:
             return self.ended
-        failed = ", ".join(each.name for each in self.unmet) or TOO_SHORT
+        failed = ", ".join(each.name for each in self.unmet) or self._briefly
         happened = [each.kind for each in (*self.touches, *self.lost, *self.rejections[:1])]
         return "; ".join([failed, *happened, *([self.told] if self.told else [])])
+
+    @property
+    def _briefly(self) -> str:
+        """Why it failed though no condition did at the end."""
+        return IDLE if self.closest == NOTHING else TOO_SHORT

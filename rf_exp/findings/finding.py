@@ -147,6 +147,10 @@ class Finding(StrEnum):
 
     # Motion: why there is none.
     BLOCKED = "is blocked", "{a} cannot {first}: {in_the_way}{how_near}"
+    TAKEN = (
+        "place is taken",
+        "{a} cannot {first}: {object} would overlap {obstacle} there by {depth_mm:.0f} mm; move one of them",
+    )
     NO_PATH = "finds no free path", "{a} cannot {first}: no free path{how_near}"
     OUT_OF_REACH = "is out of reach", "{a} cannot {first}: out of reach"
     TOO_HIGH = "does not reach that high", "{a} cannot {first}: the arm does not reach that high"

@@ -6,11 +6,10 @@ import numpy as np
 from mani_skill.envs.scene import ManiSkillScene
 
 from rf_exp.sim import objects
+from rf_exp.tasks import TABLE_CENTRE_M, TABLE_M
 from rf_exp.tasks.assets import Asset, Part
 from rf_exp.transforms import planar, transform
 
-TABLE_M = (2.6, 2.8, 0.06)  # extents; the top is at z = 0
-TABLE_CENTRE_M = (0.1, 0.0)
 FLOOR_Z_M = -0.75
 WALL_M = 3.5  # from the middle of the room
 WOOD, LEG, FLOOR, WALL = (0.50, 0.37, 0.25), (0.12, 0.12, 0.13), (0.30, 0.31, 0.32), (0.42, 0.48, 0.54)

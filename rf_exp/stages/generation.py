@@ -1,9 +1,11 @@
 """Generation: consecutive seeds become checked demonstrations in the store, each seed a row."""
 
+from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
@@ -23,6 +25,7 @@ from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Store, card
 from rf_exp.types import Episode, Pictures
 
+COMMONEST = 3  # reasons that are told where seeds fail
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
 
@@ -52,10 +55,29 @@ def generate_data(cell: Cell) -> int:
         _record(cell, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
             raise StageError(
-                f"{title}: only {made} of {len(span)} seeds succeeded, {enough} demonstrations "
-                f"were wanted; the reasons are in {rows_path}"
+                f"{title}: only {made} of {len(span)} seeds succeeded, {enough} demonstrations were wanted; "
+                f"failed {_commonest(read_rows(rows_path, GenerationRow))}; the rows are in {rows_path}"
             )
         return made
+
+
+def why_seeds_failed(experiment: Experiment) -> str:
+    """The reasons for which most seeds failed, with counts, and where all of them are."""
+    paths = [
+        generation_path(experiment, task, constraint_set)
+        for task, constraint_set in product(experiment.tasks, experiment.constraint_sets)
+    ]
+    rows = [row for path in paths if path.exists() for row in read_rows(path, GenerationRow)]
+    where = paths[0] if len(paths) == 1 else experiment.out / "results" / "generate"
+    return f"{_commonest(rows)}; the rows are in {where}"
+
+
+def _commonest(rows: Iterable[GenerationRow]) -> str:
+    """The reasons of the rows that failed, the most common first, each with how many it has."""
+    kinds = Counter(row.account.kind for row in rows if not row.success)
+    told = [f"{count} of {kinds.total()}: {kind}" for kind, count in kinds.most_common(COMMONEST)]
+    rest = len(kinds) - len(told)
+    return " | ".join([*told, *([f"{rest} rarer reasons"] if rest else [])])
 
 
 def collect(

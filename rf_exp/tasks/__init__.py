@@ -10,6 +10,7 @@ from rf_exp.tasks.labels import labelled, labels
 from rf_exp.tasks.specs import REST_QPOS, RETRACTED_QPOS, CameraSpec, ObjectSpec, Randomisation, RobotSpec
 from rf_exp.tasks.start import FINGERS_OPEN_M, Start
 from rf_exp.tasks.success import SuccessEvaluator
+from rf_exp.tasks.table import TABLE_CENTRE_M, TABLE_M
 from rf_exp.tasks.task import Task
 
 __all__ = [
@@ -17,6 +18,8 @@ __all__ = [
     "FINGERS_OPEN_M",
     "REST_QPOS",
     "RETRACTED_QPOS",
+    "TABLE_CENTRE_M",
+    "TABLE_M",
     "CameraSpec",
     "Ledger",
     "ObjectSpec",

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rf_exp.findings import Account, Closest, Lost, Touch, Unmet
+from rf_exp.findings import NOTHING, Account, Closest, Lost, Touch, Unmet
 from rf_exp.types import CONTROL_DT_S, Measured, Scene, Verdict
 
 
@@ -59,11 +59,13 @@ class Ledger:
         )
 
     def account(self) -> Account:
-        """As it stands: of a success the touches alone."""
+        """As it stands: of a success the touches alone, without a step that nothing was carried out."""
         touches = tuple(
             Touch(pair, _s(first), steps) for pair, (first, steps) in sorted(self._touched.items())
         )
-        if self._verdict is None or self._verdict.success:
+        if self._verdict is None:
+            return Account(closest=NOTHING)
+        if self._verdict.success:
             return Account(touches=touches)
         failing = [name for name, holds in self._verdict.evidence.items() if not holds]
         return Account(

@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.specs import Randomisation
+from rf_exp.tasks.start import beyond_table
 from rf_exp.tasks.task import Task
 
 _CONF = Path(__file__).resolve().parents[2] / "conf"
@@ -43,7 +44,8 @@ def load_task(name: str, node: Mapping) -> Task:
 
     What it does not say of randomisation is as in conf/config.yaml.
     Raises ArgumentError naming the field for what is missing, unknown, or of another type, for an
-    asset that does not exist, and for an object that stands on one not listed before it.
+    asset that does not exist, for an object that stands on one not listed before it, and for one that may
+    start beyond the table's edge.
     """
     try:
         drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
@@ -77,6 +79,12 @@ def load_task(name: str, node: Mapping) -> Task:
                 f"expected one listed before it: {seen}"
             )
         seen.append(key)
+        beyond_m, edge = beyond_table(task, key)
+        if beyond_m > 0:
+            raise ArgumentError(
+                f"task {name!r}: object {key!r} may start {1000 * beyond_m:.0f} mm beyond the table's edge "
+                f"at {edge} and fall; narrow its ranges"
+            )
     return task
 
 

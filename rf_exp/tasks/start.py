@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import MultiPoint
+from shapely import MultiPoint, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from rf_exp.errors import ArgumentError
+from rf_exp.tasks.table import beyond_edge
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Scene
 
@@ -43,18 +45,26 @@ def start_of(task: "Task", seed: int) -> Start:
     """The start of an episode: a pure function of task and seed.
 
     Objects that would stand in one another are all drawn again. Raises ArgumentError for ranges
-    in which there is no room.
+    in which there is no room, and for an object that does not lie on the table.
     """
     rng = np.random.default_rng([seed, 0])  # stream 0 of the episode: the scene
     for _ in range(_DRAWS):
         poses = _drawn(task, rng)
-        if _roomy(task, poses):
+        crowded = _crowded(task, poses)
+        if crowded is None:
             break
     else:
         raise ArgumentError(
             f"task {task.name!r}, seed {seed}: none of {_DRAWS} draws leaves {GAP_M} m between the "
-            "objects; widen their ranges"
+            f"objects; in the last {crowded}; widen their ranges"
         )
+    for name, pose in poses.items():
+        beyond_m, edge = beyond_edge(_footprint(task, name, pose))
+        if beyond_m > 0:
+            raise ArgumentError(
+                f"task {task.name!r}, seed {seed}: {name} would start {1000 * beyond_m:.0f} mm beyond the "
+                f"table's edge at {edge} and fall; move its range, or what it is relative to"
+            )
     rest = np.array([robot.rest_rad for robot in task.robots])
     noise = rng.normal(0.0, task.randomisation.rest_qpos_rad, rest.shape)
     fingers = np.full((len(task.robots), 2), FINGERS_OPEN_M)
@@ -84,11 +94,52 @@ def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:
     return poses
 
 
-def _roomy(task: "Task", poses: Mapping[str, Matrix]) -> bool:
-    """Whether the outlines of objects that share the table are apart. A stack is one outline."""
+def beyond_table(task: "Task", name: str) -> tuple[float, str]:
+    """By how many m an object may start beyond an edge of the table, and which; 0 or less: it never does.
+
+    Of one whose ranges count from another object nothing is known before it is drawn.
+    """
+    spec = task.objects[name]
+    if spec.relative_to is not None:
+        return 0.0, ""
+    low_deg, high_deg = spec.yaw_deg
+    turns_rad = np.deg2rad(np.linspace(low_deg, high_deg, 1 + int(np.ceil(high_deg - low_deg))))
+    upright = _footprint(task, name, planar(0.0, 0.0, 0.0))
+    corners = np.array([(x, y, 0.0) for x in spec.x_m for y in spec.y_m])
+    farthest = corners + np.linalg.norm(upright[:, :2], axis=1).max() * np.array([[[1.0]], [[-1.0]]])
+    if (beyond := beyond_edge(farthest.reshape(-1, 3)))[0] <= 0:  # however it is turned
+        return beyond
+    turned = [upright @ planar(0.0, 0.0, turn)[:3, :3].T + at for turn in turns_rad for at in corners]
+    return beyond_edge(np.concatenate(turned))
+
+
+def _footprint(task: "Task", name: str, pose: Matrix) -> NDArray[np.float64]:
+    """(K, 3) what has to lie over the table: all of a thing, the origin of a mark or of what is stacked."""
+    stands = task.asset(name).hulls and not task.objects[name].z_m
+    return task.asset(name).vertices(pose) if stands else pose[None, :3, 3]
+
+
+def _crowded(task: "Task", poses: Mapping[str, Matrix]) -> str | None:
+    """Which two objects that share the table are not apart, seen from above. A stack is one outline."""
     outlines = {
         name: MultiPoint(task.asset(name).vertices(pose)[:, :2]).convex_hull
         for name, pose in poses.items()
         if task.asset(name).hulls and not task.objects[name].z_m
     }
-    return all(outlines[a].distance(outlines[b]) > GAP_M for a, b in combinations(outlines, 2))
+    for a, b in combinations(outlines, 2):
+        apart_m = outlines[a].distance(outlines[b])
+        if apart_m <= 0:
+            return f"{a} and {b} overlap by {1000 * _depth_m(outlines[a], outlines[b]):.0f} mm"
+        if apart_m <= GAP_M:
+            return f"{a} and {b} are {1000 * apart_m:.1f} mm apart"
+    return None
+
+
+def _depth_m(a: BaseGeometry, b: BaseGeometry) -> float:
+    """How far one of two convex outlines that overlap has to move until they do not."""
+    corners = [np.array(each.exterior.coords) for each in (a, b) if isinstance(each, Polygon)]
+    edges = np.concatenate([np.diff(each, axis=0) for each in corners])
+    normals = np.stack([-edges[:, 1], edges[:, 0]], axis=1) / np.linalg.norm(edges, axis=1)[:, None]
+    one, other = (each @ normals.T for each in corners)  # (K, E) along each normal
+    ahead, behind = one.max(axis=0) - other.min(axis=0), other.max(axis=0) - one.min(axis=0)
+    return float(np.minimum(ahead, behind).min())

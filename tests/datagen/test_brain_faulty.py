@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
-from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, applies, from_json
+from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, make_episode
+from rf_exp.datagen.brain import FAULTS, FaultyBrain, FaultySpec, Question, applies, faults_for, from_json
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName
 from rf_exp.sim import Simulator
 from rf_exp.statements import Before, Unread, read
-from rf_exp.types import ConstraintSet
-from tests.conftest import CONF, read_task
+from rf_exp.types import NO_PICTURES, ConstraintSet
+from tests.conftest import CONF, experiment, read_task
 from tests.scenes import rejection, start_scene
 
 FULL = ConstraintSet("full")
@@ -123,6 +123,51 @@ def test_a_fault_where_it_applies_changes_the_plan_the_same_way_for_a_seed(task)
         question = Question(task, scene, {})
         first, second = (fault.change(sound, question, np.random.default_rng(3)) for _ in range(2))
         assert first == second and first != sound
+
+
+def test_a_fault_is_refused_for_the_tasks_that_have_no_place_for_it(task):
+    """Every fault either has a place in the plans of a task or is refused, with those that have one."""
+    known = faults_for(task)
+    assert known
+    for fault in FAULTS:
+        if fault in known:
+            FaultySpec(fault).fits(task)
+            continue
+        with pytest.raises(ArgumentError) as refused:
+            FaultySpec(fault).fits(task)
+        assert str(refused.value) == (
+            f"brain.fault={fault} has no place in the plans of {task.name}; "
+            f"those that have: {', '.join(known)}"
+        )
+    scenes = [start_scene(task, seed) for seed in range(10, 20)]
+    rooms = {tuple(fault for fault in FAULTS if applies(fault, task, scene)) for scene in scenes}
+    assert len(rooms) == 1, "whether a fault applies depends on the scene"
+    assert set(rooms.pop()) <= set(known)
+
+
+def test_a_fault_that_applies_later_in_the_episode_has_a_place():
+    """Lifts are proposed once the barrier is held."""
+    lift = read_task("lift_barrier")
+    assert not applies("uneven_height", lift, start_scene(lift, 0))
+    assert "uneven_height" in faults_for(lift)
+
+
+def test_an_experiment_with_a_fault_that_has_no_place_is_refused_before_work():
+    with pytest.raises(
+        ArgumentError, match=r"brain.fault=wrong_point has no place in the plans of place_food"
+    ):
+        experiment("task=place_food", "brain=faulty")
+    experiment("task=lift_barrier", "brain=faulty")
+    experiment("task=place_food", "brain=faulty", "stages=[report]")
+
+
+@pytest.mark.slow
+def test_a_fault_that_was_never_planted_counts_as_such():
+    settings = Settings.configured(read_task("stack_cube"), FULL, FaultySpec("wrong_point"))
+    outcome = make_episode(settings, NO_PICTURES, 0)
+    assert not outcome.success and outcome.episode is None
+    assert outcome.account.kind == outcome.reason
+    assert outcome.reason.startswith("the fault wrong_point was not planted")
 
 
 @pytest.mark.parametrize("name", ["pass_shoe", "long_pipeline_delivery"])

@@ -23,7 +23,7 @@ LIMITS = JointLimits(**default_of("limits"))
 
 def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yielding=None):
     blocked = Obstacles(task, scene, row or ConstraintSet("full"), proposal).blocked(avoid_arms=avoid_arms)
-    return plan_motion(
+    made = plan_motion(
         task,
         proposal,
         scene,
@@ -33,6 +33,7 @@ def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yiel
         yielding=yielding or Yielding(),
         rng=np.random.default_rng(0),
     )
+    return made.trajectories, made.state
 
 
 @pytest.mark.slow

@@ -13,8 +13,7 @@ from rf_exp.gallery.performance import play
 from rf_exp.geometry.planning_scene import GRIPPER
 from rf_exp.robots import Panda
 from rf_exp.sim import Limited, Simulator, agent, hand_from_camera
-from rf_exp.sim.room import TABLE_CENTRE_M
-from rf_exp.tasks import CameraSpec, Task
+from rf_exp.tasks import TABLE_CENTRE_M, CameraSpec, Task
 from rf_exp.transforms import apply, inverse
 from rf_exp.types import ConstraintSet
 from tests.conftest import TASKS, read_task

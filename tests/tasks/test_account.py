@@ -19,6 +19,12 @@ def verdict(measured: dict[str, Measured] | None = None, lost: dict[str, str] | 
     return Verdict(False, False, holds, measured or {}, lost or {})
 
 
+def test_without_one_step_nothing_was_carried_out() -> None:
+    account = seen().account()
+    assert account.reason == "failed: nothing was carried out"
+    assert account.kind == "nothing was carried out"
+
+
 def test_conditions_tell_since_when_they_fail_and_what_was_best() -> None:
     account = seen(
         verdict(held=False, up=False, level=True),

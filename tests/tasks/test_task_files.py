@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.store import Store
-from rf_exp.tasks import load_task, read_task, stored_task
+from rf_exp.tasks import Task, load_task, read_task, stored_task
 from tests.conftest import CONF
 
 
@@ -51,6 +51,40 @@ def test_a_missing_field(node: dict[str, Any]) -> None:
 def test_a_field_of_another_type(node: dict[str, Any]) -> None:
     node["title"] = 3
     assert message(node) == "task 'place_food': field title is 3; expected <class 'str'>"
+
+
+def test_an_object_that_may_start_beyond_the_edge_of_the_table(node: dict[str, Any]) -> None:
+    """The table reaches to x = 1.4 m; the lid counts from the pot."""
+    node["objects"]["pot"]["x_m"] = [0.0, 1.35]
+    said = message(node)
+    assert said.startswith("task 'place_food': object 'pot' may start ")
+    assert said.endswith(" mm beyond the table's edge at x = 1.4 m and fall; narrow its ranges")
+    assert 20 < float(said.split("may start ")[1].split(" mm")[0]) < 100
+
+
+def test_an_object_that_is_drawn_beyond_the_edge_of_the_table(node: dict[str, Any]) -> None:
+    """What counts from another object is known once that is drawn."""
+    node["objects"]["steak"]["y_m"] = [-1.6, -1.6]
+    task = load_task("place_food", node)
+    with pytest.raises(
+        ArgumentError, match=r"seed 7: steak would start 1\d\d mm beyond the table's edge at y = -1.4 m"
+    ):
+        task.start(7)
+
+
+def test_objects_without_room_are_named_with_what_they_overlap_by(node: dict[str, Any]) -> None:
+    node["objects"]["steak"] |= {"y_m": [-0.05, -0.05], "x_m": [0.0, 0.0]}
+    task = load_task("place_food", node)
+    with pytest.raises(
+        ArgumentError, match=r"in the last pot and steak overlap by [1-9]\d* mm; widen their ranges"
+    ):
+        task.start(0)
+
+
+@pytest.mark.slow
+def test_every_start_of_the_suite_lies_on_the_table(task: Task) -> None:
+    for seed in range(200):
+        task.start(seed)
 
 
 def test_a_range_the_wrong_way_round(node: dict[str, Any]) -> None:

@@ -4,11 +4,19 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
+from rf_exp.stages.artifacts import generation_path
 from rf_exp.store import Store
+from rf_exp.tasks import FINGERS_OPEN_M, REST_QPOS, TABLE_CENTRE_M, TABLE_M
+from rf_exp.types import ConstraintSet
+from tests.conftest import TASKS, experiment, read_task
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -47,3 +55,33 @@ def test_the_document_shows_the_files_as_they_are() -> None:
     }
     for path, content in shown.items():
         assert content == (ROOT / path).read_text("utf-8"), path
+
+
+def test_the_figures_of_the_document_are_those_of_the_code() -> None:
+    text = (ROOT / "docs/adding_a_task.md").read_text("utf-8").replace("\n  ", " ")
+    (x, y, _), (cx, cy) = TABLE_M, TABLE_CENTRE_M
+    across = f"from x = {cx - x / 2:g} to {cx + x / 2:g} m and from y = {cy - y / 2:g} to {cy + y / 2:g} m"
+    rest = ", ".join(f"{angle:.3f}".removesuffix(".000") for angle in REST_QPOS)
+    tasks = [read_task(name) for name in TASKS]
+    nearest_m = min(
+        np.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
+        for task in tasks
+        for one, other in combinations(task.robots, 2)
+    )
+    for told in (
+        f"top is {x:g} x {y:g} m, {across}",
+        f"without it `[{rest}]`",
+        f"two arms must be more than {100 * AGENT_MARGIN_M:g} cm apart",
+        f"an arm more than {1000 * OBJECT_MARGIN_M:g} mm from every object",
+        f"no two bases are nearer than {nearest_m:g} m",
+        f"Fingers open to {200 * FINGERS_OPEN_M:g} cm",
+    ):
+        assert told in text, told
+
+
+def test_the_document_names_the_rows_that_the_command_writes() -> None:
+    text = (ROOT / "docs/adding_a_task.md").read_text("utf-8")
+    disturbs = experiment("task=pick_meat")
+    for each in (disturbs, replace(disturbs, disturbance_rad=0.0, delay_s=0.0)):
+        path = generation_path(each, each.tasks[0], ConstraintSet("full"))
+        assert f"`{path}`".replace("pick_meat", "push_button") in text or f"(`{path.name}`" in text

@@ -1,7 +1,7 @@
 """RoboBrain: proposes subgoals and textual constraints."""
 
 from rf_exp.datagen.brain.faults import FAULTS
-from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies
+from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies, faults_for
 from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
 from rf_exp.datagen.brain.probing import probe
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
@@ -22,6 +22,7 @@ __all__ = [
     "ScriptedBrain",
     "ScriptedSpec",
     "applies",
+    "faults_for",
     "from_json",
     "probe",
     "read_brain",

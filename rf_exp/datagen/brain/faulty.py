@@ -10,11 +10,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from rf_exp.datagen.brain.faults import fault_named
+from rf_exp.datagen.brain.faults import FAULTS, fault_named
 from rf_exp.datagen.brain.protocol import Question, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain
+from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet, Scene
+
+_SCENES = range(4)  # seeds of scenes in which a fault is given room
 
 
 def applies(fault: str, task: Task, scene: Scene) -> bool:
@@ -24,20 +27,41 @@ def applies(fault: str, task: Task, scene: Scene) -> bool:
     return fault_named(fault).change(proposal, question, np.random.default_rng(0)) is not None
 
 
+def faults_for(task: Task) -> tuple[str, ...]:
+    """The faults for which some proposal of the scripted plan has room, in one of a few scenes.
+
+    Looked at are the first proposal and the one that follows once everything is grasped.
+    """
+    found: set[str] = set()
+    for seed in _SCENES:
+        begin = task.start(seed).scene
+        for scene in (begin, _grasped(task, begin)):
+            found |= {fault for fault in FAULTS if fault not in found and applies(fault, task, scene)}
+    return tuple(fault for fault in FAULTS if fault in found)
+
+
+def _grasped(task: Task, scene: Scene) -> Scene:
+    """The scene with every agent holding what it last grasps and does not put down in the scripted plan."""
+    held: dict[int, str | None] = {}
+    for subgoal in task.module.plan(scene, task).subgoals:
+        held[subgoal.agent] = subgoal.object if subgoal.verb not in ("place", "release") else None
+    return replace(scene, held=tuple(held.get(agent) for agent in task.agents))
+
+
 class FaultyBrain:
-    """Scripted, but for one mistake. `placed` says whether it has been made."""
+    """Scripted, but for one mistake. `placed` says whether it has been made, in the scene of this episode."""
 
     name = "faulty"
 
     def __init__(self, fault: str, seed: int) -> None:
-        self._fault = fault_named(fault)
+        self.fault = fault_named(fault)
         self._rng = np.random.default_rng([seed, 2])  # stream 2 of the episode: faults
         self.placed = self._corrected = False
 
     def answer(self, question: Question) -> str:
         if not self.placed and not question.feedback:
             proposal = question.task.module.plan(question.scene, question.task)
-            changed = self._fault.change(proposal, question, self._rng)
+            changed = self.fault.change(proposal, question, self._rng)
             if changed is not None:
                 self.placed = True
                 return to_json(changed)
@@ -62,6 +86,14 @@ class FaultySpec:
     @property
     def identity(self) -> dict[str, object]:
         return {"name": self.name, "fault": self.fault}
+
+    def fits(self, task: Task) -> None:
+        """Raises ArgumentError for a task in whose plans the fault has no place."""
+        if self.fault not in (known := faults_for(task)):
+            raise ArgumentError(
+                f"brain.fault={self.fault} has no place in the plans of {task.name}; "
+                f"those that have: {', '.join(known)}"
+            )
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> FaultyBrain:
         return FaultyBrain(self.fault, seed)

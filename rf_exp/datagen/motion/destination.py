@@ -1,5 +1,7 @@
 """Where an object in the hand is to go: TCP poses that carry, place or strike with it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rf_exp.datagen.motion.reach import Tiers, above, turned
@@ -9,7 +11,7 @@ from rf_exp.robots import Panda
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
-from rf_exp.types import Subgoal
+from rf_exp.types import Scene, Subgoal
 
 STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm is compliant
 DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
@@ -32,6 +34,16 @@ def ends(task: Task, arm: Panda, subgoal: Subgoal, state: State, tcp_from_object
     face = world_from_target @ transform((0.0, 0.0, -STRIKE_M))
     grip = _FACING @ inverse(tcp_from_object @ tool.object_from_tcp)
     return [[pose @ grip for pose in turned(face, _STRIKE_TURNS)]]
+
+
+def destinations(task: Task, subgoal: Subgoal, scene: Scene) -> Sequence[Matrix]:
+    """The poses world_from_object that a subgoal may put its object in, as the scene is now.
+
+    Raises Unreachable as `ends` does.
+    """
+    state = State({}, {}, {}, scene.poses, task.places(scene))
+    tiers = ends(task, task.arms[subgoal.agent], subgoal, state, np.eye(4))
+    return [pose for tier in tiers for pose in tier]
 
 
 def support(task: Task, subgoal: Subgoal) -> frozenset[str]:

@@ -1,17 +1,20 @@
 """From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation)."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from rf_exp.coordination import Demands
+from rf_exp.datagen.motion.queues import Lockstep, Order, Queues
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.motion.verbs import Motion, leave, lift_line, plan
 from rf_exp.datagen.yielding import Yielding
-from rf_exp.findings import Cause, Finding, agent_name
+from rf_exp.findings import Cause, Finding
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
@@ -24,10 +27,6 @@ from rf_exp.types import (
     Subgoal,
     Trajectory,
 )
-
-Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
-Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
-Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
 
 
 def present_state(task: Task, scene: Scene) -> State:
@@ -46,6 +45,33 @@ def present_state(task: Task, scene: Scene) -> State:
     )
 
 
+@dataclass(frozen=True)
+class Handover:
+    """A thing is met where another agent has left it, so that comes later, whether it was asked for or not.
+
+    Knots are counted along the trajectories of both.
+    """
+
+    giver: int
+    left_at: int  # knot at which the giver is done with it
+    taker: int
+    begins_at: int  # knot from which on the taker goes for it
+
+    def demand(self, demands: Demands) -> None:
+        left = demands.trajectory(self.giver).knots[self.left_at]
+        demands.before(self.giver, left, self.taker, demands.trajectory(self.taker).knots[self.begins_at])
+
+
+@dataclass(frozen=True)
+class Motions:
+    """What becomes of a proposal before anything is timed."""
+
+    trajectories: tuple[Trajectory, ...]  # one an agent, idle ones empty
+    state: State  # that they should end in
+    subgoals: tuple[Subgoal, ...]  # each begins with things where those before it leave them
+    handovers: tuple[Handover, ...]
+
+
 def plan_motion(
     task: Task,
     proposal: Proposal,
@@ -57,53 +83,73 @@ def plan_motion(
     order: Order = (),
     yielding: Yielding,
     rng: np.random.Generator,
-) -> tuple[tuple[Trajectory, ...], State]:
-    """One trajectory for each agent of the task, idle ones empty, and the state they should end in.
+) -> Motions:
+    """Motions that carry out a proposal.
 
     Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
     `order` starts from where the earlier leaves the objects. Arms yield where a way is free. Raises
     Unreachable.
     """
-    state = begin = present_state(task, scene)
+    begin, planned = present_state(task, scene), list[Subgoal]()
     ask = partial(Request, task, Reach(task.arms, limits, blocked, rng))
-    segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}
-    add = partial(_add, segments)
-
+    made = _Made(task, begin)
     for agent in yielding.first:
-        state = add(_yield(ask(Subgoal(agent, "aside")), state))
-    waiting = {agent: list(proposal.of(agent)) for agent in dict.fromkeys(s.agent for s in proposal.subgoals)}
-    while any(waiting.values()):
-        ready = [queue for queue in waiting.values() if queue and not _waits(queue[0], waiting, order)]
-        alone = next((queue for queue in ready if _group(queue[0], lockstep) is None), None)
-        if alone is None:
-            together = _next_group(ready, lockstep, waiting)
-            state = add(_joint_lift([ask(subgoal) for subgoal in together], state))
+        made.add(_yield(ask(Subgoal(agent, "aside")), made.state))
+    queues = Queues(proposal, lockstep, order)
+    while subgoals := queues.next():
+        try:
+            motion = _motion_of(subgoals, queues, ask, made.state)
+        except Unreachable as error:
+            queues.stuck(subgoals, error)
             continue
-        subgoal = alone.pop(0)
-        of_others = [each for queue in waiting.values() if queue is not alone for each in queue]
-        state = add(plan(ask(subgoal, alone, of_others), state))
-        last = segments[subgoal.agent][-1:]
-        if not alone and subgoal.agent in yielding.once_done and last and last[0].primitive == "retreat":
-            state = add(_yield(ask(Subgoal(subgoal.agent, yielding.to)), state))
-    return tuple(
-        Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(filter(len, segments[agent])))
+        queues.planned(subgoals, {each.attached for each in motion[0] if each.attached is not None})
+        planned += subgoals
+        made.add(motion, subgoals)
+        for agent in (each.agent for each in subgoals if each.agent in yielding.once_done):
+            last = made.segments[agent][-1:]
+            if queues.done(agent) and last and last[0].primitive == "retreat":
+                made.add(_yield(ask(Subgoal(agent, yielding.to)), made.state))
+    trajectories = (
+        Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(made.segments[agent]))
         for agent in task.agents
-    ), state
+    )
+    return Motions(tuple(trajectories), made.state, tuple(planned), tuple(made.handovers))
 
 
-def _add(segments: dict[int, list[Segment]], motion: Motion) -> State:
-    """The state after a motion, whose segments are added to those of their agents."""
-    for each in motion[0]:
-        segments[each.agent].append(each)
-    return motion[1]
+def _motion_of(
+    subgoals: Sequence[Subgoal], queues: Queues, ask: Callable[..., Request], state: State
+) -> Motion:
+    """Of one subgoal, or of those that are one motion."""
+    if len(subgoals) > 1:
+        return _joint_lift([ask(each) for each in subgoals], state)
+    (subgoal,) = subgoals
+    return plan(ask(subgoal, queues.following(subgoal.agent), queues.of_others(subgoal.agent)), state)
 
 
-def _group(subgoal: Subgoal, lockstep: Lockstep) -> frozenset[int] | None:
-    """The agents that carry out this subgoal as one motion, if it is such a one."""
-    for agents, verb, name in lockstep:
-        if subgoal.agent in agents and (subgoal.verb, subgoal.object) == (verb, name) and verb == "lift":
-            return agents
-    return None
+class _Made:
+    """The motions so far, what they lead to, and who has left what where."""
+
+    def __init__(self, task: Task, state: State) -> None:
+        self.state, self.handovers = state, list[Handover]()
+        self.segments: dict[int, list[Segment]] = {agent: [] for agent in task.agents}  # but for empty ones
+        self._left: dict[str, tuple[int, int]] = {}  # thing -> who moved it last, and the knot after that
+
+    def add(self, motion: Motion, subgoals: Sequence[Subgoal] = ()) -> None:
+        """Adds a motion, of these subgoals."""
+        for subgoal in subgoals:
+            agent = subgoal.agent
+            held, _ = self.state.held.get(agent, (None, None))
+            for name in sorted(subgoal.names - {held}):
+                giver, left_at = self._left.get(name, (agent, 0))
+                if giver != agent:
+                    self.handovers.append(Handover(giver, left_at, agent, len(self.segments[agent])))
+        segments, self.state = motion
+        for each in filter(len, segments):
+            self.segments[each.agent].append(each)
+        for each in segments:
+            mine = [name for name, (agent, _) in self._left.items() if agent == each.agent]
+            for name in {each.attached, *mine} & each.subgoal.names:
+                self._left[name] = each.agent, len(self.segments[each.agent])
 
 
 def _yield(request: Request, state: State) -> Motion:
@@ -112,37 +158,6 @@ def _yield(request: Request, state: State) -> Motion:
         return leave(request, state)
     except Unreachable:
         return (), state
-
-
-def _waits(subgoal: Subgoal, waiting: dict[int, list[Subgoal]], order: Order) -> bool:
-    """Whether something that must be over before this subgoal has not been planned yet."""
-
-    def part_of(each: Subgoal, part: Part) -> bool:
-        agent, verb, name = part
-        return each.agent == agent and (verb is None or (each.verb, each.object) == (verb, name))
-
-    return any(
-        part_of(subgoal, then) and any(part_of(each, first) for each in waiting.get(first[0], ()))
-        for first, then in order
-    )
-
-
-def _next_group(
-    ready: list[list[Subgoal]], lockstep: Lockstep, waiting: dict[int, list[Subgoal]]
-) -> list[Subgoal]:
-    """The joint subgoal that all its agents have come to; taken off their lists."""
-    fronts = [queue[0] for queue in ready]
-    for first in fronts:
-        agents = _group(first, lockstep) or frozenset()
-        members = [
-            s for s in fronts if s.agent in agents and (s.verb, s.object) == (first.verb, first.object)
-        ]
-        if {s.agent for s in members} == agents:
-            for member in members:
-                waiting[member.agent].pop(0)
-            return members
-    stuck = {agent: f"{agent_name(agent)}: {queue[0].text}" for agent, queue in waiting.items() if queue}
-    raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(stuck), subgoals=tuple(stuck.values()))
 
 
 def _joint_lift(requests: Sequence[Request], state: State) -> Motion:
