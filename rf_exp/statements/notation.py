@@ -235,7 +235,7 @@ class Words:
         verb = VERBS[canonical(word)]
         if narrow := verb.narrowed(word):
             name = self.object(key)
-            if name.rpartition("_")[2] != narrow.of and not (contact and narrow.contact):
+            if name.lower().rpartition("_")[2] != narrow.of and not (contact and narrow.contact):
                 raise self.refused(narrow.otherwise.format(object=name))
         return verb.name
 

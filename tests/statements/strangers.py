@@ -509,6 +509,18 @@ READ = {
     "Agent_1 avoids the box (0, 0, 0) to (1, 1, 1) until the lid is back on the pot": (
         "Agent_1 must stay out of zone (0, 0, 0) to (1, 1, 1) until lid is on pot."
     ),
+    "Agent_1 must not proceed with its work until Agent_2 has ended its motion": (
+        "Agent_2 must complete its task before Agent_1 begins."
+    ),
+    "Agents 1 and 2 must keep their arms at least 50 millimeters apart": (
+        "Agent_1 and Agent_2 must keep their arms at least 0.05 m apart."
+    ),
+    "The gripper of Agent_2 must stay above 2 centimeters": "Agent_2 must keep its gripper above 0.02 m.",
+    "Agent_1 must not move faster than 20 centimeters per second": "Agent_1 must move at most at 0.2 m/s.",
+    "Agent_1 must not move faster than 200 millimeters/s": "Agent_1 must move at most at 0.2 m/s.",
+    "Agent_1 must keep its gripper below .4 Meters": "Agent_1 must keep its gripper below 0.4 m.",
+    "Agent_1 must keep its gripper below 40centimetres": "Agent_1 must keep its gripper below 0.4 m.",
+    "Agent_1 must keep its gripper below 4e2 mm": "Agent_1 must keep its gripper below 0.4 m.",
 }
 
 REFUSED = """
@@ -1059,4 +1071,60 @@ Agent_1 may stay out of zone (0, 0, 0) to (1, 1, 1)
 Agent_1 may enter zone (0, 0, 0) to (1, 1, 1)
 Agent_1 must keep the lid out of zone (0, 0, 0) to (1, 1, 1)
 Agent_1 and Agent_2 must stay out of zone (0, 0, 0) to (1, 1, 1)
+Agent_2 lifts the lid first, then Agent_1 finishes
+Agent_2 must have finished before Agent_1 is done
+Once Agent_2 has lifted the lid, Agent_1 must finish
+Agent_1 must finish once Agent_2 has lifted the lid
+Agent_1 must end only after Agent_2 lifts the lid
+Agent_1 may stop once Agent_2 has lifted the lid
+Agent_1 must wait for Agent_2 to start
+Agent_1 waits until Agent_2 has started lifting the lid
+Agent_1 must not begin before Agent_2 begins
+Agent_1 must begin before Agent_2 finishes
+Agent_2 must start lifting the lid before Agent_1 begins
+Agent_2 starts, then Agent_1 starts
+Agent_1 starts after Agent_2 has finished
+Agent_1 must start 2 s after Agent_2 starts
+Agent_1 must lift the steak at least 2 s after Agent_2 begins
+Agent_1 must pause until Agent_2 has finished
+Agent_1 must halt until Agent_2 has finished
+Agent_1 stops until Agent_2 has finished
+Agent_1 must be still until Agent_2 has finished
+Agent_1 must not move while Agent_2 moves
+Both agents must lift the barrier together within 5 s
+Agents 1 and 2 lift the barrier in sync within 20 s
+Agent_1 and Agent_2 must lift the barrier together in 10 s
+Agent_1 and Agent_2 must lift the barrier simultaneously by 10 s
+Agent_1 and Agent_2 must lift the barrier simultaneously, within 3 s
+Agent_1 and Agent_2 must grasp the barrier concurrently within 0.1 minutes
+Agent_1 and Agent_2 have to pick up the barrier together
+Agent_1 and Agent_2 must raise the barrier together vertically
+Agent_1 and Agent_2 must lift the barrier vertically
+Agent_1 must raise the lid straight up
+Agent_1 must place the lid horizontally
+Agent_1 must lay the lid horizontally
+Agent_1 must transport the lid vertically
+Agent_1 must bring the steak from the side
+Agent_1 must hold the steak from above
+Agent_1 must insert the steak perpendicularly
+Agent_1 must strike the lid perpendicularly
+Agent_1 must open the lid from the side
+Agent_1 must remove the lid vertically
+Agent_1 takes off the lid before Agent_2 places the steak
+Agent_1 puts away the lid before Agent_2 places the steak
+Agent_1 removes the lid, then Agent_2 places the steak
+Agent_2 waits until the lid is removed by Agent_1
+Agent_2 waits until Agent_1 has removed the lid
+Agent_2 must wait for Agent_1 to remove the lid
+Agent_2 must wait 2 s after Agent_1 removes the lid
+When removing the lid Agent_1 must keep its gripper level
+Agent_1 must keep its gripper level while taking the lid
+Agents 1 and 2 must keep the same height when picking up the lid
+Agent_1 must finish removing the lid within 10 s
+Agent_1 must finish within ten seconds
+Agent_1 must finish within 0.5 centimeters
+Agent_1 must not move faster than 12 meters per minute
+Agent_1 must keep its gripper below 40 centi meters
+Agent_1 must keep its gripper below 400,0 mm
+Agent_1 must keep its gripper below 40 cm 5 mm
 """.strip().splitlines()

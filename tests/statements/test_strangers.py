@@ -5,7 +5,7 @@ import re
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import read, reading
+from rf_exp.statements import Before, Step, Vocabulary, read, reading
 from tests.statements.second_reading import misread
 from tests.statements.sentences import BAR, FOOD
 from tests.statements.strangers import READ, REFUSED
@@ -102,3 +102,11 @@ def test_what_an_advice_says_can_be_said():
     alone, apart = re.findall(r"'([^']*)'(?: of each of them|$)", str(refused.value))
     assert stated(alone).sentence == alone
     assert stated(f"Agent_1 and Agent_2 must lift the barrier together {apart}")
+
+
+def test_a_lid_is_opened_whatever_it_is_the_lid_of():
+    words = Vocabulary((1, 2), {"Pot_lid": {}, "lid_holder": {}})
+    opened = read("Agent_2 must open the pot lid before Agent_1 begins", words)
+    assert opened == Before(Step(2, "lift", "Pot_lid"), Step(1))
+    with pytest.raises(ArgumentError, match="say what is lifted in place of lid_holder"):
+        read("Agent_2 must open the lid holder before Agent_1 begins", words)
