@@ -5,20 +5,19 @@ from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 
 from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
 from rf_exp.artifacts import code, keep_text, plain, sweep, whole
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, generate, generator_version, make_episode
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import EVALUATION_SEED
+from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim import close_shared_simulator, shared_simulator
 from rf_exp.stages.artifacts import owned
-from rf_exp.stages.cell import Cell
+from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.description import described
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
@@ -63,10 +62,7 @@ def generate_data(cell: Cell) -> int:
 
 def why_seeds_failed(experiment: Experiment) -> str:
     """The reasons for which most seeds failed, with counts, and where all of them are."""
-    paths = [
-        generation_path(experiment, task, constraint_set)
-        for task, constraint_set in product(experiment.tasks, experiment.constraint_sets)
-    ]
+    paths = [cell.generation_path for cell in cells(experiment)]
     rows = [row for path in paths if path.exists() for row in read_rows(path, GenerationRow)]
     where = paths[0] if len(paths) == 1 else experiment.out / "results" / "generate"
     return f"{_commonest(rows)}; the rows are in {where}"

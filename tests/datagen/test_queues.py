@@ -8,7 +8,7 @@ from itertools import islice, permutations
 import numpy as np
 import pytest
 
-from rf_exp.constraints.checks.temporal import times_s
+from rf_exp.constraints.phases import times_s
 from rf_exp.datagen import Planned, Planner, Settings, Unreachable, commands_of
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
 from rf_exp.datagen.motion import in_turn

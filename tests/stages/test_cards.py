@@ -14,12 +14,11 @@ from rf_exp.artifacts import code
 from rf_exp.command import guarded
 from rf_exp.data.__main__ import main
 from rf_exp.datagen import generator_version
-from rf_exp.stages import generate_data
-from rf_exp.stages.artifacts import data_path
+from rf_exp.stages import Cell, generate_data
 from rf_exp.stages.generation import _store
 from rf_exp.store import Store, facts
 from rf_exp.tasks import Task
-from tests.conftest import experiment
+from tests.conftest import cell_of, experiment
 
 ASKED = experiment("constraints=all")
 
@@ -40,7 +39,7 @@ def unmarked(values: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.slow
 def test_no_value_of_a_new_store_is_empty(lift_barrier: Task, tmp_path: Path) -> None:
     for row in ASKED.constraint_sets:
-        with _store(replace(ASKED, out=tmp_path), lift_barrier, row) as store:
+        with _store(Cell(replace(ASKED, out=tmp_path), lift_barrier, row)) as store:
             said = facts(store)
         assert all(str(value) for value in said.values()), said
         assert said["constraints"] == row.name
@@ -54,9 +53,8 @@ def test_every_value_is_what_the_store_holds(
         *("task=pick_meat", "constraints=logical_temporal", "stages=[generate]", "episodes=1"),
         *("render=false", "recordings=0", "wandb=disabled", f"out={tmp_path}"),
     )
-    task, row = asked.tasks[0], asked.constraint_sets[0]
-    generate_data(asked, task, row)
-    path = data_path(asked, task, row)
+    task, path = asked.tasks[0], cell_of(asked).data_path
+    generate_data(cell_of(asked))
     store, card = Store.open(path), unescape(path.with_suffix(".md").read_text())
     wanted = {
         "task": "pick_meat",

@@ -21,11 +21,10 @@ from rf_exp.command import guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.errors import StageError
 from rf_exp.rescue import main as rescue
-from rf_exp.stages.artifacts import data_path
 from rf_exp.stages.correction import demonstrations
 from rf_exp.stages.generation import generate_data
 from rf_exp.store import Damage, Store
-from tests.conftest import experiment, read_task
+from tests.conftest import cell_of, experiment
 from tests.store.episodes import make_episode, make_store
 
 ASKED = experiment()
@@ -81,6 +80,10 @@ def shelf(path: Path) -> None:
     make_store(path / "fast.zarr", [])
 
 
+def zarr_3_array(path: Path) -> None:
+    zarr.open_array(path, mode="w", zarr_format=3, shape=(3,), dtype="f4")
+
+
 KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
     "Zarr 2": (
         zarr_2,
@@ -96,7 +99,7 @@ KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
         zarr_3,
         "a Zarr 3 group, laid out as a replay buffer of Diffusion Policy (data/action (137, 2), ",
     ),
-    "a Zarr 3 array": (lambda path: zarr.save_array(path, np.zeros(3), zarr_format=3), "a Zarr 3 array"),
+    "a Zarr 3 array": (zarr_3_array, "a Zarr 3 array"),
     "an empty Zarr 3 group": (lambda path: zarr.create_group(path), "a Zarr 3 group; "),
     "HDF5": (raw, "an HDF5 file"),
     "LeRobot": (lerobot, "a LeRobot data set of version v2.1"),
@@ -129,8 +132,7 @@ def test_every_command_says_what_it_is_and_that_nothing_is_wrong_with_it(
 ) -> None:
     make, what = KINDS[kind]
     asked = replace(ASKED, out=tmp_path / "out")
-    task, row, arch = read_task("lift_barrier"), asked.constraint_sets[0], asked.archs[0]
-    path = data_path(asked, task, row)
+    path = cell_of(asked).data_path
     path.parent.mkdir(parents=True)
     make(path)
     before = {each.name for each in path.parent.iterdir()}
@@ -145,8 +147,8 @@ def test_every_command_says_what_it_is_and_that_nothing_is_wrong_with_it(
     }
     assert {each.name for each in path.parent.iterdir()} == before and not to.exists()
     for name, stage in (
-        ("train", lambda: demonstrations(asked, task, row, arch)),
-        ("generate", lambda: generate_data(asked, task, row)),
+        ("train", lambda: demonstrations(cell_of(asked))),
+        ("generate", lambda: generate_data(cell_of(asked))),
     ):
         with pytest.raises(StageError) as caught:
             stage()

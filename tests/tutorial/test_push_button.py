@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
-from rf_exp.stages.artifacts import generation_path
+from rf_exp.stages import Cell
 from rf_exp.store import Store
 from rf_exp.tasks import FINGERS_OPEN_M, REST_QPOS, TABLE_CENTRE_M, TABLE_M
 from rf_exp.types import ConstraintSet
@@ -83,5 +83,5 @@ def test_the_document_names_the_rows_that_the_command_writes() -> None:
     text = (ROOT / "docs/adding_a_task.md").read_text("utf-8")
     disturbs = experiment("task=pick_meat")
     for each in (disturbs, replace(disturbs, disturbance_rad=0.0, delay_s=0.0)):
-        path = generation_path(each, each.tasks[0], ConstraintSet("full"))
+        path = Cell(each, each.tasks[0], ConstraintSet("full")).generation_path
         assert f"`{path}`".replace("pick_meat", "push_button") in text or f"(`{path.name}`" in text
