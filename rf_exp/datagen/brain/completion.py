@@ -7,7 +7,6 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rf_exp.datagen.brain.reading import BadAnswer, printable
 
-
 MOST = 100  # choices, and calls of tools; a body of things that are none would be told of at great length
 
 
