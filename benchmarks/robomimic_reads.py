@@ -1,4 +1,4 @@
-"""Whether robomimic reads an export: values as in the store, and a step of training on one batch.
+"""Whether robomimic reads an export: values as in the store, its split, and a step of training on one batch.
 
     PYTHON benchmarks/robomimic_reads.py EXPORT STORE
 
@@ -38,14 +38,20 @@ def main() -> None:
     obs_utils.initialize_obs_utils_with_obs_specs(
         {"obs": {"low_dim": ["qpos", "qvel"], "rgb": [*cameras]}}  # pyright: ignore
     )
-    data = SequenceDataset(
-        hdf5_path=str(given.export / "demonstrations.hdf5"),
-        obs_keys=("qpos", "qvel", *cameras),
-        dataset_keys=("actions", "rewards", "dones"),
-        seq_length=HORIZON,
-        load_next_obs=False,
-        hdf5_cache_mode=None,
+    data, train_part, valid_part = (
+        SequenceDataset(
+            hdf5_path=str(given.export / "demonstrations.hdf5"),
+            obs_keys=("qpos", "qvel", *cameras),
+            dataset_keys=("actions", "rewards", "dones"),
+            seq_length=HORIZON,
+            load_next_obs=False,
+            hdf5_cache_mode=None,
+            filter_by_attribute=part,
+        )
+        for part in (None, "train", "valid")
     )
+    parts = {"train": train_part.n_demos, "valid": valid_part.n_demos}
+    assert {*train_part.demos} | {*valid_part.demos} == {*data.demos} and sum(parts.values()) == data.n_demos
     rows = np.unique(np.linspace(0, len(data) - 1, given.rows).astype(int)).tolist()
     same = {name: True for name in ("actions", "qpos", "qvel", *cameras)}
     stored = {"actions": "action", "qpos": "qpos", "qvel": "qvel", **cameras}
@@ -59,6 +65,7 @@ def main() -> None:
     result = {
         "robomimic": metadata.version("robomimic"),
         "episodes": data.n_demos,
+        **parts,
         "frames": len(data),
         "same": same,
         "loss": round(loss, 3),

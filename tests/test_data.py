@@ -18,6 +18,7 @@ from PIL import Image
 
 from rf_exp.command import guarded
 from rf_exp.data.__main__ import main
+from rf_exp.data.robomimic import split
 from rf_exp.data.statistics import of_values, together
 from rf_exp.store import Description, Store
 from rf_exp.types import UNITS, Episode, Judged
@@ -226,6 +227,10 @@ def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, comman
     assert command("export", path, to, "--format", "robomimic")[0] == 0
     with h5py.File(to / "demonstrations.hdf5") as file:
         assert file["data"].attrs["total"] == 18
+        assert {name: names[:].tolist() for name, names in file["mask"].items()} == {
+            "train": [b"demo_0", b"demo_1"],
+            "valid": [b"demo_2"],
+        }
         for index in range(3):
             got: Any = file[f"data/demo_{index}"]
             made = described(index, 5 + index)
@@ -233,6 +238,14 @@ def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, comman
             np.testing.assert_array_equal(got["obs/qpos"][:], made.qpos.reshape(5 + index, -1))
             np.testing.assert_array_equal(got["obs/pose_barrier"][:], made.poses["barrier"])
             np.testing.assert_array_equal(got["obs/agent2_image"][:], made.images["agent2"])
+
+
+@pytest.mark.parametrize(
+    ("episodes", "valid"), [(1, []), (2, [1]), (9, [8]), (10, [9]), (19, [9]), (30, [9, 19, 29])]
+)
+def test_the_split_takes_the_last_of_every_ten_for_validation(episodes: int, valid: list[int]) -> None:
+    parts = split(episodes)
+    assert parts["valid"] == valid and sorted(parts["train"] + valid) == [*range(episodes)]
 
 
 def test_statistics_of_episodes_together_are_those_of_all_rows() -> None:

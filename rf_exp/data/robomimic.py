@@ -2,7 +2,7 @@
 
 Observations are those of the store under its names, one agent behind the other, and `<camera>_image`; as
 `actions` the joint targets in rad and gripper commands of all agents. Next observations are not kept twice:
-open it with `load_next_obs=False`.
+open it with `load_next_obs=False`. `mask/train` and `mask/valid` name what is learned from and what is not.
 """
 
 import json
@@ -17,6 +17,7 @@ from rf_exp.types import Episode
 PICTURES = ("gzip", "plain")  # both keep every pixel
 TAGS = ("robomimic",)
 FILE = "demonstrations.hdf5"
+VALID_EVERY = 10  # episodes, the share that robomimic's own script takes
 
 
 def held(pictures: str) -> str:
@@ -25,7 +26,8 @@ def held(pictures: str) -> str:
         f"`{FILE}`, for robomimic's `SequenceDataset` with `load_next_obs=False`: a group `data/demo_<k>`\n"
         "for each episode, with `actions` (joint targets in rad, gripper commands; one agent behind the\n"
         "other), `obs/qpos`, `obs/qvel`, `obs/pose_<object>` and `obs/<camera>_image`, pictures as they\n"
-        f"were ({pictures}), `dones` and `rewards`."
+        f"were ({pictures}), `dones` and `rewards`. `mask/train` and `mask/valid` name the episodes for\n"
+        "`hdf5_filter_key` and `hdf5_validation_filter_key`: the last of every ten is for validation."
     )
 
 
@@ -36,11 +38,23 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
         for index in range(len(store)):
             _write(data.create_group(f"demo_{index}"), store.episode(index), pictures == "gzip")
             advance()
+        for name, indices in split(len(store)).items():
+            file[f"mask/{name}"] = np.array([f"demo_{index}" for index in indices], "S")
         environment = {"env_name": store.attrs["task"], "type": 2, "env_kwargs": {}}  # 2: of gymnasium
         said = store.description.attributes() if store.description else {}
         data.attrs.update(
             {"total": store.steps, "env_args": json.dumps(environment), "description": json.dumps(said)}
         )
+
+
+def split(episodes: int) -> dict[str, list[int]]:
+    """Index of the episodes to learn from, `train`, and for validation, `valid`, in the order of the store.
+
+    The last of every ten is for validation, and of fewer than ten the last; a single one is learned from. So
+    an episode keeps its part when a store of ten or more grows.
+    """
+    valid = range(min(VALID_EVERY, episodes) - 1, episodes, VALID_EVERY) if episodes > 1 else ()
+    return {"train": [k for k in range(episodes) if k not in valid], "valid": [*valid]}
 
 
 def _write(group, episode: Episode, compressed: bool) -> None:  # an h5py.Group

@@ -319,9 +319,9 @@ MANY, FEW = 8_000_000, 4000
 SMALL_THINGS = {
     "a list of lists": b"\xdd" + MANY.to_bytes(4, "big") + b"\x90" * MANY,
     "a map": b"\xdf" + MANY.to_bytes(4, "big") + b"\xa1a\xc0" * (MANY // 3),
-    "lists of lists": b"\xdc\x0f\xa0" + (b"\xdc\x0f\xa0" + b"\x90" * FEW) * (MANY // FEW),
+    "lists of lists": b"\xdc\x07\xd0" + (b"\xdc\x0f\xa0" + b"\x90" * FEW) * (MANY // FEW),
     "lists in lists": b"\xdc\x0f\xa0" * 500 + b"\x90" * MANY,
-    "maps of nothing": b"\xdc\x0f\xa0" + (b"\xdc\x0f\xa0" + b"\x80" * FEW) * (MANY // FEW),
+    "maps of nothing": b"\xdc\x07\xd0" + (b"\xdc\x0f\xa0" + b"\x80" * FEW) * (MANY // FEW),
 }
 
 

@@ -24,7 +24,7 @@ def pack(value: Any) -> bytes:
 
 
 def unpack(data: bytes) -> Any:
-    """What `pack` was given, in new arrays. Raises ValueError for anything else, and for too many items."""
+    """What `pack` was given; arrays are new ones. Raises ValueError for anything else, or too much."""
     items = 0
 
     def counted(found: Any) -> Any:

@@ -1,0 +1,91 @@
+"""What one flipped byte costs, and what the small chunks cost that limit it, by the format of the store.
+
+    python benchmarks/damage.py outputs/data/lift_barrier/full/fast.zarr [--flips 100] [--states]
+
+Writes the episodes of a store again in the format before and in today's, measures both, and flips bytes of them at
+random, each in a store that is whole otherwise; `--states` leaves the pictures out. Times are those of cores. The
+last line is JSON.
+"""
+
+import argparse
+import json
+import random
+import time
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from rf_exp.store import Damage, Damaged, Store, empty_like
+
+FORMATS = (2, 3)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
+    parser.add_argument("store", type=Path)
+    parser.add_argument("--flips", type=int, default=100, help="bytes, one after the other")
+    parser.add_argument("--states", action="store_true", help="without pictures")
+    given = parser.parse_args()
+    source = Store.open(given.store)
+    result = {}
+    with TemporaryDirectory(prefix="rf_exp-") as folder:
+        for store_format in FORMATS:
+            path = Path(folder) / f"{store_format}.zarr"
+            result[store_format] = costs(source, path, store_format, given.states) | lost(path, given.flips)
+    print(json.dumps(result))
+
+
+def costs(source: Store, path: Path, store_format: int, states: bool) -> dict[str, float]:
+    """Bytes, and core seconds: of writing an episode, of opening the store, of reading all states."""
+    shown = {"cameras": [], "depth": False, "labels": []} if states else {}
+    empty_like(path, {**source.attrs, "format": store_format, **shown})
+    episodes = [source.episode(index) for index in range(len(source))]
+    began_s = time.process_time()
+    with Store.open(path, writable=True) as store:
+        for episode in episodes:
+            store.append(replace(episode, images={}, extras={}) if states else episode)
+    wrote_s = time.process_time()
+    store = Store.open(path)
+    opened_s = time.process_time()
+    for name in ("qpos", "qvel", "action", "executed", "poses", "subgoal", "judged", "certificates"):
+        getattr(store, name)
+    return {
+        "MB": round(sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) / 1e6, 3),
+        "write_ms_an_episode": round((wrote_s - began_s) * 1e3 / len(source)),
+        "open_ms": round((opened_s - wrote_s) * 1e3),
+        "read_ms": round((time.process_time() - opened_s) * 1e3),
+    }
+
+
+def lost(path: Path, flips: int) -> dict[str, float]:
+    """Episodes that cannot be read any more once a byte is another one."""
+    draw = random.Random(0)
+    files = sorted(file for file in path.rglob("c/**/*") if file.is_file())
+    sizes = [file.stat().st_size for file in files]
+    episodes = len(Store.open(path))
+    found = []
+    for file in draw.choices(files, sizes, k=flips):
+        whole = file.read_bytes()
+        at = draw.randrange(len(whole))
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << draw.randrange(8)]) + whole[at + 1 :])
+        found.append(episodes - readable(path))
+        file.write_bytes(whole)
+    return {"episodes": episodes, "lost_mean": round(float(np.mean(found)), 2), "lost_most": max(found)}
+
+
+def readable(path: Path) -> int:
+    with TemporaryDirectory() as frame:
+        damaged, count = Damaged(path, Path(frame)), 0
+        for index in range(len(damaged.ends)):
+            try:
+                damaged.episode(index)
+                count += 1
+            except Damage:
+                pass
+    return count
+
+
+if __name__ == "__main__":
+    main()
