@@ -1,8 +1,13 @@
-"""Processes, looked at from outside."""
+"""Processes, looked at from outside, and what the operating system can refuse them."""
 
+import resource
+import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 
 def until(holds: Callable[[], object], seconds: float = 30.0) -> bool:
@@ -46,3 +51,27 @@ def children(pid: int) -> list[int]:
         if b"spawn_main" in command:
             found.append(int(child))
     return found
+
+
+@contextmanager
+def small_files(limit_bytes: int) -> Iterator[None]:
+    """The operating system refuses to let a file grow beyond the limit: a real OSError in a write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
+def small_disk(folder: Path, size: str) -> Iterator[Path]:
+    """A new folder that is a disk of so many bytes, as `mount` writes them. Skips without the right to mount."""
+    folder.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("needs the right to mount a small disk; the limit on file sizes is tested without it")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
