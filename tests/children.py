@@ -1,5 +1,6 @@
 """Processes, looked at from outside, and what the operating system can refuse them."""
 
+import os
 import resource
 import subprocess
 import time
@@ -65,13 +66,30 @@ def small_files(limit_bytes: int) -> Iterator[None]:
 
 
 @contextmanager
+def read_only(folder: Path) -> Iterator[Path]:
+    """A new folder into which this user, who may be root, cannot write. Skips where that is beyond his power."""
+    folder.mkdir(0o555)
+    if not os.access(folder, os.W_OK):
+        yield folder
+        return
+    with _mounted(folder, "ro"):
+        yield folder
+
+
+@contextmanager
 def small_disk(folder: Path, size: str) -> Iterator[Path]:
     """A new folder that is a disk of so many bytes, as `mount` writes them. Skips without the right to mount."""
     folder.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", folder], capture_output=True)
-    if mounted.returncode:
-        pytest.skip("needs the right to mount a small disk; the limit on file sizes is tested without it")
-    try:
+    with _mounted(folder, f"size={size}"):
         yield folder
+
+
+@contextmanager
+def _mounted(folder: Path, options: str) -> Iterator[None]:
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True)
+    if done.returncode:
+        pytest.skip("needs the right to mount a disk")
+    try:
+        yield
     finally:
         subprocess.run(["umount", "-l", folder], check=True)
