@@ -19,6 +19,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.secrets import refuse_keys
@@ -26,6 +27,7 @@ from rf_exp.secrets import refuse_keys
 CONF = Path(__file__).resolve().parents[1] / "conf"
 KEYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"
 FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
+SPARE_BYTES = 2**24  # given up where memory has run out, so that this can still be said
 WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
 
 
@@ -48,6 +50,7 @@ def guarded(job: Callable[[], None]) -> int:
     Every error is a line. HYDRA_FULL_ERROR=1 shows the traceback as well.
     """
     full = os.environ.get(FULL)
+    spare = bytearray(SPARE_BYTES)
     # Hydra would print every error itself and exit with 1; this lets them through to here.
     os.environ[FULL] = "1"
     try:
@@ -68,6 +71,7 @@ def guarded(job: Callable[[], None]) -> int:
         print("ended: nobody reads the output; the same command goes on from here", file=sys.stderr)
         return SHELL_SIGNAL + signal.SIGPIPE
     except Exception as error:
+        del spare
         if full == "1":
             traceback.print_exception(error)
         code, line = _line(error)
@@ -103,7 +107,7 @@ def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
         return 2, f"wrong argument: {_unknown_key(error) or error}"
-    if isinstance(error, OSError) and error.filename is not None:  # not of the job: Hydra makes its folder
+    if isinstance(error, OSError) and error.filename is not None and not disk_full(error):  # not of the job: Hydra makes its folder
         why = f"cannot make {error.filename}: {error.strerror}"
         return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
     if not isinstance(error, RfError):
@@ -137,6 +141,11 @@ def _unexpected(error: Exception, folder: Path) -> StageError:
             f"memory ran out ({_first_line(error)}); fewer workers, smaller pictures or a smaller "
             "batch_size need less; the same command goes on from here"
         )
+    if disk_full(error):
+        return StageError(
+            f"no room left on the disk ({_first_line(error)}); make some, what was finished is whole; the "
+            "same command goes on from here"
+        )
     path = folder / "error.log"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -152,9 +161,10 @@ def _first_line(error: Exception) -> str:
 
 
 def _out_of_memory(error: Exception) -> bool:
-    """Python, NumPy, torch and Vulkan have words of their own for it."""
+    """Python, NumPy, torch, Vulkan and the loader of shared libraries have words of their own for it."""
     words = ("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory")
-    words = (*words, "OutOfDeviceMemory", "OutOfHostMemory")
+    words = (*words, "OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc")
+    words = (*words, "failed to map segment from shared object", "can't start new thread")
     return isinstance(error, MemoryError) or any(each in str(error) for each in words)
 
 

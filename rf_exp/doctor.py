@@ -23,6 +23,7 @@ PYTHONS = ((3, 11), (3, 12))
 MODULES = ("pinocchio", "coal", "numpy", "cv2", "toppra", "sapien", "rerun", "mani_skill", "torch")
 IMPORT_TIMEOUT_S = 300.0
 LISTED = 4  # problems named on one line
+RECIPE = "++recipe=fast"  # which Hydra names in a run
 QUICK_GB, PAPER_GB = 1.0, 10.0  # free space: the main job; one task with profile=paper
 
 State = Literal["ok", "note", "missing"]
@@ -170,13 +171,9 @@ def vulkan() -> Check:
 
 def disk(out: Path = Path("outputs")) -> Check:
     """Room for results where they are written."""
-    folder = out.absolute()
-    while not folder.exists():
-        folder = folder.parent
-    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        return Check(
-            "disk", "missing", f"{folder} cannot be written to", "all results", "choose another: out=FOLDER"
-        )
+    folder, refusal = _written(out)
+    if refusal:
+        return Check("disk", "missing", refusal, "all results", "choose another: out=FOLDER")
     free_gb = shutil.disk_usage(folder).free / 1e9
     found = f"{free_gb:.1f} GB free for {out}"
     if free_gb < QUICK_GB:
@@ -195,13 +192,66 @@ def disk(out: Path = Path("outputs")) -> Check:
     return Check("disk", "ok", found)
 
 
+def _written(folder: Path) -> tuple[Path, str]:
+    """The first folder above that is there, and, where nothing can be written into it, words for that."""
+    folder = folder.absolute()
+    while not os.path.exists(folder):  # False too where it may not be looked at
+        folder = folder.parent
+    writable = folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
+    return folder, "" if writable else f"{folder} cannot be written to"
+
+
+def cache() -> Check:
+    """The robot's light meshes, which every simulation loads: made, or that they can be."""
+    costs, mend = "every simulation", "set XDG_CACHE_HOME to a writable folder"
+    try:
+        from rf_exp.errors import StageError
+        from rf_exp.robots import cache_folder, is_made
+    except ImportError as error:
+        return Check("cache", "missing", f"not tried: {error}", costs, SET_UP)
+    try:
+        folder = cache_folder()
+    except StageError as error:
+        return Check("cache", "missing", str(error).partition("; ")[0], costs, mend)
+    if is_made(folder):
+        return Check("cache", "ok", f"meshes are in {folder}")
+    _, refusal = _written(folder)
+    if refusal:
+        return Check("cache", "missing", f"{refusal}, and the meshes are not in {folder}", costs, mend)
+    return Check("cache", "ok", f"meshes will be made in {folder}")
+
+
+def configuration() -> Check:
+    """Whether all files of the default configuration are there, and are those of this version."""
+    costs, mend = "every command", f"install rf_exp again: {SET_UP}, or its wheel with pip --force-reinstall"
+    try:
+        from rf_exp.experiment import read_experiment
+
+        experiment = read_experiment(_composed([RECIPE]))
+    except ImportError as error:
+        return Check("config", "missing", f"not tried: {error}", costs, SET_UP)
+    except Exception as error:  # whatever the files of others lead to
+        what = f"no key {error} in it" if isinstance(error, KeyError) else " ".join(str(error).split())
+        return Check("config", "missing", what or type(error).__name__, costs, mend)
+    return Check("config", "ok", f"the default is {', '.join(task.name for task in experiment.tasks)}")
+
+
+def _composed(overrides: list[str]) -> Any:
+    """The configuration with these overrides, resolved. Raises what Hydra raises."""
+    from hydra import compose, initialize_config_dir
+    from omegaconf import OmegaConf
+
+    from rf_exp.command import CONF, register_all_tasks
+
+    register_all_tasks()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return OmegaConf.to_container(compose("config", overrides), resolve=True)
+
+
 def brain(overrides: list[str]) -> Check:
     """Whether the model's server that `brain=openai` and its options name holds answers to a schema."""
     try:
-        from hydra import compose, initialize_config_dir
-        from omegaconf import OmegaConf
-
-        from rf_exp.command import CONF, WRONG, register_all_tasks
+        from rf_exp.command import WRONG
         from rf_exp.datagen.brain import OpenAISpec, probe, read_brain
         from rf_exp.secrets import refuse_keys
         from rf_exp.tasks import load_task
@@ -209,15 +259,11 @@ def brain(overrides: list[str]) -> Check:
         return Check("brain", "missing", f"not tried: {error}", "runs with a model", SET_UP)
     try:
         refuse_keys(overrides)
-        register_all_tasks()
-        with initialize_config_dir(str(CONF), version_base="1.3"):
-            config = compose("config", overrides)
-        asked: Any = OmegaConf.to_container(config.brain, resolve=True)
-        tasks: Any = OmegaConf.to_container(config.task, resolve=True)
-        spec = read_brain(asked)
+        composed = _composed([RECIPE, *overrides])
+        spec = read_brain(composed["brain"])
         if not isinstance(spec, OpenAISpec):
             return Check("brain", "ok", f"{spec.name} asks no server")
-        probed = probe(spec, load_task(*next(iter(tasks.items()))))
+        probed = probe(spec, load_task(*next(iter(composed["task"].items()))))
     except WRONG as error:
         return Check("brain", "missing", " ".join(str(error).split()), "runs with this brain", "correct it")
     costs, mend = {
@@ -242,6 +288,8 @@ def examine(out: Path, overrides: list[str]) -> Iterator[Check]:
     yield from imports()
     yield vulkan()
     yield disk(out)
+    yield cache()
+    yield configuration()
     if overrides:
         yield brain(overrides)
 

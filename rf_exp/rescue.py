@@ -7,10 +7,13 @@ python -m rf_exp.rescue outputs/data/lift_barrier/full/quick.zarr --dry-run   sa
 import argparse
 import shutil
 import sys
+from collections.abc import Iterator
 from contextlib import nullcontext
+from itertools import count, takewhile
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from rf_exp.artifacts import whole
 from rf_exp.command import guarded
 from rf_exp.errors import StageError
 from rf_exp.progress import console
@@ -19,27 +22,27 @@ from rf_exp.store import Damage, Damaged, Store, empty_like, refuse_other_kinds
 
 
 def rescue(path: Path, dry_run: bool = False) -> None:
-    """Keeps the whole episodes of a store. Raises StageError where that cannot be done."""
+    """Keeps the whole episodes of a store. Raises StageError where that cannot be done.
+
+    Whatever kills it, the damaged store is there, under its own name or that of one moved aside.
+    """
     beside = path.with_name(f"{path.stem}.rescued{path.suffix}")
-    aside = path.with_name(f"{path.stem}.damaged{path.suffix}")
     if path.exists() or not beside.is_dir():  # unless killed between the two moves
         refuse_other_kinds(path)
-    alone = nullcontext() if dry_run else owned(path)  # reading changes nothing, and locks nobody out
-    with alone, TemporaryDirectory(prefix="rf_exp-") as frame:
-        if beside.is_dir() and aside.is_dir() and not path.exists():  # killed between the two moves
-            beside.rename(path)
-            console.print(f"{path} is the rescued one now; the damaged one is {aside}")
+    with nullcontext() if dry_run else owned(path):  # reading changes nothing, and locks nobody out
+        there = [*takewhile(Path.exists, _asides(path))]
+        if beside.is_dir() and there and not path.exists():  # killed between the two moves
+            if not dry_run:
+                beside.rename(path)
+            becomes = "would be" if dry_run else "is"
+            console.print(f"{path} {becomes} the rescued one now; the damaged one is {there[-1]}")
             return
-        damaged = Damaged(path, Path(frame))
         if not dry_run:
-            if aside.exists():
-                raise StageError(
-                    f"{aside} is there from an earlier rescue; delete it, or move it away, first"
-                )
             shutil.rmtree(beside, ignore_errors=True)  # of a rescue that was killed
-        lost, kept = _copy(damaged, None if dry_run else beside)
+        lost, kept = _kept(path, None if dry_run else beside)
         if not lost and _opens(path):
-            shutil.rmtree(beside, ignore_errors=True)
+            if not dry_run:
+                shutil.rmtree(beside, ignore_errors=True)
             console.print(f"{path} is not damaged: all {len(kept)} episodes can be read")
             return
         for index, reason in lost.items():
@@ -48,6 +51,7 @@ def rescue(path: Path, dry_run: bool = False) -> None:
             console.print(f"{len(kept)} of {len(kept) + len(lost)} episodes can be kept; nothing was changed")
             return
         assert Store.open(beside).seeds.tolist() == kept
+        aside = next(each for each in _asides(path) if each not in there)
         path.rename(aside)
         beside.rename(path)
     console.print(
@@ -56,8 +60,24 @@ def rescue(path: Path, dry_run: bool = False) -> None:
     )
 
 
-def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]:
+def _asides(path: Path) -> Iterator[Path]:
+    """Where damaged stores are moved, the first, the second, ...: one that is there is never touched."""
+    return (
+        path.with_name(f"{path.stem}.damaged{'' if number == 1 else f'-{number}'}{path.suffix}")
+        for number in count(1)
+    )
+
+
+def _kept(path: Path, to: Path | None) -> tuple[dict[int, str], list[int]]:
     """(episode -> why it is lost, seeds that are whole), written to a new store if one is named."""
+    if to is None:
+        with TemporaryDirectory(prefix="rf_exp-") as frame:
+            return _copy(Damaged(path, Path(frame)), None)
+    with whole(to) as draft:
+        return _copy(Damaged(path, draft.with_name("frame")), draft)
+
+
+def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]:
     lost: dict[int, str] = {}
     kept: list[int] = []
     attrs, store = damaged.attrs, None

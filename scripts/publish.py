@@ -35,9 +35,7 @@ def publish(out: Path, results: Path, scenes: int) -> None:
         finished = [seed for seed in _seeds(rows) if sum(r.train_seed == seed for r in rows) >= scenes]
         to = results / path.relative_to(out / "results")
         if finished:
-            kept = _replace(path, to, [row for row in rows if row.train_seed in finished])
-            for seed in finished:
-                _curves(out, rows[0], to, seed)
+            kept = _replace(out, path, to, [row for row in rows if row.train_seed in finished])
             console.print(f"{to}: training seeds {finished}" + (f", beside {kept}" if kept else ""))
         for seed in _seeds(rows) - {*finished}:
             console.print(f"{to}: training seed {seed} is not finished, nothing of it is published")
@@ -47,24 +45,42 @@ def _seeds(rows: Iterable[EvaluationRow]) -> set[int]:
     return {row.train_seed for row in rows}
 
 
-def _replace(path: Path, to: Path, rows: list[EvaluationRow]) -> list[int]:
-    """Write rows and the configurations beside them; returns the training seeds that stay there."""
+def _replace(out: Path, path: Path, to: Path, rows: list[EvaluationRow]) -> list[int]:
+    """Write rows and what belongs beside them; returns the training seeds that stay there.
+
+    The rows that go are the first that go, and the new ones come last: whenever this is killed, rows are
+    there only beside what they were made of, and the same command ends as if nothing had happened.
+    """
     asked, there = configuration_file(path), configuration_file(to)
     before: list[EvaluationRow] = []
     if to.exists() and there.exists() and read_json(there, REMEDY) == read_json(asked, REMEDY):
         before = [row for row in read_rows(to, EvaluationRow) if row.train_seed not in _seeds(rows)]
-    else:  # what is there was evaluated otherwise, or nobody knows how: no row of it shares a cell with these
-        for old in to.parent.glob(f"{to.stem}-[0-9]*.*"):
+    # Else what is there was evaluated otherwise, or nobody knows how: it shares no cell with these.
+    _write_rows(to, before)
+    for old in to.parent.glob(f"{to.stem}-[0-9]*.*"):
+        if not old.name.startswith(tuple(f"{to.stem}-{seed}." for seed in _seeds(before))):
             old.unlink()
-    to.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(asked, there)
+    _copy(asked, there)
     for seed in _seeds(rows):
-        of_seed, copy = (configuration_file(of_training_seed(each, seed)) for each in (path, to))
-        shutil.copyfile(of_seed, copy)
-    with whole(to) as draft:
-        for row in sorted([*before, *rows], key=lambda row: (row.train_seed, row.scene_seed)):
-            append_row(draft, row)
+        _copy(*(configuration_file(of_training_seed(each, seed)) for each in (path, to)))
+        _curves(out, rows[0], to, seed)
+    _write_rows(to, [*before, *rows])
     return sorted(_seeds(before))
+
+
+def _write_rows(to: Path, rows: list[EvaluationRow]) -> None:
+    """The rows of a file, and no others; no file without any."""
+    if not rows:
+        to.unlink(missing_ok=True)
+        return
+    with whole(to) as draft:
+        for row in sorted(rows, key=lambda row: (row.train_seed, row.scene_seed)):
+            append_row(draft, row)
+
+
+def _copy(path: Path, to: Path) -> None:
+    with whole(to) as draft:
+        shutil.copyfile(path, draft)
 
 
 def _curves(out: Path, row: EvaluationRow, to: Path, seed: int) -> None:

@@ -14,20 +14,21 @@ import argparse
 import re
 import shutil
 import sys
+import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from omegaconf import OmegaConf
 
-from rf_exp.artifacts import plain, restored
+from rf_exp.artifacts import plain, restored, whole
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, made_of, write_small
 from rf_exp.progress import console
 
 LARGEST_MB = 5.0
+WRITTEN = (1980, 1, 1, 0, 0, 0)  # as all files in a zip say, whose bytes then are those of their content
 EXPERIMENT = Path("experiment/released.yaml")
 HEAD = (
     "# @package _global_\n# The policies in this folder act in scenes that they have never seen:\n"
@@ -52,28 +53,37 @@ def release(folder: Path, to: Path) -> Path:
         )
     out, chosen = folder.parents[4], folder.parts[-4:-1]
     task, constraints, arch = chosen
-    with TemporaryDirectory(prefix="rf_exp-") as draft:
+    name = "-".join((task, *(() if constraints == "full" else (constraints,)), arch, folder.name))
+    packed = to / f"{name}.zip"
+    with whole(packed) as draft:
+        content = draft.with_name("content")
         for policy in found:
-            write_small(policy, Path(draft) / policy.relative_to(out))
+            write_small(policy, content / policy.relative_to(out))
         rows = out / "results" / "generate" / task
         for path in (*rows.glob(f"{constraints}.*"), *rows.glob(f"{constraints}-disturbed*")):
-            target = Path(draft) / path.relative_to(out)
+            target = content / path.relative_to(out)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
-        says = Path(draft) / EXPERIMENT
+        says = content / EXPERIMENT
         says.parent.mkdir()
         says.write_text(
             experiment(found[0], dict(zip(GROUPS, chosen, strict=True)), *named.groups()), "utf-8"
         )
-        to.mkdir(parents=True, exist_ok=True)
-        name = "-".join((task, *(() if constraints == "full" else (constraints,)), arch, folder.name))
-        packed = Path(shutil.make_archive(str(to / name), "zip", draft))
-    size_mb = packed.stat().st_size / 1e6
-    if size_mb > LARGEST_MB:
-        packed.unlink()
-        raise ArgumentError(f"{folder} takes {size_mb:.1f} MB; a release carries at most {LARGEST_MB:g}")
+        pack(content, draft)
+        size_mb = draft.stat().st_size / 1e6
+        if size_mb > LARGEST_MB:
+            raise ArgumentError(f"{folder} takes {size_mb:.1f} MB; a release carries at most {LARGEST_MB:g}")
     console.print(f"{packed}: {len(found)} policies, {size_mb:.1f} MB")
     return packed
+
+
+def pack(folder: Path, to: Path) -> None:
+    """The files in a folder as a zip: the same files, the same bytes, whenever they were written."""
+    with zipfile.ZipFile(to, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+            entry = zipfile.ZipInfo(str(path.relative_to(folder)), WRITTEN)
+            entry.external_attr = 0o644 << 16
+            file.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED)
 
 
 def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:

@@ -1,8 +1,14 @@
-"""Processes, looked at from outside."""
+"""Processes, looked at from outside, and what the operating system can refuse them."""
 
+import os
+import resource
+import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 
 def until(holds: Callable[[], object], seconds: float = 30.0) -> bool:
@@ -46,3 +52,44 @@ def children(pid: int) -> list[int]:
         if b"spawn_main" in command:
             found.append(int(child))
     return found
+
+
+@contextmanager
+def small_files(limit_bytes: int) -> Iterator[None]:
+    """The operating system refuses to let a file grow beyond the limit: a real OSError in a write."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@contextmanager
+def read_only(folder: Path) -> Iterator[Path]:
+    """A new folder into which this user, who may be root, cannot write. Skips where that is beyond his power."""
+    folder.mkdir(0o555)
+    if not os.access(folder, os.W_OK):
+        yield folder
+        return
+    with _mounted(folder, "ro"):
+        yield folder
+
+
+@contextmanager
+def small_disk(folder: Path, size: str) -> Iterator[Path]:
+    """A new folder that is a disk of so many bytes, as `mount` writes them. Skips without the right to mount."""
+    folder.mkdir()
+    with _mounted(folder, f"size={size}"):
+        yield folder
+
+
+@contextmanager
+def _mounted(folder: Path, options: str) -> Iterator[None]:
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], capture_output=True)
+    if done.returncode:
+        pytest.skip("needs the right to mount a disk")
+    try:
+        yield
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)

@@ -1,6 +1,8 @@
 """How every command ends: one line and an exit code, whatever happened."""
 
+import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -9,6 +11,7 @@ from pathlib import Path
 import hydra
 import numpy as np
 import pytest
+from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 
@@ -66,6 +69,51 @@ def test_memory_that_runs_out_is_a_line(capsys) -> None:
     assert "fewer workers" in told and "the same command goes on from here" in told
 
 
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+@pytest.mark.parametrize("in_words", [False, True])  # as libraries in C and Rust say it
+def test_a_disk_that_is_full_is_a_line(capsys, number: int, in_words: bool) -> None:
+    def job() -> None:
+        if in_words:
+            raise RuntimeError(f"I/O error: {os.strerror(number)} (os error {number})")
+        raise OSError(number, os.strerror(number), "some/file")
+
+    assert guarded(job) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("failed: no room left on the disk (") and os.strerror(number) in told
+    assert told.endswith("; the same command goes on from here\n") and told.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "error",
+    [MemoryError(), ImportError("libeigenpy.so: failed to map segment from shared object"),
+     RuntimeError("can't start new thread"), RuntimeError("std::bad_alloc")],
+)  # fmt: skip
+def test_memory_that_is_too_little_has_many_names(capsys, error: Exception) -> None:
+    def job() -> None:
+        raise error
+
+    assert guarded(job) == 1
+    told = capsys.readouterr().err
+    assert told.startswith("failed: memory ran out (") and "unexpected" not in told
+
+
+@pytest.mark.slow
+def test_a_command_that_may_have_too_little_memory_says_so(tmp_path: Path) -> None:
+    """It is refused it where it imports a shared library."""
+    enough = 150 * 2**20
+    result = subprocess.run(
+        [sys.executable, "-m", "rf_exp.run", "stages=[generate]", "render=false", f"out={tmp_path}"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (enough, enough)),
+    )
+    assert result.returncode == 1
+    assert result.stderr.strip().splitlines()[-1].startswith("failed: memory ran out (")
+    assert "unexpected" not in result.stderr
+
+
 def test_an_error_that_nobody_foresaw_is_a_line_and_a_file(capsys, monkeypatch) -> None:
     monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
     assert guarded(wrong) == 1
@@ -82,6 +130,16 @@ def test_hydra_full_error_shows_the_traceback(capsys, monkeypatch) -> None:
     told = capsys.readouterr().err
     assert "Traceback" in told and "in wrong" in told
     assert told.splitlines()[-1].startswith("failed: unexpected ZeroDivisionError")
+
+
+def test_what_is_begun_in_one_second_has_folders_of_its_own() -> None:
+    found: dict[str, set[str]] = {"run": set(), "sweep": set()}
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        for _ in range(3):  # in about a second
+            asked = compose("config", return_hydra_config=True)
+            for kind, folders in found.items():
+                folders.add(asked.hydra[kind].dir)
+    assert {kind: len(folders) for kind, folders in found.items()} == {"run": 3, "sweep": 3}
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")

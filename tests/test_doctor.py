@@ -1,5 +1,7 @@
 """The doctor on this machine, and on machines broken by real means."""
 
+import os
+import shutil
 import subprocess
 import sys
 import venv
@@ -7,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp import doctor
+from rf_exp import command, doctor
+from rf_exp.robots import cache_folder
+from tests.children import read_only
 
 ROOT = Path(__file__).parents[1]
 
@@ -138,6 +142,75 @@ def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert check.found.endswith(f"free for {tmp_path}, 1e+09 GB are needed")
 
 
+def test_the_cache_of_meshes_is_there_or_can_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    there = cache_folder()
+    assert (doctor.cache().state, doctor.cache().found) == ("ok", f"meshes are in {there}")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
+    will_be = tmp_path / "new" / "rf_exp" / there.name
+    assert (doctor.cache().state, doctor.cache().found) == ("ok", f"meshes will be made in {will_be}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_cache_that_cannot_be_written_keeps_the_main_job_from_running(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = cache_folder().name
+    (tmp_path / "file").touch()
+    with read_only(tmp_path / "locked") as locked:
+        for home in (tmp_path / "file", locked):
+            monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+            check = doctor.cache()
+            folder = home / "rf_exp" / name
+            refused = f"{home} cannot be written to, and the meshes are not in {folder}"
+            assert (check.state, check.found) == ("missing", refused)
+            assert check.mend == "set XDG_CACHE_HOME to a writable folder"
+
+
+def test_a_user_without_a_home_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_000)  # of whom the machine knows nothing
+    check = doctor.cache()
+    assert check.state == "missing" and check.found.startswith("there is no place for the mesh cache: ")
+    assert check.mend == "set XDG_CACHE_HOME to a writable folder"
+
+
+def test_the_default_configuration_is_there() -> None:
+    check = doctor.configuration()
+    assert (check.state, check.found) == ("ok", "the default is lift_barrier"), check
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("lost", "said"),
+    [
+        ("config.yaml", "Cannot find primary config 'config'"),
+        ("task/lift_barrier.yaml", "Could not find 'task/lift_barrier'"),
+        ("profile", "Could not find 'profile/quick'"),
+        (".", "Primary config directory not found"),
+        ("foreign", "no task chosen"),  # config.yaml is there, another package's
+    ],
+)
+def test_a_configuration_of_which_something_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str, said: str
+) -> None:
+    conf = tmp_path / "conf"
+    shutil.copytree(command.CONF, conf)
+    if lost == "foreign":
+        (conf / "config.yaml").write_text("defaults: [_self_]\nwanted: by another package\n")
+    elif (conf / lost).is_dir():
+        shutil.rmtree(conf / lost)
+    else:
+        (conf / lost).unlink()
+    monkeypatch.setattr(command, "CONF", conf)
+    check = doctor.configuration()
+    assert check.state == "missing" and said in check.found, check
+    assert check.costs == "every command" and "install rf_exp again" in check.mend
+    assert doctor.brain(["brain=openai"]).state == "missing"
+    monkeypatch.undo()
+    assert doctor.configuration().state == "ok"
+
+
 def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
     venv.create(tmp_path / "bare", with_pip=False)
     (tmp_path / "rf_exp").symlink_to(ROOT / "rf_exp")
@@ -152,11 +225,15 @@ def test_an_empty_environment_cannot_run_the_main_job(tmp_path: Path) -> None:
         "gpu",
         "vulkan",
         "disk",
+        "cache",
+        "config",
     ]
     assert lines[1].startswith("missing packages  rf_exp is not installed")
     assert lines[2].startswith("missing imports   pinocchio: ModuleNotFoundError")
     assert lines[4].startswith("missing vulkan    not tried: No module named")
-    assert lines[-1] == "The main job cannot run here; mend first: packages, imports, vulkan."
+    assert lines[6].startswith("missing cache     not tried: No module named")
+    assert lines[7].startswith("missing config    not tried: No module named")
+    assert lines[-1] == "The main job cannot run here; mend first: packages, imports, vulkan, cache, config."
 
 
 @pytest.mark.render

@@ -136,8 +136,25 @@ def test_what_cannot_be_rescued_says_why(path: Path, rescue, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_an_earlier_damaged_store_is_not_overwritten(path: Path, rescue) -> None:
+def test_an_earlier_damaged_store_is_not_overwritten_and_nobody_is_asked_to_delete_it(path: Path, rescue) -> None:
+    flip(path / "data/rgb_global/c/0/0/0/0")
+    first, second = (path.with_name(f"quick.damaged{number}.zarr") for number in ("", "-2"))
+    assert rescue(path)[0] == 0
+    original = digest(first)
+    code, out, errors = rescue(path)
+    assert (code, errors) == (0, "") and "is not damaged: all 5 episodes can be read" in out
+    assert digest(first) == original and not second.exists()
+    flip(path / "data/rgb_agent1/c/1/0/0/0")
+    again = digest(path)
+    assert rescue(path)[0] == 0
+    assert (digest(first), digest(second)) == (original, again)
+    assert Store.open(path).seeds.tolist() == [1, 2, 3, 5]
+
+
+@pytest.mark.slow
+def test_a_dry_run_finishes_no_rescue_that_was_killed(path: Path, rescue) -> None:
     path.with_name("quick.damaged.zarr").mkdir()
-    flip(path / "data/qpos/c/0/0/0")
-    code, _, errors = rescue(path)
-    assert code == 1 and "is there from an earlier rescue" in errors
+    path.rename(path.with_name("quick.rescued.zarr"))
+    code, out, _ = rescue(path, "--dry-run")
+    assert code == 0 and "would be the rescued one now" in out
+    assert not path.exists()

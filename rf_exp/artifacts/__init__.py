@@ -2,6 +2,7 @@
 
 from rf_exp.artifacts.files import (
     configuration_file,
+    disk_full,
     keep_text,
     read_json,
     sweep,
@@ -23,6 +24,7 @@ __all__ = [
     "configuration_file",
     "differing",
     "digest",
+    "disk_full",
     "expect_same",
     "hold_folder",
     "installed",

@@ -1,16 +1,20 @@
 """Files and folders that are there as a whole or not at all, whenever the process is killed.
 
-What is written lies in a draft folder beside it, `.<name>.<random>.partial`, until it is finished. The
-process that writes holds a lock on the draft, which ends with that process: a draft without one is what a
-kill left behind.
+What is written lies in a draft folder beside it, `.<name>.<random>.partial`, until it is finished and on the
+disk; then one rename gives it its place. The process that writes holds a lock on the draft, which ends with
+that process: a draft without one is what a kill left behind, and whoever writes into that folder next, under
+whatever name, removes it.
+
+Of things that belong together the one that counts is written around the others: it gets its place last.
 """
 
-import glob
+import errno
 import json
 import os
 import shutil
 import uuid
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,21 +22,25 @@ from typing import Any
 from rf_exp.artifacts.locks import hold_folder
 from rf_exp.errors import StageError
 
+SYNCED_AT_ONCE = 16  # files; a disk takes many in little more time than one
+RANDOM = "[0-9a-f]" * 8
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """Another place to write the file or folder `path`; it gets its own only when it is finished.
 
-    Raises OSError where nothing can be written there.
+    A file that is there is replaced, a folder only where it is empty. What else is needed meanwhile may lie
+    beside the draft, and goes with it. Raises OSError where nothing can be written there.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    sweep(path.parent, glob.escape(path.name))
+    sweep(path.parent)
     folder, lock = _draft(path)
     try:
         draft = folder / path.name
         yield draft
-        if draft.is_file():
-            _to_disk(draft)
+        _all_to_disk(draft)
         draft.replace(path)
         _to_disk(path.parent)
     finally:
@@ -57,6 +65,12 @@ def write_json(path: Path, value: object) -> None:
     write_text(path, json.dumps(value, indent=2) + "\n")
 
 
+def disk_full(error: BaseException) -> bool:
+    """Whether something could not be written for want of room. Libraries in C and Rust say so in words."""
+    said = getattr(error, "errno", None) in DISK_FULL
+    return said or any(os.strerror(number) in str(error) for number in DISK_FULL)
+
+
 def configuration_file(artifact: Path) -> Path:
     """Beside an artifact: what it was made of."""
     return artifact.with_suffix(".configuration.json")
@@ -72,9 +86,9 @@ def read_json(path: Path, remedy: str) -> Any:
         raise StageError(f"{path} is damaged: {what}; {remedy}") from error
 
 
-def sweep(folder: Path, names: str = "*") -> None:
-    """Removes drafts that a kill left in `folder`, of what is named so. Those of living processes stay."""
-    for leftover in folder.glob(f".{names}.*.partial"):
+def sweep(folder: Path) -> None:
+    """Removes drafts that a kill left in `folder`. Those of living processes stay."""
+    for leftover in folder.glob(f".*.{RANDOM}.partial"):
         try:
             lock = hold_folder(leftover)
         except OSError:
@@ -98,6 +112,13 @@ def _draft(path: Path) -> tuple[Path, int]:
         if folder.exists():
             return folder, lock
         os.close(lock)
+
+
+def _all_to_disk(path: Path) -> None:
+    """A file, or a folder with all that is in it."""
+    with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
+        for _ in pool.map(_to_disk, [path, *(each for each in path.rglob("*") if not each.is_symlink())]):
+            pass  # an error of one is raised here
 
 
 def _to_disk(path: Path) -> None:

@@ -16,9 +16,9 @@ def append_line(path: Path, line: bytes) -> None:
     with open(path, "a+b", buffering=0) as file:
         hold(file.fileno(), wait=True)
         _mend(file.fileno())
-        whole = line + b"\n"
-        if (written := os.write(file.fileno(), whole)) != len(whole):  # a full disk, part way
-            raise OSError(f"only {written} of {len(whole)} bytes were written")
+        left = memoryview(line + b"\n")
+        while left:  # a disk that is full takes a part, and refuses the next with its reason
+            left = left[os.write(file.fileno(), left) :]
         os.fsync(file.fileno())
 
 

@@ -11,11 +11,12 @@ python -m rf_exp.data export STORE FOLDER --format lerobot    a LeRobotDataset v
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from rf_exp.artifacts import whole, write_text
+from rf_exp.artifacts import sweep, whole, write_text
 from rf_exp.command import guarded
 from rf_exp.errors import StageError, choices
 from rf_exp.progress import Progress, console
@@ -65,16 +66,18 @@ def validate(paths: Sequence[Path]) -> None:
 
 
 def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None:
-    """Makes one store of several. Raises StageError where they are no parts of one, and where `to` exists."""
-    refuse_existing(to)
+    """Makes one store of several.
+
+    Raises StageError where they are no parts of one, where `to` exists or cannot be written.
+    """
+    refuse_existing(to, dry_run)
     stores = [Store.open(path) for path in paths]
     order = merge_order(stores)
     if dry_run:
         console.print(f"{to} would hold {told(stores, order[0][0] if order else 0)}; nothing was written")
         return
-    with Progress(f"merge {to}", len(order), "episodes") as progress:
+    with writing(to), Progress(f"merge {to}", len(order), "episodes") as progress:
         merge(stores, to, progress.advance)
-    write_text(to.with_suffix(".md"), card(Store.open(to)))
     console.print(f"{to} holds {told(stores, order[0][0] if order else 0)}")
 
 
@@ -94,7 +97,7 @@ def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry
     kept = pictures or how.PICTURES[0]
     if kept not in how.PICTURES:
         raise choices(f"way to keep pictures in {form}", kept, how.PICTURES)
-    refuse_existing(folder)
+    refuse_existing(folder, dry_run)
     store = Store.open(path)
     if not len(store):
         raise StageError(f"{path} holds no episodes; there is nothing to export")
@@ -102,19 +105,30 @@ def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry
     if dry_run:
         console.print(f"{folder} would hold {what}; nothing was written\n{how.held(kept)}")
         return
-    try:
-        with whole(folder) as draft, Progress(f"export {form}", len(store), "episodes") as progress:
-            draft.mkdir()
-            how.write(store, draft, kept, progress.advance)
-            write_text(draft / "README.md", card(store, how.held(kept), how.TAGS))
-    except OSError as error:
-        raise StageError(
-            f"cannot write {folder}: {error.strerror or error}; nothing is left there"
-        ) from error
+    with (
+        writing(folder),
+        whole(folder) as draft,
+        Progress(f"export {form}", len(store), "episodes") as progress,
+    ):
+        draft.mkdir()
+        how.write(store, draft, kept, progress.advance)
+        write_text(draft / "README.md", card(store, how.held(kept), how.TAGS))
     console.print(f"{folder} holds {what}: {mib(folder)} MiB, the store {mib(path)} MiB")
 
 
-def refuse_existing(path: Path) -> None:
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turns what the system says of a new folder that cannot be written into a StageError."""
+    try:
+        yield
+    except OSError as error:
+        raise StageError(f"cannot write {path}: {error.strerror or error}; nothing is left there") from error
+
+
+def refuse_existing(path: Path, dry_run: bool) -> None:
+    """Raises StageError for a folder that is there; unless all is to stay as it is, leftovers beside it go."""
+    if not dry_run:
+        sweep(path.parent)  # also of a command that was killed when all was done
     if path.exists():
         raise StageError(
             f"{path} exists already; nothing is written over it: name a folder that is not there"

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import safe_open
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
@@ -48,11 +48,19 @@ def device_of(name: str) -> torch.device:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Replace a safetensors file in one go: a reader sees the old one or the new one."""
+    """Replace a safetensors file in one go: a reader sees the old one or the new one.
+
+    Raises StageError where it cannot be written.
+    """
     kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with whole(path) as draft:
         said = {**metadata, CHECKSUM: _checksum(kept, metadata)}
-        save_file(kept, draft, {SAID: json.dumps(said, sort_keys=True)})
+        try:
+            save_file(kept, draft, {SAID: json.dumps(said, sort_keys=True)})
+        except SafetensorError as error:
+            raise StageError(
+                f"cannot write {path}: {error}; make room there, the same command goes on from here"
+            ) from error
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:

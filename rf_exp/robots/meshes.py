@@ -30,20 +30,32 @@ KEPT = 0.058  # share of the triangles that stays
 FEWEST = 60  # a piece with fewer triangles than this is left alone
 CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells break through black ones
 SMOOTH_RAD = np.deg2rad(20)  # edges sharper than this stay visible
+REMEDY = "set XDG_CACHE_HOME to a writable folder"
 LAYOUT = 2  # raise when the way of making the files changes
 
 LinkMesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 
 
 def cache_folder() -> Path:
-    """Where the light meshes of the installed ManiSkill live; its name depends on all inputs."""
+    """Where the light meshes of the installed ManiSkill live; its name depends on all inputs.
+
+    Raises StageError for a user without a home.
+    """
     folder = description_folder()
     digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(folder))).encode())
     for path in [folder / URDF, *sorted((folder / "franka_description/meshes/visual").glob("*.glb"))]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    try:
+        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    except RuntimeError as error:
+        raise StageError(f"there is no place for the mesh cache: {error}; {REMEDY}") from error
     return Path(home) / "rf_exp" / digest.hexdigest()[:16]
+
+
+def is_made(folder: Path) -> bool:
+    """Whether the light meshes are in a cache folder, and may be read."""
+    return os.access(folder / URDF, os.R_OK)
 
 
 @cache
@@ -53,17 +65,16 @@ def light_urdf() -> Path:
     Raises StageError when the cache folder cannot be written.
     """
     target = cache_folder()
-    if not (target / URDF).is_file():
+    if not is_made(target):
         try:
             with whole(target) as draft:
                 draft.mkdir()
                 _make(draft, target)
         except OSError as error:
             # Of several processes that make it the first wins, the others find it complete.
-            if not (target / URDF).is_file():
+            if not is_made(target):
                 raise StageError(
-                    f"cannot write the mesh cache {target}: {error.strerror or error}; "
-                    "set XDG_CACHE_HOME to a writable folder"
+                    f"cannot write the mesh cache {target}: {error.strerror or error}; {REMEDY}"
                 ) from error
     return target / URDF
 

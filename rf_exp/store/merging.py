@@ -5,8 +5,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts import differing, whole
+from rf_exp.artifacts import differing, whole, write_text
 from rf_exp.errors import StageError
+from rf_exp.store.cards import card
 from rf_exp.store.layout import FORMAT, empty_like
 from rf_exp.store.reader import Reader
 from rf_exp.store.writer import Store
@@ -47,7 +48,8 @@ def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
 def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = lambda: None) -> None:
     """Writes the store `to`, as if it had been made in one go: the same bytes. It is there as a whole or not.
 
-    `advance` is called after each episode. Raises StageError as `merge_order` does, and where `to` exists.
+    Its card lies beside it, and is there when the store is. `advance` is called after each episode. Raises
+    StageError as `merge_order` does, and where `to` exists; OSError where it cannot be written.
     """
     if to.exists():
         raise StageError(f"{to} exists already; nothing is written over it: name another store")
@@ -59,6 +61,7 @@ def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = la
             for _, source, index in order:
                 store.append(source.episode(index))
                 advance()
+        write_text(to.with_suffix(".md"), card(Store.open(draft)))
 
 
 def _compared(attributes: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Making a store, opening it, and adding episodes to it."""
 
-import errno
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -10,7 +9,7 @@ from typing import Any, NoReturn, Self
 
 import numpy as np
 
-from rf_exp.artifacts import code, expect_same, hold_folder, installed, plain
+from rf_exp.artifacts import code, disk_full, expect_same, hold_folder, installed, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import layout
 from rf_exp.store.additions import additions
@@ -20,7 +19,6 @@ from rf_exp.store.reader import Reader
 from rf_exp.types import CONTROL_HZ, Episode
 
 PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
-DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 CACHED = ("qpos", "qvel", "action", "executed", "poses", "subgoal", "judged", "images", "certificates")
 
 
@@ -103,7 +101,7 @@ class Store(Reader):
             for name, values in rows.items():  # `meta/episode_ends` is the last: the commit
                 layout.write(self._array(name), start[name.split("/")[0]], values)
         except OSError as error:
-            if error.errno in DISK_FULL:
+            if disk_full(error):
                 needed = sum(values.nbytes for values in rows.values())
                 doing = f"storing the episode of seed {episode.seed}"
                 _raise_full(self.path, needed, doing, error, len(self))
@@ -170,7 +168,7 @@ def _create(path: Path, attributes: Mapping[str, Any]) -> None:
     except OSError as error:
         if path.exists():
             raise StageError(f"{path} was made by another process meanwhile; run again") from error
-        if error.errno in DISK_FULL:
+        if disk_full(error):
             _raise_full(path, 100_000, "creating the store", error)
         raise ArgumentError(
             f"cannot create a store at {path}: {error.strerror or error}; "

@@ -23,7 +23,7 @@ class Film:
 
     def __init__(self, path: Path, rate: int = 20, quality: int | None = 24) -> None:
         self._path, self._rate, self._quality = path, rate, quality
-        self._writer = None
+        self._writer, self._added = None, 0
 
     def add(self, frame: NDArray[np.uint8], times: int = 1) -> None:
         """A frame (H, W, 3) of one size for all, even unless pixels are kept, shown so many times."""
@@ -32,8 +32,10 @@ class Film:
                 self._writer = self._open((frame.shape[1], frame.shape[0]))
             for _ in range(times):
                 self._writer.send(frame.tobytes())
+                self._added += 1
         except OSError as error:
-            raise StageError(f"cannot write the film {self._path}: {error}") from error
+            why = str(error).partition("\n")[0]  # then comes how ffmpeg was called; its own words are shown
+            raise StageError(f"cannot write the film {self._path}: {why}") from error
 
     def _open(self, size: tuple[int, int]):
         exact = self._quality is None
@@ -60,6 +62,17 @@ class Film:
         self.close()
 
     def close(self) -> None:
-        """The film is complete."""
-        if self._writer is not None:
-            self._writer.close()
+        """The film is complete. ffmpeg may have failed, on a full disk say, and only its file shows that."""
+        if self._writer is None:
+            return
+        self._writer.close()
+        self._writer = None
+        try:
+            found, _ = imageio_ffmpeg.count_frames_and_secs(self._path)
+        except RuntimeError:  # it is no film
+            found = 0
+        if found != self._added:
+            raise StageError(
+                f"cannot write the film {self._path}: it has {found} of {self._added} frames; "
+                "make room there, and run the same command again"
+            )

@@ -65,16 +65,22 @@ def test_a_folder_can_be_written_too(tmp_path: Path) -> None:
     assert (tmp_path / "store/one").read_text() == "1"
 
 
-@pytest.mark.parametrize("name", ["model.bin", "*"])
-def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer, name: str) -> None:
-    sweep(tmp_path, name)
+def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer) -> None:
+    sweep(tmp_path)
     (draft,) = drafts(tmp_path)
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     assert drafts(tmp_path) == [draft]
-    sweep(tmp_path, "another.bin")
-    assert drafts(tmp_path) == [draft]
-    sweep(tmp_path, name)
+    somebody_s = tmp_path / ".download.of-another-program.partial"
+    somebody_s.mkdir()
+    sweep(tmp_path)
+    assert drafts(tmp_path) == [somebody_s]
+
+
+def test_whoever_writes_next_removes_what_the_dead_have_left_under_another_name(tmp_path: Path, writer) -> None:
+    writer.send_signal(signal.SIGKILL)
+    writer.wait()
+    write_json(tmp_path / "another.json", {})
     assert not drafts(tmp_path)
 
 

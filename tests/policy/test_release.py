@@ -1,7 +1,9 @@
 """What a release carries: policies in half the bytes that act as the whole ones do, and what judges them."""
 
+import os
 import runpy
 import shutil
+import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +14,11 @@ import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train, write_small
 from rf_exp.store import Store
+from tests.children import small_files
 from tests.conftest import CONF
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
@@ -68,6 +71,32 @@ def test_a_release_is_the_part_of_outputs_that_evaluation_needs(out: Path, tmp_p
         for name in ("full.jsonl", "full-disturbed.jsonl", "full-disturbed.configuration.json")
     }
     load_policy(tmp_path / "released" / "policies" / PLACE, "cpu")
+
+
+@pytest.mark.slow
+def test_the_same_release_has_the_same_bytes_whenever_it_is_made(out: Path, tmp_path: Path) -> None:
+    first = release(out / "policies" / PLACE.parent, tmp_path / "first").read_bytes()
+    for path in out.rglob("*"):
+        os.utime(path, (time.time() - 1e6,) * 2)
+    assert release(out / "policies" / PLACE.parent, tmp_path / "again").read_bytes() == first
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limit", [1_000, 30_000])  # of the first file that is copied; of a policy or the zip
+def test_a_full_disk_or_a_size_that_is_too_large_leaves_the_release_that_was_there(
+    out: Path, tmp_path: Path, limit: int
+) -> None:
+    packed = release(out / "policies" / PLACE.parent, tmp_path / "to")
+    good = packed.read_bytes()
+    assert len(good) > limit
+    with small_files(limit), pytest.raises((OSError, StageError), match="File too large"):
+        release(out / "policies" / PLACE.parent, tmp_path / "to")
+    script = runpy.run_path(str(SCRIPT))
+    script["release"].__globals__["LARGEST_MB"] = 0.01
+    with pytest.raises(ArgumentError, match="a release carries at most 0.01"):
+        script["release"](out / "policies" / PLACE.parent, tmp_path / "to")
+    assert packed.read_bytes() == good
+    assert os.listdir(tmp_path / "to") == [packed.name]
 
 
 @pytest.mark.slow

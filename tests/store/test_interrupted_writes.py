@@ -1,15 +1,12 @@
 """Writes that are interrupted, find no room or another writer: what was stored stays whole."""
 
-import resource
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.store import Store, layout
+from tests.children import small_disk, small_files
 from tests.store.episodes import (
     AGENTS,
     CAMERAS,
@@ -77,17 +74,6 @@ def test_leftovers_of_a_killed_writer_are_removed(tmp_path: Path) -> None:
     assert not leftover.exists()
 
 
-@contextmanager
-def small_files(limit_bytes: int) -> Iterator[None]:
-    """The operating system refuses to let a file grow beyond the limit: a real OSError in a write."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def test_no_room_for_an_episode(tmp_path: Path) -> None:
     path = make_store(tmp_path / "s.zarr", [make_episode(0)])
     with Store.open(path, writable=True) as store:
@@ -107,12 +93,7 @@ def test_no_room_for_an_episode(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_fills_up(tmp_path: Path) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", disk], capture_output=True)
-    if mounted.returncode:
-        pytest.skip("needs the right to mount a small disk; the limit on file sizes is tested without it")
-    try:
+    with small_disk(tmp_path / "disk", "256k") as disk:
         store, stored = (
             Store.create(disk / "s.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True),
             0,
@@ -128,8 +109,6 @@ def test_a_disk_that_fills_up(tmp_path: Path) -> None:
             for copy in range(100):
                 Store.create(disk / f"{copy}.zarr", IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH).close()
         assert not list(disk.glob(".*"))
-    finally:
-        subprocess.run(["umount", "-l", disk], check=True)
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import pytest
 from rf_exp import viz
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.viz import Film
+from tests.children import small_files
 from tests.viz.recorded import BARRIER, BLOCKED, PICTURE, POSES, QPOS, Content, open_recorder
 
 
@@ -17,6 +18,17 @@ def test_a_film_that_cannot_be_written_says_so(tmp_path):
     ):
         for _ in range(100):
             film.add(np.zeros((240, 320, 3), np.uint8))
+
+
+def test_a_film_that_a_full_disk_cuts_off_is_no_film(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 256, (40, 48, 64, 3), np.uint8)
+    with (
+        small_files(100_000),
+        pytest.raises(StageError, match=r"cannot write the film .*x\.mp4: (it has \d+ of 40 frames; make|.*pipe)"),
+        Film(tmp_path / "x.mp4", quality=None) as film,
+    ):
+        for frame in noise:
+            film.add(frame)
 
 
 def test_the_file_is_complete_after_an_exception(path):

@@ -1,0 +1,177 @@
+"""Whether commands that write leave anything behind, or anything out, when they are killed at any of their writes.
+
+    python benchmarks/writes.py [--commands merge,export-lerobot,...] [--every 1] [--kills 30] [--folder DIR]
+
+Merge, both exports, rescue, release and publish take what `benchmarks/kills.py` makes once in DIR/whole. Each is
+killed by SIGKILL just before its first write below its folder, before the second (`--every`: not before each), ...
+and at so many random moments; after every kill the same command is given again. A write is a file that is
+opened to be changed, or anything that is made, renamed or removed. Each time it is asked whether the kill has
+left the inputs as they were and what it was to make whole or not there, whether the command given again ends
+with the bytes of one that nothing has disturbed, and whether it leaves a temporary file. The last line is
+JSON: of every command the kills that hit it at work, and how many of them left all of that right.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+CHANGED = {  # audit event -> which of its arguments are the path that changes, and the folder it is relative to
+    "os.mkdir": (0, 2),
+    "os.rename": (1, 3),
+    "os.remove": (0, 1),
+    "os.rmdir": (0, 1),
+    "os.link": (1, 3),
+    "os.symlink": (1, 2),
+    "os.truncate": (0, None),
+}
+FOR_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
+
+Content = dict[str, str]  # path -> digest of its bytes
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command as a function, and what it is given."""
+
+    run: Callable[[Path], object]  # with a folder below which it writes
+    prepare: Callable[[Path], object] = lambda folder: None  # what it finds there
+    inputs: tuple[Path, ...] = ()  # that it only reads
+    whole: tuple[str, ...] = ()  # files and folders there that are as before or as they will be, never between
+    # What else is wrong with what is below the folder when the command has been killed.
+    torn: Callable[[Path], str] = lambda folder: ""
+
+
+@dataclass
+class Trials:
+    """What became of the kills of one command."""
+
+    kills: int = 0
+    writes: int = 0
+    wrong: list[str] = field(default_factory=list)
+
+    @property
+    def row(self) -> dict[str, Any]:
+        return {"writes": self.writes, "kills": self.kills, "right": self.kills - len(self.wrong)}
+
+
+def in_child(job: Callable[[], object], below: Path, dies_at: int = 0, dies_after_s: float = 0.0) -> int | None:
+    """How many writes below a folder a job makes, in a forked child; None where it is killed before it ends.
+
+    That is just before one of these writes, the first is 1, or after so many seconds. What it raises is said, and
+    counts as an end.
+    """
+    read, write = os.pipe()
+    pid = os.fork()
+    if not pid:
+        made = 0
+
+        def count(event: str, args: tuple[Any, ...]) -> None:
+            nonlocal made
+            if writes_below(str(below), event, args):
+                made += 1
+                if made == dies_at:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        try:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.fsync = lambda _: None  # what the system has taken outlives a kill: no need to wait for a disk
+            sys.addaudithook(count)
+            job()
+        except BaseException as error:
+            print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        finally:
+            os.write(write, str(made).encode())
+            os._exit(0)
+    os.close(write)
+    if dies_after_s:
+        time.sleep(dies_after_s)
+        os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    with open(read, "rb") as told:
+        said = told.read()
+    return int(said) if said else None
+
+
+def writes_below(below: str, event: str, args: tuple[Any, ...]) -> bool:
+    """Whether what Python is about to do changes something below a folder."""
+    if event == "open":
+        path, _, flags = args
+        return isinstance(flags, int) and bool(flags & FOR_WRITING) and str(path).startswith(below)
+    if event not in CHANGED:
+        return False
+    of, within = CHANGED[event]
+    path = os.fsdecode(args[of]) if not isinstance(args[of], int) else f"/proc/self/fd/{args[of]}"
+    if within is not None and args[within] != -1:
+        path = os.path.join(os.readlink(f"/proc/self/fd/{args[within]}"), path)
+    return path.startswith(below)
+
+
+def content(folder: Path) -> Content:
+    """All that lies below a folder, but the files of locks, which say who held them."""
+    found: Content = {}
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        if path.is_dir() and not any(path.iterdir()):
+            found[name] = "empty folder"
+        elif path.is_file() and path.suffix != ".lock":
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def of(found: Content, name: str) -> Content:
+    """What lies in a file or a folder."""
+    return {path: digest for path, digest in found.items() if path == name or path.startswith(f"{name}/")}
+
+
+def killed(
+    command: Command, folder: Path, every: int = 1, last: int | None = None, moments: int = 0, seed: int = 0
+) -> Trials:
+    """Kills a command before every so many of its writes, the last or all of them, and at random moments."""
+    rng, trials = np.random.default_rng(seed), Trials()
+    inputs = [content(path) for path in command.inputs]
+    before, whole = content(_fresh(command, folder / "killed")), _fresh(command, folder / "whole")
+    began = time.monotonic()
+    writes = in_child(lambda: command.run(whole), whole)
+    took_s = time.monotonic() - began
+    if not writes:
+        raise SystemExit(f"{folder}: nothing was written")
+    trials.writes, wanted = writes, content(whole)
+    numbers = range(1, writes + 1)[-last if last else 0 :: every]
+    ways: list[dict[str, Any]] = [{"dies_at": number} for number in numbers]
+    ways += [{"dies_after_s": float(seconds)} for seconds in rng.uniform(1e-3, took_s, moments)]
+    for way in ways:
+        out = _fresh(command, folder / "killed")
+        if in_child(lambda out=out: command.run(out), out, **way) is not None:
+            continue  # it was faster this time
+        trials.kills += 1
+        found, wrong = content(out), command.torn(out)
+        for name in command.whole:
+            if of(found, name) not in (of(before, name), of(wanted, name)):
+                wrong = f"{name} is neither as it was nor as it will be"
+        if inputs != [content(path) for path in command.inputs]:
+            wrong = "an input has changed"
+        in_child(lambda out=out: command.run(out), out)
+        if (found := content(out)) != wanted:
+            differing = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
+            wrong = wrong or f"then not as undisturbed: {', '.join(differing[:4])}"
+        if wrong:
+            trials.wrong.append(f"{way}: {wrong}")
+    return trials
+
+
+def _fresh(command: Command, folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    command.prepare(folder)
+    return folder

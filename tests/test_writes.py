@@ -1,0 +1,103 @@
+"""Commands that write, killed before each of their writes: nothing torn, and the same bytes after it.
+
+`benchmarks/writes.py` does this with real data, at every write and at random moments.
+"""
+
+import runpy
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rf_exp.artifacts import read_json
+from rf_exp.data.__main__ import export, merge_stores
+from rf_exp.rescue import rescue
+from tests.ablation.test_publish import PLACE, STEM, measured, publish, won
+from tests.store.episodes import make_episode, make_store
+from tests.test_data import store_of
+
+BENCHMARK = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "writes.py"))
+Command, killed = BENCHMARK["Command"], BENCHMARK["killed"]
+
+
+def assert_right(command: Any, folder: Path, every: int = 1, last: int | None = None) -> None:
+    """All is right when the command is killed before every so many of its writes, or of the last."""
+    trials = killed(command, folder, every, last)
+    assert trials.kills and not trials.wrong, "\n".join(trials.wrong)
+
+
+@pytest.mark.slow
+def test_a_merge_that_is_killed_has_its_card_or_no_store(tmp_path: Path) -> None:
+    parts = [make_store(tmp_path / f"{seed}.zarr", [make_episode(seed, cameras=())], ()) for seed in (0, 1)]
+    command = Command(
+        run=lambda out: merge_stores(parts, out / "merged.zarr"),
+        inputs=tuple(parts),
+        whole=("merged.zarr", "merged.md"),
+        torn=lambda out: "no card" if (out / "merged.zarr").exists() > (out / "merged.md").exists() else "",
+    )
+    assert_right(command, tmp_path / "trials", last=10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("form", "every"), [("lerobot", 6), ("robomimic", 1)])
+def test_an_export_that_is_killed_is_there_as_a_whole_or_not_at_all(
+    tmp_path: Path, form: str, every: int
+) -> None:
+    store = store_of(tmp_path / "s.zarr", range(1))
+    command = Command(run=lambda out: export(store, out / "export", form), inputs=(store,), whole=("export",))
+    assert_right(command, tmp_path / "trials", every)
+
+
+@pytest.mark.slow
+def test_a_rescue_that_is_killed_leaves_the_damaged_store_whole(tmp_path: Path) -> None:
+    store = make_store(tmp_path / "s.zarr", [make_episode(seed, cameras=()) for seed in (0, 1)], ())
+    (store / "meta/seed/zarr.json").write_text("{")
+    original = BENCHMARK["content"](store)
+
+    def lost(out: Path) -> str:
+        there = [BENCHMARK["content"](each) for each in out.glob("q*.zarr")]
+        return "" if original in there else "the damaged store is nowhere"
+
+    command = Command(
+        run=lambda out: rescue(out / "q.zarr"),
+        prepare=lambda out: shutil.copytree(store, out / "q.zarr"),
+        inputs=(store,),
+        torn=lost,
+    )
+    assert_right(command, tmp_path / "trials", last=16)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_publication_that_is_killed_shows_rows_only_beside_what_they_were_made_of(
+    tmp_path: Path, alike: bool
+) -> None:
+    """The training seeds 0 and 1 are there; 1 and 2 come, evaluated alike or otherwise."""
+    runs = {"first": ((0, 1), (1, 2)), "later": ((1, 3), (2, 4))}  # of training seeds, and their successes
+    for name, seeds in runs.items():
+        for seed, wins in seeds:
+            measured(tmp_path / name, seed, wins, steps=100 if alike or name == "first" else 120)
+    publish(tmp_path / "first", tmp_path / "before")
+
+    def unlike(results: Path) -> str:
+        """A file of rows says how each training seed was made, and how all were evaluated."""
+        cell = results / PLACE.relative_to("results")
+        if not (cell / f"{STEM}.jsonl").exists():
+            return ""
+        for seed, wins in won(results).items():
+            if read_json(cell / f"{STEM}-{seed}.configuration.json", "") != {"of": wins}:
+                return f"training seed {seed} is beside the configuration of another"
+            of = next(name for name, seeds in runs.items() if (seed, wins) in seeds)
+            steps = 100 if alike or of == "first" else 120
+            if read_json(cell / f"{STEM}.configuration.json", "") != {"step_limit": steps}:
+                return f"training seed {seed} is beside how another was evaluated"
+        return ""
+
+    command = Command(
+        run=lambda out: publish(tmp_path / "later", out / "results"),
+        prepare=lambda out: shutil.copytree(tmp_path / "before", out / "results"),
+        inputs=(tmp_path / "later",),
+        torn=lambda out: unlike(out / "results"),
+    )
+    assert_right(command, tmp_path / "trials")
