@@ -1,6 +1,5 @@
 """What all commands of the suite share: their configuration, and how they end, whatever ends them."""
 
-import difflib
 import functools
 import os
 import re
@@ -13,22 +12,26 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import hydra
 from hydra.core.config_store import ConfigStore
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from rf_exp.arguments import arranged, checked_folder
 from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
+from rf_exp.installed import CONF
+from rf_exp.keys import keys_are_in, keys_of_files, no_key, refuse_unknown_keys
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.secrets import refuse_keys
 
-CONF = Path(__file__).resolve().parents[1] / "conf"
-KEYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"
 FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
 SPARE_BYTES = 2**24  # given up where memory has run out, so that this can still be said
 WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
+# Before Hydra makes the folder of its records.
+OmegaConf.register_new_resolver("folder", checked_folder, replace=True)
 
 
 def register_all_tasks() -> None:
@@ -84,6 +87,22 @@ def guarded(job: Callable[[], None]) -> int:
     return 0
 
 
+def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
+    """Of a command's main function: Hydra composes its configuration, of `conf/` and of the command line."""
+
+    def decorate(main: Callable[[DictConfig], None]) -> Callable[[], None]:
+        by_hydra = hydra.main(version_base="1.3", config_path=str(CONF), config_name=config_name)
+
+        @functools.wraps(main)
+        def run() -> None:
+            sys.argv[1:] = arranged(sys.argv[1:])
+            by_hydra(explained(main))()
+
+        return run
+
+    return decorate
+
+
 def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]:
     """For the function below `hydra.main`: what it did not expect becomes a StageError and a file.
 
@@ -94,6 +113,7 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
     def run(config: DictConfig) -> None:
         end_with_parent()
         try:
+            refuse_unknown_keys(config)
             main(config)
         except (*WRONG, RfError, BrokenPipeError):
             raise
@@ -106,8 +126,9 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
 def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
-        return 2, f"wrong argument: {_unknown_key(error) or error}"
-    if isinstance(error, OSError) and error.filename is not None and not disk_full(error):  # not of the job: Hydra makes its folder
+        return 2, f"wrong argument: {_unknown_key(error) or _unresolved(error) or error}"
+    of_a_file = isinstance(error, OSError) and error.filename is not None
+    if of_a_file and not disk_full(error):  # not of the job: Hydra makes its folder
         why = f"cannot make {error.filename}: {error.strerror}"
         return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
     if not isinstance(error, RfError):
@@ -116,22 +137,21 @@ def _line(error: Exception) -> tuple[int, str]:
 
 
 def _unknown_key(error: Exception) -> str | None:
-    """What is said of an override whose key no configuration has: Hydra would advise to add it."""
-    if not (found := re.match(r"Could not override '([^']+)'", str(error))):
+    """What is said of an override whose key is not there, or there already: Hydra's advice leads astray."""
+    if found := re.match(r"Could not override '([^']+)'", str(error)):
+        return f"{no_key(found[1], keys_of_files())} {keys_are_in()}"
+    if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
+        return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
+    return None
+
+
+def _unresolved(error: Exception) -> str | None:
+    """What is said of a value that cannot be made: OmegaConf adds where it stands in lines of their own."""
+    if not isinstance(error, OmegaConfBaseException):
         return None
-    places = [(path, "") for path in KEYS] + [(path, "task.") for path in (CONF / "task").glob("*.yaml")]
-    known = [at + key for path, at in places for key in _keys(OmegaConf.to_container(OmegaConf.load(path)))]
-    near = difflib.get_close_matches(found[1], known, 1)
-    hint = f"; did you mean {near[0]}?" if near else "."
-    files = " and ".join(str(path.relative_to(CONF.parent)) for path in KEYS)
-    return f"there is no key {found[1]!r}{hint} The keys are in {files}, those of tasks in conf/task"
-
-
-def _keys(node: Any) -> Iterator[str]:
-    """The dotted keys of a configuration, inner ones too."""
-    for key, value in node.items() if isinstance(node, dict) else ():
-        yield key
-        yield from (f"{key}.{inner}" for inner in _keys(value))
+    said = _first_line(error)
+    ours = re.match(r"ArgumentError raised while resolving interpolation: (.+)", said)
+    return ours[1] if ours else f"{error.full_key}: {said}" if error.full_key else said
 
 
 def _unexpected(error: Exception, folder: Path) -> StageError:

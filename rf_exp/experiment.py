@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import dacite
 
+from rf_exp.arguments import checked_folder
 from rf_exp.datagen.brain import BrainSpec, FaultySpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.launch import Launch
@@ -216,9 +217,10 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
 
     `given` is what the person said: of the overrides `key=value` that led to the configuration.
     """
-    for group in ("task", "constraints", "arch"):
+    for group, all_of_it in (("task", True), ("constraints", True), ("arch", True), ("brain", False)):
         if not node.get(group):
-            raise ArgumentError(f"no {group} chosen; use {group}=NAME or {group}=all")
+            possible = f"{group}=NAME or {group}=all" if all_of_it else f"{group}=NAME"
+            raise ArgumentError(f"no {group} chosen; use {possible}")
     if node["occupancy"] not in get_args(Occupancy):
         raise choices("occupancy", node["occupancy"], get_args(Occupancy))
     picture = node["picture"]
@@ -236,7 +238,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             ),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
-            "out": Path(node["out"]),
+            "out": Path(checked_folder(node["out"])),
             "pictures": {**picture, "render": node["render"], "cameras": node["cameras"]},
             "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
             "foreign": foreign,
@@ -257,6 +259,10 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             for task in experiment.tasks:
                 experiment.brain.fits(task)
         return experiment
+    except dacite.WrongTypeError as error:
+        kind = getattr(error.field_type, "__name__", None) if isinstance(error.field_type, type) else None
+        expected = kind or error.field_type
+        raise ArgumentError(f"{error.field_path} is {error.value!r}; expected {expected}") from error
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(f"configuration: {error}") from error
 

@@ -7,18 +7,16 @@ python -m rf_exp.run stages=[generate] task=all constraints=full   data only
 
 import sys
 
-import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import CONF, explained, guarded, register_all_tasks
+from rf_exp.command import composed, guarded, register_all_tasks
 from rf_exp.errors import StageError
 
 register_all_tasks()
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-@explained
+@composed("config")
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen set of constraints and architecture."""
     # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.

@@ -7,11 +7,10 @@ python -m rf_exp.demonstration task=lift_barrier     any other task
 import sys
 from pathlib import Path
 
-import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.artifacts import plain, whole, write_json
-from rf_exp.command import CONF, explained, guarded
+from rf_exp.command import composed, guarded
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, Trace
 from rf_exp.demonstration.formulas import specified
 from rf_exp.demonstration.notes import Notes, Overheard, Together
@@ -26,8 +25,7 @@ from rf_exp.types import Pictures
 SEEDS = 20  # tried for one success
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="demonstration")
-@explained
+@composed("demonstration")
 def main(config: DictConfig) -> None:
     """A page for every chosen task, of the first seed that succeeds."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]

@@ -10,10 +10,9 @@ Takes the keys of `python -m rf_exp.run`. Pictures are larger than those that po
 import sys
 from pathlib import Path
 
-import hydra
 from omegaconf import DictConfig, OmegaConf
 
-from rf_exp.command import CONF, explained, guarded, register_all_tasks
+from rf_exp.command import composed, guarded, register_all_tasks
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.gallery.draw import contact_sheet, overview, panel
@@ -29,8 +28,7 @@ TRIES = 20  # seeds, one after the other
 register_all_tasks()
 
 
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="config")
-@explained
+@composed("config")
 def main(config: DictConfig) -> None:
     """One job: every chosen task, then all of them on one sheet."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]

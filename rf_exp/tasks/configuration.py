@@ -12,17 +12,17 @@ from omegaconf import OmegaConf
 
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.installed import CONF
 from rf_exp.tasks.specs import Randomisation
 from rf_exp.tasks.start import beyond_table
 from rf_exp.tasks.task import Task
 
-_CONF = Path(__file__).resolve().parents[2] / "conf"
-CONFIGURED = _CONF / "task"
+CONFIGURED = CONF / "task"
 
 
 @cache
 def _defaults() -> dict[str, Any]:
-    node: Any = OmegaConf.to_container(OmegaConf.load(_CONF / "config.yaml"))
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "config.yaml"))
     return node
 
 

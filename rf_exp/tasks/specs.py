@@ -87,6 +87,15 @@ class CameraSpec:
         return from_axes(self.eye_m, z=forward, y=upright)
 
 
+class Thresholds(dict[str, float]):
+    """Those of a task's success, units in their names. Raises ArgumentError for one that its file lacks."""
+
+    def __missing__(self, name: str) -> float:
+        raise ArgumentError(
+            f"the task's module reads success.{name}, which its file does not have; it has {', '.join(self)}"
+        )
+
+
 @dataclass(frozen=True)
 class Randomisation:
     """Changes of what is seen, of the rest posture and of weights, drawn from the episode's seed."""

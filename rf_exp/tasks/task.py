@@ -23,7 +23,7 @@ import numpy as np
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import Vocabulary
 from rf_exp.tasks import assets
-from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec
+from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
 from rf_exp.tasks.start import Start, start_of
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Scene
@@ -54,6 +54,7 @@ class Task:
         if self.step_limit < 1:
             raise ArgumentError(f"step_limit is {self.step_limit}; expected at least 1 control step")
         object.__setattr__(self, "robots", tuple(self.robots))
+        object.__setattr__(self, "success", Thresholds(self.success))
         expected = {"global", *(f"agent{k}" for k in range(1, len(self.robots) + 1))}
         if set(self.cameras) != expected:
             raise ArgumentError(

@@ -6,10 +6,11 @@ from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
 from rf_exp.datagen.brain.probing import probe
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.brain.spec import BrainSpec, read_brain
+from rf_exp.datagen.brain.spec import SPECS, BrainSpec, read_brain
 
 __all__ = [
     "FAULTS",
+    "SPECS",
     "BadAnswer",
     "Brain",
     "BrainSpec",

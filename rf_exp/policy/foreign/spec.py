@@ -7,6 +7,7 @@ from typing import Any, get_args
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.observations import Observations, State
 from rf_exp.secrets import check_policy_server
+from rf_exp.tasks import default_of
 from rf_exp.types import CameraChoice
 
 WAYS = ("factory", "server")
@@ -60,10 +61,17 @@ class Foreign:
 def foreign_policy(node: Mapping[str, Any], picture: Mapping[str, int]) -> dict[str, Any] | None:
     """The fields of a Foreign from `foreign` and `picture` of a configuration; None where nobody is named.
 
-    Raises ArgumentError for a name without a way to the policy, for two ways, and for one without a name.
+    Raises ArgumentError for a name without a way to the policy, for two ways, for one without a name, and for
+    other fields without a policy.
     """
     ways = [way for way in WAYS if node[way] is not None]
     if not ways and node["name"] is None:
+        usual = default_of("foreign")
+        if given := [key for key in node if node[key] != usual[key]]:
+            raise ArgumentError(
+                f"foreign.{given[0]} is given, and no policy is: "
+                "foreign.name with foreign.factory or foreign.server"
+            )
         return None
     if len(ways) != 1:
         found = "both are given" if ways else "neither is given"

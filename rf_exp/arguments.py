@@ -1,0 +1,108 @@
+"""What is said on a command line that Hydra reads, before it does: its grammar has no words for people."""
+
+import os
+import shlex
+from collections.abc import Sequence
+from typing import NoReturn
+
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+
+from rf_exp.errors import ArgumentError
+from rf_exp.installed import CONF
+
+WAYS = {"run": "--run", "multirun": "--multirun", "cfg": "--cfg", "info": "--info"}  # one of them at a time
+
+HOME = "in the place of ~ the shell has not put your home; write $HOME"
+
+
+def arranged(arguments: Sequence[str]) -> list[str]:
+    """The arguments with Hydra's flags first, wherever they stood.
+
+    Raises ArgumentError for flags that are not there or exclude one another, and for what Hydra cannot read.
+    """
+    parser = get_args_parser()
+    parser.error = _refuse_flags  # pyright: ignore[reportAttributeAccessIssue]
+    given = parser.parse_intermixed_args(list(arguments))
+    if given.shell_completion:  # its words are the shell's
+        return list(arguments)
+    ways = [flag for name, flag in WAYS.items() if getattr(given, name)]
+    if len(ways) > 1:
+        _refuse_flags(f"{' and '.join(ways)} are given, which are two ways to go; leave one of them out")
+    if given.resolve and not given.cfg and not given.help:
+        _refuse_flags("--resolve is given, which goes with --cfg")
+    if given.experimental_rerun:
+        raise ArgumentError(
+            "--experimental-rerun reads a pickle, which could run any code; what was said of a job is in "
+            "runs/*/*/.hydra/overrides.yaml, to be said again"
+        )
+    for override in given.overrides:
+        _check(override)
+    rest = list(given.overrides)
+    flags = [word for word in arguments if not (rest and word == rest[0] and rest.pop(0))]
+    return flags + given.overrides
+
+
+def checked_folder(value: object, key: str = "out") -> str:
+    """A folder as it is said. Raises ArgumentError for what would make one that nobody meant."""
+    if not isinstance(value, str) or not value.strip():
+        raise ArgumentError(f"{key} is {value!r}; expected the name of a folder, in quotes if it is a number")
+    for wrong, why in (
+        (value.startswith("~") and "~", HOME),
+        ("$" in value and "$", "the shell puts a variable there only outside of single quotes"),
+        (os.sep != "\\" and "\\" in value and "\\", "folders are separated by /"),
+        (next((letter for letter in value if not letter.isprintable()), False), "it cannot be seen"),
+    ):
+        if wrong:
+            raise ArgumentError(
+                f"{key} is {value!r}, and {wrong!r} would be part of the folder's name; {why}"
+            )
+    return value
+
+
+def _refuse_flags(message: str) -> NoReturn:
+    raise ArgumentError(f"{message}; --hydra-help says which flags there are")
+
+
+def _check(override: str) -> None:
+    """Raises ArgumentError for an override outside of Hydra's grammar, with how to write it."""
+    key, given, value = override.partition("=")
+    error = _wrong(override)
+    if error is None and key.lstrip("+~"):
+        if value == "null" and (CONF / key).is_dir():
+            raise ArgumentError(
+                f"{override!r}: {key} is chosen among files; choose one, or none with '~{key}'"
+            )
+        return
+    if override != override.rstrip("\r\n"):
+        raise ArgumentError(
+            f"{override!r} ends with a carriage return, as the lines of a script do that was written on "
+            "Windows; save it with the ends of lines of Unix"
+        )
+    if not key.lstrip("+~") or not (given or key.startswith("~")):
+        raise ArgumentError(f"{override!r} is not understood; expected key=value, or a flag such as --help")
+    if value.startswith("~"):
+        raise ArgumentError(f"{override!r} is not understood: {HOME}")
+    if value.startswith(("[", "{")):
+        raise ArgumentError(
+            f"{override!r} is not understood; expected a list as in '{key}=[a, b]', or a mapping as in "
+            f"'{key}={{a: 1, b: 2}}', in quotes for the shell where spaces are in it ({error})"
+        )
+    strange = next((letter for letter in value if _wrong(f"{key}=a{letter}a") is not None), None)
+    quoted = f'{key}="{value}"' if '"' not in value else f"{key}='{value}'"
+    if strange is None or _wrong(quoted) is not None:
+        raise ArgumentError(f"{override!r} is not understood ({error})")
+    raise ArgumentError(
+        f"{override!r} is not understood: {strange!r} needs quotes that the shell leaves, "
+        f"as in {shlex.quote(quoted)}"
+    )
+
+
+def _wrong(override: str) -> str | None:
+    """What Hydra says of an override, in a line; None: it reads it."""
+    try:
+        OverridesParser.create().parse_override(override)
+    except HydraException as error:
+        return str(error).splitlines()[0]
+    return None

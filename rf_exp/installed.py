@@ -1,0 +1,10 @@
+"""Where the files lie that come with the code, in a checkout and where it is installed."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+_CHECKOUT = _PACKAGE.parent
+
+# Of a checkout at its top, of an installation inside of the package: at the top of site-packages any other
+# package may write to a folder of that name.
+CONF = (_CHECKOUT if (_CHECKOUT / "pyproject.toml").is_file() else _PACKAGE) / "conf"
