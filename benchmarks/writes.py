@@ -11,15 +11,13 @@ with the bytes of one that nothing has disturbed, and whether it leaves a tempor
 JSON: of every command the kills that hit it at work, and how many of them left all of that right.
 """
 
-import argparse
 import hashlib
-import json
 import os
 import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -47,7 +45,9 @@ class Command:
     run: Callable[[Path], object]  # with a folder below which it writes
     prepare: Callable[[Path], object] = lambda folder: None  # what it finds there
     inputs: tuple[Path, ...] = ()  # that it only reads
-    whole: tuple[str, ...] = ()  # files and folders there that are as before or as they will be, never between
+    whole: tuple[
+        str, ...
+    ] = ()  # files and folders there that are as before or as they will be, never between
     # What else is wrong with what is below the folder when the command has been killed.
     torn: Callable[[Path], str] = lambda folder: ""
 
@@ -65,7 +65,9 @@ class Trials:
         return {"writes": self.writes, "kills": self.kills, "right": self.kills - len(self.wrong)}
 
 
-def in_child(job: Callable[[], object], below: Path, dies_at: int = 0, dies_after_s: float = 0.0) -> int | None:
+def in_child(
+    job: Callable[[], object], below: Path, dies_at: int = 0, dies_after_s: float = 0.0
+) -> int | None:
     """How many writes below a folder a job makes, in a forked child; None where it is killed before it ends.
 
     That is just before one of these writes, the first is 1, or after so many seconds. What it raises is said, and

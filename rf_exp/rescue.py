@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 
 from rf_exp.artifacts import whole
 from rf_exp.command import guarded
-from rf_exp.errors import StageError
 from rf_exp.progress import console
 from rf_exp.stages import owned
 from rf_exp.store import Damage, Damaged, Store, empty_like, refuse_other_kinds

@@ -74,6 +74,7 @@ def test_formulas_and_their_robustness_are_on_the_page_and_beside_it(page):
         assert len(steps) == 1 and formulas and all(each["holds"] for each in formulas)
         assert all(f"`{each['stl']}`" in page.read_text() for each in formulas)
         assert any((each["robustness"] or 0) > 0.01 for each in formulas)
+    assert page.read_text().count("Robustness is how much is left of a formula's bound") == 1
 
 
 @pytest.mark.slow

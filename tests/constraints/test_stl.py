@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import Check, Paths, Plan, RoboChecker, checked_kinds, compiled
+from rf_exp.constraints.checks import AvoidObjectsCheck
 from rf_exp.constraints.checks.direction import ANGLE_MEASURED_DEG
 from rf_exp.constraints.checks.interaction import POSITION_MEASURED_M
 from rf_exp.constraints.checks.keep_level import MEASURED_DEG
@@ -19,6 +20,7 @@ from rf_exp.coordination import sequential
 from rf_exp.datagen import EpisodeMaker, Planned, Settings, Trace
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
+from rf_exp.geometry import lowest_m
 from rf_exp.sim import shared_simulator
 from rf_exp.statements import (
     AvoidAgents,
@@ -83,6 +85,30 @@ def test_on_a_real_episode_both_agree_on_every_check(episodes, name):
         forms = [check.stl(execution.plan.task) for check in made.checked.checks]
         said = {(signal.name, signal.how) for form in forms for signal in form.signals}
         assert len(said) == len(signals(execution, made.checked.checks))  # the same name is the same number
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TASKS)
+def test_what_is_left_of_a_clearance_is_what_the_plan_had_less_its_bound(episodes, name):
+    """Of things, and of the table: neither hides the other."""
+    seen = 0
+    for made, execution in episodes[name]:
+        for check, evidence in zip(made.checked.checks, made.checked.evidence, strict=True):
+            if not isinstance(check, AvoidObjectsCheck):
+                continue
+            things, table = judged(execution, check)
+            low_m = [
+                lowest_m(execution.plan.paths.swept[agent - 1])[execution.positions(agent)].min()
+                for agent in check.agents
+            ]
+            assert table.robustness == pytest.approx(min(low_m), abs=1e-9)
+            if things.judged:
+                left_m = evidence.value - evidence.bound  # with the beginning, and what was not carried out
+                assert things.robustness >= left_m - 1e-9
+                if evidence.time_s <= execution.plan.begins_s + execution.clock_s[-1]:
+                    assert things.robustness == pytest.approx(left_m, abs=2e-3)
+                seen += table.robustness < things.robustness - 0.01
+    assert seen or name == "lift_barrier"  # nothing lies still on its table
 
 
 # statement, field of its check, bound of the field for a worst value, unit steps beyond the boundary

@@ -174,9 +174,10 @@ class AvoidObjectsCheck(Check):
     def stl(self, task: Task) -> Specification:
         clear = [_clearance(agent) for agent in self.agents]
         low = [_lowest(agent) for agent in self.agents]
-        margins = [f"{each.name} >= {OBJECT_MARGIN_M!r}" for each in clear]
-        margins += [f"{each.name} >= {TABLE_MARGIN_M!r}" for each in low]
-        return of_schedule((always(margins, "m"),), *clear, *low)
+        things = always([f"{each.name} >= {OBJECT_MARGIN_M!r}" for each in clear], "m")
+        # A formula of its own: hands work nearer to the table than things are, which would hide those.
+        table = always([f"{each.name} >= {TABLE_MARGIN_M!r}" for each in low], "m")
+        return of_schedule((things, table), *clear, *low)
 
 
 def _clearance(agent: int) -> Signal:
@@ -186,7 +187,7 @@ def _clearance(agent: int) -> Signal:
         low_m, found = lowest_m(body), {}
         for position in np.unique(at).tolist():
             gap = nearest(body, still, np.array([[position, 0]]))
-            found[position] = VOID if gap is None else gap.distance_m
+            found[position] = 2 * VOID if gap is None else gap.distance_m  # less the margin still void
             if paths.blocked[agent - 1][position] and low_m[position] >= TABLE_MARGIN_M:  # doubt counts
                 found[position] = min(found[position], np.nextafter(OBJECT_MARGIN_M, 0.0))
         return np.array([found[position] for position in at.tolist()])

@@ -3,8 +3,8 @@
 A check becomes formulas over named signals of an execution: one sample for each control step that the monitor
 has judged, at 20 Hz. Discrete time is exact, because the monitor judges these steps and nothing between them.
 The text is in the specification language of rtamt. A formula speaks of one unit, so that its robustness is a
-margin in that unit; a check with numbers in several units has several formulas, and holds when all of them
-do.
+margin in that unit; a check with numbers in several units, or with margins that tell nothing of one another,
+has several formulas, and holds when all of them do.
 
 A condition ("while Agent_1 holds lid") is VOID where it is true and -VOID where not: more than any margin, so
 the robustness of `always (condition implies margin)` is the least margin, or VOID where nothing was judged.
