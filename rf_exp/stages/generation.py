@@ -73,7 +73,7 @@ def _commonest(rows: Iterable[GenerationRow]) -> str:
     kinds = Counter(row.account.kind for row in rows if not row.success)
     told = [f"{count} of {kinds.total()}: {kind}" for kind, count in kinds.most_common(COMMONEST)]
     rest = len(kinds) - len(told)
-    return " | ".join([*told, *([f"{rest} rarer reasons"] if rest else [])])
+    return " | ".join([*told, *([f"and {rest} rarer"] if rest else [])])
 
 
 def collect(

@@ -9,16 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import GenerationRow, read_rows
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings, generator_version
+from rf_exp.ablation import GenerationRow, append_row, read_rows
+from rf_exp.datagen import EpisodeMaker, NullObserver, Outcome, Settings, generator_version
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
-from rf_exp.findings import Violation
+from rf_exp.findings import Account, Unmet, Violation
 from rf_exp.sim import Simulator
+from rf_exp.stages import why_seeds_failed
+from rf_exp.stages.artifacts import generation_path
 from rf_exp.stages.generation import generation_row
 from rf_exp.store import Store
 from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
-from tests.conftest import read_task
+from tests.conftest import experiment, read_task
 
 FULL = ConstraintSet("full")
 
@@ -164,3 +166,17 @@ def test_rows_and_store_name_the_code_that_made_them(whole, pick_meat) -> None:
 @pytest.fixture
 def pick_meat() -> Task:
     return read_task("pick_meat")
+
+
+def test_the_commonest_reasons_are_told_where_no_seed_succeeds(tmp_path: Path) -> None:
+    told = experiment("task=pick_meat", f"out={tmp_path}", "disturbance_rad=0", "delay_s=0")
+    (task,), (full,) = told.tasks, told.constraint_sets
+    settings, path = told.settings(task, full), generation_path(told, task, full)
+    path.parent.mkdir(parents=True)
+    kinds = ["lid off"] * 3 + ["at rest"] * 2 + ["upright", "up"]
+    for seed, name in enumerate(kinds):
+        failed = Outcome(seed, False, False, 9, 1, 0, 0.1, Account(unmet=(Unmet(name, 0.0),)))
+        append_row(path, generation_row(settings, failed))
+    assert why_seeds_failed(told) == (
+        f"3 of 7: lid off | 2 of 7: at rest | 1 of 7: upright | and 1 rarer; the rows are in {path}"
+    )
