@@ -15,12 +15,11 @@ from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec
 from rf_exp.findings import Account, Unmet, Violation
 from rf_exp.sim import Simulator
 from rf_exp.stages import why_seeds_failed
-from rf_exp.stages.artifacts import generation_path
 from rf_exp.stages.generation import generation_row
 from rf_exp.store import Store
 from rf_exp.tasks import Task
 from rf_exp.types import ConstraintSet
-from tests.conftest import experiment, read_task
+from tests.conftest import cell_of, experiment, read_task
 
 FULL = ConstraintSet("full")
 
@@ -170,8 +169,7 @@ def pick_meat() -> Task:
 
 def test_the_commonest_reasons_are_told_where_no_seed_succeeds(tmp_path: Path) -> None:
     told = experiment("task=pick_meat", f"out={tmp_path}", "disturbance_rad=0", "delay_s=0")
-    (task,), (full,) = told.tasks, told.constraint_sets
-    settings, path = told.settings(task, full), generation_path(told, task, full)
+    settings, path = cell_of(told).settings, cell_of(told).generation_path
     path.parent.mkdir(parents=True)
     kinds = ["lid off"] * 3 + ["at rest"] * 2 + ["upright", "up"]
     for seed, name in enumerate(kinds):
