@@ -21,9 +21,9 @@ from rf_exp.command import guarded
 from rf_exp.data.__main__ import main as data
 from rf_exp.errors import StageError
 from rf_exp.rescue import main as rescue
+from rf_exp.stages import generate_data
 from rf_exp.stages.artifacts import data_path
 from rf_exp.stages.correction import demonstrations
-from rf_exp.stages.generation import generate_data
 from rf_exp.store import Damage, Store
 from tests.conftest import experiment, read_task
 from tests.store.episodes import make_episode, make_store
@@ -96,7 +96,10 @@ KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
         zarr_3,
         "a Zarr 3 group, laid out as a replay buffer of Diffusion Policy (data/action (137, 2), ",
     ),
-    "a Zarr 3 array": (lambda path: zarr.save_array(path, np.zeros(3), zarr_format=3), "a Zarr 3 array"),
+    "a Zarr 3 array": (
+        lambda path: zarr.open_array(path, mode="w", zarr_format=3, shape=(3,), dtype="f4"),
+        "a Zarr 3 array",
+    ),
     "an empty Zarr 3 group": (lambda path: zarr.create_group(path), "a Zarr 3 group; "),
     "HDF5": (raw, "an HDF5 file"),
     "LeRobot": (lerobot, "a LeRobot data set of version v2.1"),
