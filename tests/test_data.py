@@ -227,10 +227,9 @@ def test_a_robomimic_export_holds_the_values_of_the_store(tmp_path: Path, comman
     assert command("export", path, to, "--format", "robomimic")[0] == 0
     with h5py.File(to / "demonstrations.hdf5") as file:
         assert file["data"].attrs["total"] == 18
-        assert {name: names[:].tolist() for name, names in file["mask"].items()} == {
-            "train": [b"demo_0", b"demo_1"],
-            "valid": [b"demo_2"],
-        }
+        masks: Any = file["mask"]
+        parts = {"train": [b"demo_0", b"demo_1"], "valid": [b"demo_2"]}
+        assert {name: names[:].tolist() for name, names in masks.items()} == parts
         for index in range(3):
             got: Any = file[f"data/demo_{index}"]
             made = described(index, 5 + index)

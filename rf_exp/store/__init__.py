@@ -22,7 +22,7 @@ atomically, so a killed process never damages what was stored.
 
 Pictures are compressed with plain zstd, 8 frames a chunk. The cameras stand still, so most of a
 frame repeats the one before it, and zstd sees that when frames share a chunk; Blosc cuts chunks
-into blocks too small for it.
+into blocks too small for it. States are compressed 128 rows a chunk, so that damage costs few episodes.
 
 Attributes say the rest: of each array its dimensions, names, units and frame; of the store the task in words,
 the conditions of success, cameras and robots (`Description`), and what made it. docs/data.md shows them all.
