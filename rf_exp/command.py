@@ -107,7 +107,9 @@ def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
         return 2, f"wrong argument: {_unknown_key(error) or error}"
-    if isinstance(error, OSError) and error.filename is not None and not disk_full(error):  # not of the job: Hydra makes its folder
+    if (
+        isinstance(error, OSError) and error.filename is not None and not disk_full(error)
+    ):  # not of the job: Hydra makes its folder
         why = f"cannot make {error.filename}: {error.strerror}"
         return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
     if not isinstance(error, RfError):

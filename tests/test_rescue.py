@@ -136,7 +136,9 @@ def test_what_cannot_be_rescued_says_why(path: Path, rescue, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_an_earlier_damaged_store_is_not_overwritten_and_nobody_is_asked_to_delete_it(path: Path, rescue) -> None:
+def test_an_earlier_damaged_store_is_not_overwritten_and_nobody_is_asked_to_delete_it(
+    path: Path, rescue
+) -> None:
     flip(path / "data/rgb_global/c/0/0/0/0")
     first, second = (path.with_name(f"quick.damaged{number}.zarr") for number in ("", "-2"))
     assert rescue(path)[0] == 0

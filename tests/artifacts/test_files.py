@@ -77,7 +77,9 @@ def test_only_drafts_of_the_dead_are_removed(tmp_path: Path, writer) -> None:
     assert drafts(tmp_path) == [somebody_s]
 
 
-def test_whoever_writes_next_removes_what_the_dead_have_left_under_another_name(tmp_path: Path, writer) -> None:
+def test_whoever_writes_next_removes_what_the_dead_have_left_under_another_name(
+    tmp_path: Path, writer
+) -> None:
     writer.send_signal(signal.SIGKILL)
     writer.wait()
     write_json(tmp_path / "another.json", {})

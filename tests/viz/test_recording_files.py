@@ -24,7 +24,9 @@ def test_a_film_that_a_full_disk_cuts_off_is_no_film(tmp_path):
     noise = np.random.default_rng(0).integers(0, 256, (40, 48, 64, 3), np.uint8)
     with (
         small_files(100_000),
-        pytest.raises(StageError, match=r"cannot write the film .*x\.mp4: (it has \d+ of 40 frames; make|.*pipe)"),
+        pytest.raises(
+            StageError, match=r"cannot write the film .*x\.mp4: (it has \d+ of 40 frames; make|.*pipe)"
+        ),
         Film(tmp_path / "x.mp4", quality=None) as film,
     ):
         for frame in noise:
