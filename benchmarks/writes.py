@@ -1,30 +1,34 @@
-"""Whether commands that write leave anything behind, or anything out, when they are killed at any of their writes.
+"""Whether commands that write leave anything behind, or anything out, when a kill hits any of their writes.
 
     python benchmarks/writes.py [--commands merge,export-lerobot,...] [--every 1] [--kills 30] [--folder DIR]
 
-Merge, both exports, rescue, release and publish take what `benchmarks/kills.py` makes once in DIR/whole. Each is
-killed by SIGKILL just before its first write below its folder, before the second (`--every`: not before each), ...
-and at so many random moments; after every kill the same command is given again. A write is a file that is
-opened to be changed, or anything that is made, renamed or removed. Each time it is asked whether the kill has
-left the inputs as they were and what it was to make whole or not there, whether the command given again ends
-with the bytes of one that nothing has disturbed, and whether it leaves a temporary file. The last line is
-JSON: of every command the kills that hit it at work, and how many of them left all of that right.
+Merge, both exports, rescue, release and publish take what `benchmarks/kills.py` makes once in DIR/whole. Each
+is ended by SIGKILL just before its first write below its folder, before the second (`--every`: not before
+each), ... and at so many random moments; after every kill the same command is given again. A write is a file
+that is opened to be changed, or anything that is made, renamed or removed. Each time it is asked whether the
+kill has left the inputs as they were, and what it was to make whole or not there; whether the command given
+again ends with the bytes of one that nothing has disturbed; and whether it leaves a temporary file. The last
+line is JSON: of every command the kills that hit it at work, and how many of them left all of that right.
 """
 
 import hashlib
 import os
+import runpy
 import shutil
 import signal
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-CHANGED = {  # audit event -> which of its arguments are the path that changes, and the folder it is relative to
+ROOT = Path(__file__).parents[1]
+HANG_S = 300  # after which a command that hangs is ended
+SCENES = 3  # of the experiment that kills.py makes
+CHANGED = {  # audit event -> which of its arguments are the path that changes and the folder it is in
     "os.mkdir": (0, 2),
     "os.rename": (1, 3),
     "os.remove": (0, 1),
@@ -70,8 +74,8 @@ def in_child(
 ) -> int | None:
     """How many writes below a folder a job makes, in a forked child; None where it is killed before it ends.
 
-    That is just before one of these writes, the first is 1, or after so many seconds. What it raises is said, and
-    counts as an end.
+    That is just before one of these writes, the first is 1, or after so many seconds. What it raises is said,
+    and counts as an end.
     """
     read, write = os.pipe()
     pid = os.fork()
@@ -88,6 +92,7 @@ def in_child(
         try:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             os.fsync = lambda _: None  # what the system has taken outlives a kill: no need to wait for a disk
+            signal.alarm(HANG_S)
             sys.addaudithook(count)
             job()
         except BaseException as error:
@@ -173,7 +178,119 @@ def killed(
 
 
 def _fresh(command: Command, folder: Path) -> Path:
-    shutil.rmtree(folder, ignore_errors=True)
+    while folder.exists():  # where a child of the one that was killed still writes
+        shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     command.prepare(folder)
     return folder
+
+
+def commands(made: Path, folder: Path) -> dict[str, Command]:
+    """All commands that write, of what `benchmarks/kills.py` has made, with their inputs in `folder`."""
+    from rf_exp.data.__main__ import export, merge_stores
+    from rf_exp.rescue import rescue
+
+    publish, release = (
+        runpy.run_path(str(ROOT / "scripts" / f"{name}.py"))[name] for name in ("publish", "release")
+    )
+    (store,), (policies,) = made.glob("data/*/*/*.zarr"), made.glob("policies/*/*/*/*-3-0")
+    shutil.rmtree(folder, ignore_errors=True)
+    parts = [_part(store, folder / f"{name}.zarr", of) for name, of in (("first", (0, 1)), ("last", (2,)))]
+    damaged, older = folder / "damaged.zarr", folder / "older"
+    shutil.copytree(store, damaged)
+    (damaged / "data/rgb_agent1/c/0/0/0/0").write_bytes(b"no picture")
+    original = content(damaged)
+    shutil.copytree(made / "results", older / "results")
+    for path in older.rglob("*.configuration.json"):
+        path.write_text('{"evaluated": "otherwise"}')
+    for path in older.rglob("*.jsonl"):
+        path.write_bytes(path.read_bytes().replace(b'"success": true', b'"success": false'))
+    publish(older, folder / "published", SCENES)
+    publish(made, folder / "new", SCENES)
+    zipped = release(policies, folder).name
+    (folder / zipped).write_bytes(b"the release before")
+    exports = {
+        f"export-{form}": Command(
+            lambda out, form=form: export(store, out / "export", form), inputs=(store,), whole=("export",)
+        )
+        for form in ("lerobot", "robomimic")
+    }
+    return {
+        "merge": Command(
+            lambda out: merge_stores(parts, out / "merged.zarr"),
+            inputs=tuple(parts),
+            whole=("merged.zarr", "merged.md"),
+            torn=lambda out: "no card" if [each.name for each in out.glob("m*")] == ["merged.zarr"] else "",
+        ),
+        **exports,
+        "rescue": Command(
+            lambda out: rescue(out / "q.zarr"),
+            prepare=lambda out: shutil.copytree(damaged, out / "q.zarr"),
+            torn=lambda out: (
+                "" if original in map(content, out.glob("q*.zarr")) else "the damaged store is nowhere"
+            ),
+        ),
+        "release": Command(
+            lambda out: release(policies, out),
+            prepare=lambda out: shutil.copyfile(folder / zipped, out / zipped),
+            inputs=(policies,),
+            whole=(zipped,),
+        ),
+        "publish": Command(
+            lambda out: publish(made, out / "published", SCENES),
+            prepare=lambda out: shutil.copytree(folder / "published", out / "published"),
+            inputs=(made / "results", made / "policies"),
+            torn=lambda out: _unlike(out / "published", [folder / "published", folder / "new"]),
+        ),
+    }
+
+
+def _part(store: Path, to: Path, episodes: Sequence[int]) -> Path:
+    """Some episodes of a store as one of its own."""
+    from rf_exp.store import Store, empty_like
+
+    source = Store.open(store)
+    empty_like(to, source.attrs)
+    with Store.open(to, writable=True) as part:
+        for index in episodes:
+            part.append(source.episode(index))
+    return to
+
+
+def _unlike(published: Path, runs: Sequence[Path]) -> str:
+    """Which rows are beside another configuration than in any of the runs that they may be of."""
+    for rows in published.glob("evaluate/*/*/*.jsonl"):
+        beside = [rows, *(rows.with_name(f"{rows.stem}{of}.configuration.json") for of in ("", "-0"))]
+        there = [each.read_bytes() for each in beside if each.exists()]
+        whence = [
+            [of.read_bytes() for each in beside if (of := run / each.relative_to(published)).exists()]
+            for run in runs
+        ]
+        if there not in whence:
+            return f"{rows.name} is beside what it was not made of"
+    return ""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--commands", help="with commas between; all")
+    parser.add_argument("--every", type=int, default=1, help="of so many writes one is not made")
+    parser.add_argument("--kills", type=int, default=30, help="at random moments, of each command")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--folder", type=Path, default=Path("outputs/kills"))
+    given = parser.parse_args()
+    folder = given.folder.resolve()
+    runpy.run_path(str(Path(__file__).with_name("kills.py")))["undisturbed"](folder / "whole")
+    known = commands(folder / "whole", folder / "inputs")
+    found = {}
+    for name in given.commands.split(",") if given.commands else known:
+        trials = killed(known[name], folder / name, given.every, moments=given.kills, seed=given.seed)
+        found[name] = trials.row
+        print(name, trials.row, *trials.wrong, sep="\n  ", flush=True)
+    print(json.dumps({"benchmark": "writes", **found}))
+
+
+if __name__ == "__main__":
+    main()

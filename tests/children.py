@@ -67,7 +67,7 @@ def small_files(limit_bytes: int) -> Iterator[None]:
 
 @contextmanager
 def read_only(folder: Path) -> Iterator[Path]:
-    """A new folder into which this user, who may be root, cannot write. Skips where that is beyond his power."""
+    """A new folder into which this user, root too, cannot write. Skips where root may not mount."""
     folder.mkdir(0o555)
     if not os.access(folder, os.W_OK):
         yield folder
@@ -78,7 +78,7 @@ def read_only(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def small_disk(folder: Path, size: str) -> Iterator[Path]:
-    """A new folder that is a disk of so many bytes, as `mount` writes them. Skips without the right to mount."""
+    """A new folder on a disk of so many bytes, as `mount` writes them. Skips without the right to mount."""
     folder.mkdir()
     with _mounted(folder, f"size={size}"):
         yield folder

@@ -36,17 +36,15 @@ def test_a_merge_that_is_killed_has_its_card_or_no_store(tmp_path: Path) -> None
         whole=("merged.zarr", "merged.md"),
         torn=lambda out: "no card" if (out / "merged.zarr").exists() > (out / "merged.md").exists() else "",
     )
-    assert_right(command, tmp_path / "trials", last=10)
+    assert_right(command, tmp_path / "trials", every=2, last=8)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("form", "every"), [("lerobot", 6), ("robomimic", 1)])
-def test_an_export_that_is_killed_is_there_as_a_whole_or_not_at_all(
-    tmp_path: Path, form: str, every: int
-) -> None:
+@pytest.mark.parametrize("form", ["lerobot", "robomimic"])
+def test_an_export_that_is_killed_is_there_as_a_whole_or_not_at_all(tmp_path: Path, form: str) -> None:
     store = store_of(tmp_path / "s.zarr", range(1))
     command = Command(run=lambda out: export(store, out / "export", form), inputs=(store,), whole=("export",))
-    assert_right(command, tmp_path / "trials", every)
+    assert_right(command, tmp_path / "trials", every=2, last=5)
 
 
 @pytest.mark.slow
@@ -65,7 +63,7 @@ def test_a_rescue_that_is_killed_leaves_the_damaged_store_whole(tmp_path: Path) 
         inputs=(store,),
         torn=lost,
     )
-    assert_right(command, tmp_path / "trials", last=16)
+    assert_right(command, tmp_path / "trials", every=2, last=12)
 
 
 @pytest.mark.slow
@@ -86,12 +84,12 @@ def test_a_publication_that_is_killed_shows_rows_only_beside_what_they_were_made
         if not (cell / f"{STEM}.jsonl").exists():
             return ""
         for seed, wins in won(results).items():
-            if read_json(cell / f"{STEM}-{seed}.configuration.json", "") != {"of": wins}:
-                return f"training seed {seed} is beside the configuration of another"
             of = next(name for name, seeds in runs.items() if (seed, wins) in seeds)
             steps = 100 if alike or of == "first" else 120
-            if read_json(cell / f"{STEM}.configuration.json", "") != {"step_limit": steps}:
-                return f"training seed {seed} is beside how another was evaluated"
+            for name, said in ((f"-{seed}", {"of": wins}), ("", {"step_limit": steps})):
+                made_of = cell / f"{STEM}{name}.configuration.json"
+                if not made_of.exists() or read_json(made_of, "") != said:
+                    return f"training seed {seed} is not beside what it was made of"
         return ""
 
     command = Command(
@@ -100,4 +98,4 @@ def test_a_publication_that_is_killed_shows_rows_only_beside_what_they_were_made
         inputs=(tmp_path / "later",),
         torn=lambda out: unlike(out / "results"),
     )
-    assert_right(command, tmp_path / "trials")
+    assert_right(command, tmp_path / "trials", every=3)

@@ -126,7 +126,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def refuse_existing(path: Path, dry_run: bool) -> None:
-    """Raises StageError for a folder that is there; unless all is to stay as it is, leftovers beside it go."""
+    """Raises StageError for a folder that is there. Leftovers beside it go, but not in a dry run."""
     if not dry_run:
         sweep(path.parent)  # also of a command that was killed when all was done
     if path.exists():

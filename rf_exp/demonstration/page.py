@@ -7,7 +7,7 @@ from typing import Any
 
 import cv2
 
-from rf_exp.artifacts import rendered, write_text
+from rf_exp.artifacts import rendered, whole, write_text
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
 from rf_exp.findings import Violation
@@ -174,5 +174,6 @@ def _picture(folder: Path, name: str, picture: Picture | None, caption: str) -> 
     if picture is None:
         return None
     _, data = cv2.imencode(Path(name).suffix, picture[..., ::-1])
-    (folder / name).write_bytes(data.tobytes())
+    with whole(folder / name) as draft:
+        draft.write_bytes(data.tobytes())
     return Shown(caption, f"{folder.name}/{name}")

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
+from rf_exp.artifacts import whole
 from rf_exp.command import composed, guarded, register_all_tasks
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment, read_experiment
@@ -55,7 +56,8 @@ def main(config: DictConfig) -> None:
             panels.append(panel(task, performance.stills))
             _publish(folder, task, performance, world)
     if panels:
-        overview(panels).save(folder / "gallery.png")
+        with whole(folder / "gallery.png") as draft:
+            overview(panels).save(draft)
         console.print(f"{len(panels)} tasks: {folder / 'gallery.png'}")
     if failed:
         raise StageError(f"no episode to show of {', '.join(failed)}; the reasons are above")
@@ -74,8 +76,10 @@ def _first_success(experiment: Experiment, task: Task, world: Simulator) -> Perf
 
 
 def _publish(folder: Path, task: Task, performance: Performance, world: Simulator) -> None:
-    contact_sheet(task, performance.stills, performance.seed).save(folder / f"{task.name}.png")
-    film(folder / f"{task.name}.mp4", task, performance, world)
+    with whole(folder / f"{task.name}.png") as draft:
+        contact_sheet(task, performance.stills, performance.seed).save(draft)
+    with whole(folder / f"{task.name}.mp4") as draft:
+        film(draft, task, performance, world)
     console.print(f"{task.name}: {folder / task.name}.png, {task.name}.mp4")
 
 

@@ -35,8 +35,9 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.saved import CONFIG, STATE
+from rf_exp.policy.saved import CONFIG, STATE, read_tensors, write_tensors
 from rf_exp.store import Store
+from tests.children import small_files
 from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
@@ -377,3 +378,17 @@ def test_it_learns_to_go_where_the_block_lies(
     error = (predicted - batch.action)[:, -1, moving].abs().mean().item()
     spread = (batch.action - batch.action.mean(dim=0))[:, -1, moving].abs().mean().item()
     assert error < 0.5 * spread, f"error {error:.4f} rad, spread {spread:.4f} rad"
+
+
+def test_a_full_disk_is_named_with_the_file_and_leaves_the_one_before(tmp_path: Path) -> None:
+    path, small = tmp_path / "model.safetensors", {"weight": torch.ones(4)}
+    write_tensors(path, small, {"step": "1"})
+    with small_files(10_000), pytest.raises(StageError) as told:
+        write_tensors(path, {"weight": torch.ones(10_000)}, {"step": "2"})
+    assert re.fullmatch(
+        rf"cannot write {path}: .*File too large.*; make room there, the same command goes on from here",
+        str(told.value),
+    )
+    tensors, said = read_tensors(path)
+    assert tensors["weight"].tolist() == [1.0] * 4 and said == {"step": "1"}
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
