@@ -11,7 +11,9 @@ again ends with the bytes of one that nothing has disturbed; and whether it leav
 line is JSON: of every command the kills that hit it at work, and how many of them left all of that right.
 """
 
+import argparse
 import hashlib
+import json
 import os
 import runpy
 import shutil

@@ -10,11 +10,15 @@ import argparse
 
 import gymnasium
 import numpy as np
-from stable_baselines3 import PPO  # pyright: ignore[reportMissingImports]
-from stable_baselines3.common.env_util import make_vec_env  # pyright: ignore[reportMissingImports]
-from stable_baselines3.common.evaluation import evaluate_policy  # pyright: ignore[reportMissingImports]
 
 import rf_exp.envs  # registers the tasks
+
+try:
+    from stable_baselines3 import PPO  # pyright: ignore[reportMissingImports]
+    from stable_baselines3.common.env_util import make_vec_env  # pyright: ignore[reportMissingImports]
+    from stable_baselines3.common.evaluation import evaluate_policy  # pyright: ignore[reportMissingImports]
+except ModuleNotFoundError as error:
+    raise SystemExit(f"{error.name} is not installed; run: pip install stable-baselines3") from None
 
 
 def unit(env: gymnasium.Env) -> gymnasium.Env:

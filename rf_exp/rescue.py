@@ -1,7 +1,7 @@
 """What can be kept of a damaged store: its whole episodes, in a new one. The damaged one is moved aside.
 
-python -m rf_exp.rescue outputs/data/lift_barrier/full/quick.zarr             keeps what is whole
-python -m rf_exp.rescue outputs/data/lift_barrier/full/quick.zarr --dry-run   says what that is
+python -m rf_exp.rescue outputs/data/lift_barrier/full/fast.zarr             keeps what is whole
+python -m rf_exp.rescue outputs/data/lift_barrier/full/fast.zarr --dry-run   says what that is
 """
 
 import argparse
@@ -117,7 +117,7 @@ def _opens(path: Path) -> bool:
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        "python -m rf_exp.rescue", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("store", type=Path, help="folder of a damaged store")
     parser.add_argument("--dry-run", action="store_true", help="say what would be kept, and change nothing")

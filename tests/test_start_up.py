@@ -146,3 +146,39 @@ def test_numbers_are_computed_alike_on_each_processor(chosen: dict[str, str], us
         [sys.executable, "-c", CORE], env=own | chosen, capture_output=True, text=True, check=True
     )
     assert ran.stdout.split() == used.split()
+
+
+HELPED = {
+    "run": "demonstrations, policies that learn from them",
+    "gallery": "a contact sheet and a film of each chosen task",
+    "demonstration": "one episode on a page, with its recording",
+    "rescue": "outputs/data/lift_barrier/full/fast.zarr",
+    "data": "COMMAND --help",
+    "doctor": "what this machine can do",
+    "ablation": "folder with results/",
+    "tasks.assets": "one of barrier, camera",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "says"), HELPED.items())
+def test_the_help_of_a_command_is_its_own(name: str, says: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", f"rf_exp.{name}", "--help"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and not done.stderr
+    head = done.stdout.splitlines()[0]
+    assert head.removeprefix("usage: ").startswith(f"python -m rf_exp.{name} ["), head
+    assert says in done.stdout
+    assert "powered by Hydra" not in done.stdout and "quick.zarr" not in done.stdout
+    others = set(HELPED) - {name, "run", "tasks.assets"}  # what comes after it may be named
+    assert not [other for other in others if f"rf_exp.{other}" in head]
+
+
+def test_every_command_is_asked_for_its_help() -> None:
+    commands = {
+        ".".join(path.relative_to(ROOT / "rf_exp").with_suffix("").parts).removesuffix(".__main__")
+        for path in (ROOT / "rf_exp").rglob("*.py")
+        if '__name__ == "__main__"' in path.read_text("utf-8")
+    }
+    assert commands - set(HELPED) == {"sim.vulkan"}  # of the set-up, without arguments

@@ -11,8 +11,12 @@ import json
 import traceback
 
 import numpy as np
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.server import ServerConnection, serve
+
+try:
+    from websockets.exceptions import ConnectionClosed
+    from websockets.sync.server import ServerConnection, serve
+except ModuleNotFoundError:
+    raise SystemExit("websockets is not installed; run: pip install websockets msgpack") from None
 
 from rf_exp.policy import make_policy, pack, unpack
 

@@ -29,7 +29,7 @@ TRIES = 20  # seeds, one after the other
 register_all_tasks()
 
 
-@composed("config")
+@composed("gallery")
 def main(config: DictConfig) -> None:
     """One job: every chosen task, then all of them on one sheet."""
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]

@@ -1,4 +1,4 @@
-"""What the agents of an runner are told next: predicted targets, approached at the demonstrations' speed."""
+"""What the agents of a runner are told next: predicted targets, approached at the demonstrations' speed."""
 
 from collections import deque
 from collections.abc import Collection
@@ -10,7 +10,7 @@ from rf_exp.types import ARM_JOINTS
 
 
 class Targets:
-    """A queue of predicted targets for each agent of an runner, in the order of its view.
+    """A queue of predicted targets for each agent of a runner, in the order of its view.
 
     A target further away than the demonstrations ever moved in a control step is approached by linear
     interpolation in joint space. An agent that was kept from its target has it still before it, so agents

@@ -98,7 +98,7 @@ def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapp
             try:
                 run = wandb.init(
                     project="rf_exp",
-                    dir=folder,
+                    dir=folder.parent,  # where it makes its folder, of that name
                     mode=experiment.wandb,
                     job_type=stage,
                     settings=wandb.Settings(silent=True, console="off"),

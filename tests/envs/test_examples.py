@@ -42,15 +42,45 @@ def test_an_example_runs_as_the_document_says(command: str) -> None:
         assert said[-1].startswith("scene 0: reward 0, 0 violations, not ['held by both arms'")
 
 
+@pytest.mark.parametrize(
+    ("command", "lacks", "told"),
+    [
+        ("examples/ppo.py", "stable_baselines3", "run: pip install stable-baselines3"),
+        (
+            "examples/foreign/serve.py examples.foreign.hold:make",
+            "websockets",
+            "pip install websockets msgpack",
+        ),
+        (
+            "examples/random_agent.py",
+            "pettingzoo",
+            "PettingZoo is not installed; run: pip install 'rf_exp[envs]'",
+        ),
+    ],
+)
+def test_an_example_says_what_it_lacks_in_a_line(command: str, lacks: str, told: str) -> None:
+    without = (
+        "import runpy, sys; sys.modules[sys.argv[1]] = None; sys.argv[:] = sys.argv[2:]; sys.path[0] = '.'; "
+    )
+    without += "runpy.run_path(sys.argv[0], run_name='__main__')"
+    done = subprocess.run(
+        [sys.executable, "-c", without, lacks, *command.split()], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert told in done.stderr and done.stderr.count("\n") == 1
+
+
 def test_an_example_has_about_forty_lines() -> None:
     lengths = {path.name: path.read_text().count("\n") for path in (ROOT / "examples").glob("*.py")}
     assert max(lengths.values()) <= 45, lengths
 
 
 @pytest.mark.render
-def test_the_python_in_the_document_runs() -> None:
+def test_the_python_in_the_document_runs(tmp_path: Path) -> None:
     """In its order, in one process, as somebody reads it."""
+    pytest.importorskip("moviepy", reason="the films of the document need it: the extra envs")
     code = "".join(re.findall(r"^```python\n(.*?)^```$", DOCUMENT, re.MULTILINE | re.DOTALL))
+    code = code.replace("outputs/films", str(tmp_path))
     said = run("-c", f"{code}\nprint(type(env.unwrapped).__name__, agents.possible_agents)")
     assert said.split("\n")[-2] == "CentralEnv ['agent1']"
 

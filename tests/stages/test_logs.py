@@ -40,7 +40,7 @@ def records(path: Path) -> Iterator[Any]:
 def runs(out: Path) -> dict[str, dict[str, Any]]:
     """Every offline run below `out`, by its name."""
     found = {}
-    for path in sorted(out.glob("wandb/wandb/offline-run-*/run-*.wandb")):
+    for path in sorted(out.glob("wandb/offline-run-*/run-*.wandb")):
         run: dict[str, Any] = {"history": [], "config": {}}
         for record in records(path):
             if record.HasField("run"):
