@@ -42,5 +42,5 @@ def test_maniskill_s_own_recorder_asks_for_what_these_are_not(tmp_path) -> None:
 
     env = gymnasium.make("rf_exp/pick_meat-v1")
     with pytest.raises(AttributeError, match="num_envs"):
-        RecordEpisode(env, str(tmp_path), save_video=False)
+        RecordEpisode(env, str(tmp_path), save_video=False)  # pyright: ignore[reportArgumentType]
     env.close()
