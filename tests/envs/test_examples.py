@@ -51,11 +51,6 @@ def test_an_example_runs_as_the_document_says(command: str) -> None:
             "websockets",
             "pip install websockets msgpack",
         ),
-        (
-            "examples/random_agent.py",
-            "pettingzoo",
-            "PettingZoo is not installed; run: pip install 'rf_exp[envs]'",
-        ),
     ],
 )
 def test_an_example_says_what_it_lacks_in_a_line(command: str, lacks: str, told: str) -> None:
