@@ -21,7 +21,9 @@ from omegaconf.errors import OmegaConfBaseException
 
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
+from rf_exp.progress import complaints
 from rf_exp.secrets import refuse_keys
+from rf_exp.texts import LONGEST_ERROR, one_line, shown
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 KEYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"
@@ -58,20 +60,20 @@ def guarded(job: Callable[[], None]) -> int:
             finally:  # Hydra leaves by SystemExit where it has shown its help
                 sys.stdout.flush()
     except _Told as told:
-        print(f"ended by {told.number.name}; the same command goes on from here", file=sys.stderr)
+        complaints.print(f"ended by {told.number.name}; the same command goes on from here")
         return SHELL_SIGNAL + told.number
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
+        complaints.print("interrupted; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGINT
     except BrokenPipeError:  # as in `rf-exp --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # where Python will flush the rest to
-        print("ended: nobody reads the output; the same command goes on from here", file=sys.stderr)
+        complaints.print("ended: nobody reads the output; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGPIPE
     except Exception as error:
         if full == "1":
-            traceback.print_exception(error)
+            complaints.print("".join(traceback.format_exception(error)), end="")
         code, line = _line(error)
-        print(line, file=sys.stderr)
+        complaints.print(shown(line, LONGEST_ERROR))
         return code
     finally:
         os.environ.pop(FULL)
@@ -104,7 +106,7 @@ def _line(error: Exception) -> tuple[int, str]:
     if isinstance(error, WRONG):
         return 2, f"wrong argument: {_unknown_key(error) or error}"
     if isinstance(error, OSError) and error.filename is not None:  # not of the job: Hydra makes its folder
-        why = f"cannot make {error.filename}: {error.strerror}"
+        why = one_line(f"cannot make {error.filename}: {error.strerror}", LONGEST_ERROR)
         return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
     if not isinstance(error, RfError):
         error = _unexpected(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
@@ -140,7 +142,7 @@ def _unexpected(error: Exception, folder: Path) -> StageError:
     path = folder / "error.log"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path.write_text("".join(traceback.format_exception(error)))
+        path.write_text(shown("".join(traceback.format_exception(error))), "utf-8")
         where = f"the traceback is in {path}"
     except OSError:
         where = f"{FULL}=1 shows the traceback"

@@ -5,7 +5,8 @@ from typing import Any
 
 from pydantic import BaseModel, Field, ValidationError
 
-from rf_exp.datagen.brain.reading import BadAnswer, printable
+from rf_exp.datagen.brain.reading import BadAnswer
+from rf_exp.texts import printable
 
 
 class _Function(BaseModel):
