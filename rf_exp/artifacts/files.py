@@ -18,6 +18,8 @@ from typing import Any
 from rf_exp.artifacts.locks import hold_folder
 from rf_exp.errors import StageError
 
+LARGEST_JSON = 2**26  # bytes
+
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
@@ -63,11 +65,16 @@ def configuration_file(artifact: Path) -> Path:
 
 
 def read_json(path: Path, remedy: str) -> Any:
-    """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged."""
-    content = path.read_bytes()
+    """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged or absent."""
+    try:
+        if (size := path.stat().st_size) > LARGEST_JSON:
+            raise ValueError(f"{size} bytes are more than the {LARGEST_JSON} that a description may have")
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise StageError(f"{path} cannot be read: {error}; {remedy}") from error
     try:
         return json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         what = f"it holds no JSON: {error}" if content.strip(b"\0 \n") else "it is empty"
         raise StageError(f"{path} is damaged: {what}; {remedy}") from error
 
