@@ -55,6 +55,7 @@ def guarded(job: Callable[[], None]) -> int:
     try:
         with _told():
             refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
+            sys.argv[1:] = _without_release(sys.argv[1:])
             try:
                 job()
             finally:  # Hydra leaves by SystemExit where it has shown its help
@@ -80,6 +81,30 @@ def guarded(job: Callable[[], None]) -> int:
         if full is not None:
             os.environ[FULL] = full
     return 0
+
+
+def _without_release(arguments: list[str]) -> list[str]:
+    """The arguments, with what a release among them says in its place, before Hydra sees them."""
+    if not any("released" in each for each in arguments):
+        return arguments  # help and a wrong argument are answered without torch
+    from rf_exp.release import unpacked
+
+    return unpacked(arguments)
+
+
+def settled(config: DictConfig) -> dict[str, Any]:
+    """The composed configuration as plain values.
+
+    Raises ArgumentError for a task whose words stand elsewhere, in the environment for instance: they go into
+    pages and data that others read.
+    """
+    from rf_exp.tasks import check_words  # with all that things are made of, which help does without
+
+    if isinstance(tasks := config.get("task"), DictConfig):
+        for name, task in tasks.items_ex(resolve=False):
+            check_words(str(name), OmegaConf.to_container(task) if OmegaConf.is_config(task) else task)
+    node: Any = OmegaConf.to_container(config, resolve=True)
+    return node
 
 
 def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]:

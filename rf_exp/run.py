@@ -10,9 +10,9 @@ from itertools import product
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
-from rf_exp.command import CONF, explained, guarded, register_all_tasks
+from rf_exp.command import CONF, explained, guarded, register_all_tasks, settled
 from rf_exp.errors import StageError
 
 register_all_tasks()
@@ -26,7 +26,7 @@ def main(config: DictConfig) -> None:
     from rf_exp.experiment import read_experiment
 
     given = HydraConfig.get().overrides.task
-    experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
+    experiment = read_experiment(settled(config), given)
     from rf_exp.stages import (
         check_folders,
         evaluate_policies,

@@ -26,14 +26,13 @@ from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, made_of, write_small
 from rf_exp.progress import console
+from rf_exp.release import EXPERIMENT, GROUPS, read_release
 
 LARGEST_MB = 5.0
-EXPERIMENT = Path("experiment/released.yaml")
 HEAD = (
     "# @package _global_\n# The policies in this folder act in scenes that they have never seen:\n"
     "#   python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER\n"
 )
-GROUPS = ("task", "constraints", "arch")
 NAME = re.compile(r"([^+]+)-(\d+)-(\d+)")  # recipe, demonstrations, seed; of what was never corrected
 
 
@@ -65,6 +64,7 @@ def release(folder: Path, to: Path) -> Path:
         says.write_text(
             experiment(found[0], dict(zip(GROUPS, chosen, strict=True)), *named.groups()), "utf-8"
         )
+        read_release(Path(draft))
         to.mkdir(parents=True, exist_ok=True)
         name = "-".join((task, *(() if constraints == "full" else (constraints,)), arch, folder.name))
         packed = Path(shutil.make_archive(str(to / name), "zip", draft))
