@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp.ablation import markdown_rows
+from rf_exp import markdown
 from rf_exp.constraints import CONTACT_N
 from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
@@ -238,7 +238,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     for name, fault in FAULTS.items():
         if mine := [row for row in rows if row["fault"] == name]:
             lines.append((f"`{name}`{'' if fault.breaks else ' (*)'}", *cells(mine)))
-    return "\n".join(markdown_rows(HEADINGS, lines))
+    return markdown.table(HEADINGS, lines)
 
 
 def cells(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from rf_exp.ablation import markdown_rows
+from rf_exp import markdown
 from rf_exp.constraints import Check, RoboChecker, compiled
 from rf_exp.constraints.stl import judged, kept
 from rf_exp.datagen import EpisodeMaker, Settings, Trace
@@ -147,7 +147,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     for task in sorted({row["task"] for row in rows}):
         mine = [counts for row in rows if row["task"] == task for counts in row["kinds"].values()]
         lines.append((task, *_cells(mine)))
-    return "\n".join(markdown_rows(("kind", "verdicts", "with a number", "violated", "agree"), lines))
+    return markdown.table(("kind", "verdicts", "with a number", "violated", "agree"), lines)
 
 
 def _cells(counts: list[Any]) -> tuple[str, ...]:

@@ -21,13 +21,13 @@ from rf_exp.ablation import (
     difference,
     is_baseline,
     load,
-    markdown_rows,
     newest,
     paper,
     title_of,
     wilson,
 )
 from rf_exp.artifacts import rendered
+from rf_exp.markdown import table
 from rf_exp.types import FOREIGN
 
 ROOT = Path(__file__).parents[1]
@@ -178,10 +178,6 @@ def failures(row: EvaluationRow, group: list[EvaluationRow]) -> str:
     more = sum(kinds.values()) - sum(count for _, count in common)
     name = f"{title_of(row.task, configured())}, {row.arch}, {row.recipe}, {row.demos}"
     return f"- **{name}{', shielded' * row.shield}**: {told}{f'; others ({more})' if more else ''}."
-
-
-def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    return "\n".join(markdown_rows(heading, rows))
 
 
 def percent(share: float) -> str:

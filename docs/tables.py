@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from policies import cells, of_fast, percent, rate, table
+from policies import cells, of_fast, percent, rate
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -23,6 +23,7 @@ from rf_exp.ablation import (
     title_of,
     wilson,
 )
+from rf_exp.markdown import table
 
 ROOT = Path(__file__).parents[1]
 

@@ -25,7 +25,9 @@ from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.installed import CONF
 from rf_exp.keys import keys_are_in, keys_of_files, no_key, refuse_unknown_keys
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
+from rf_exp.progress import complaints
 from rf_exp.secrets import refuse_keys
+from rf_exp.texts import LONGEST_ERROR, one_line, shown
 
 FULL = "HYDRA_FULL_ERROR"  # set to 1 by a person who wants to see tracebacks
 SPARE_BYTES = 2**24  # given up where memory has run out, so that this can still be said
@@ -59,32 +61,57 @@ def guarded(job: Callable[[], None]) -> int:
     try:
         with _told():
             refuse_keys(sys.argv[1:])  # before Hydra writes them to a file
+            sys.argv[1:] = _without_release(sys.argv[1:])
             try:
                 job()
             finally:  # Hydra leaves by SystemExit where it has shown its help
                 sys.stdout.flush()
     except _Told as told:
-        print(f"ended by {told.number.name}; the same command goes on from here", file=sys.stderr)
+        complaints.print(f"ended by {told.number.name}; the same command goes on from here")
         return SHELL_SIGNAL + told.number
     except KeyboardInterrupt:
-        print("interrupted; the same command goes on from here", file=sys.stderr)
+        complaints.print("interrupted; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGINT
     except BrokenPipeError:  # as in `rf-exp --help | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # where Python will flush the rest to
-        print("ended: nobody reads the output; the same command goes on from here", file=sys.stderr)
+        complaints.print("ended: nobody reads the output; the same command goes on from here")
         return SHELL_SIGNAL + signal.SIGPIPE
     except Exception as error:
         del spare
         if full == "1":
-            traceback.print_exception(error)
+            complaints.print("".join(traceback.format_exception(error)), end="")
         code, line = _line(error)
-        print(line, file=sys.stderr)
+        complaints.print(shown(line, LONGEST_ERROR))
         return code
     finally:
         os.environ.pop(FULL)
         if full is not None:
             os.environ[FULL] = full
     return 0
+
+
+def _without_release(arguments: list[str]) -> list[str]:
+    """The arguments, with what a release among them says in its place, before Hydra sees them."""
+    if not any("released" in each for each in arguments):
+        return arguments  # help and a wrong argument are answered without torch
+    from rf_exp.release import unpacked
+
+    return unpacked(arguments)
+
+
+def settled(config: DictConfig) -> dict[str, Any]:
+    """The composed configuration as plain values.
+
+    Raises ArgumentError for a task whose words stand elsewhere, in the environment for instance: they go into
+    pages and data that others read.
+    """
+    from rf_exp.tasks import check_words  # with all that things are made of, which help does without
+
+    if isinstance(tasks := config.get("task"), DictConfig):
+        for name, task in tasks.items_ex(resolve=False):
+            check_words(str(name), OmegaConf.to_container(task) if OmegaConf.is_config(task) else task)
+    node: Any = OmegaConf.to_container(config, resolve=True)
+    return node
 
 
 def composed(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
@@ -129,7 +156,7 @@ def _line(error: Exception) -> tuple[int, str]:
         return 2, f"wrong argument: {_unknown_key(error) or _unresolved(error) or error}"
     if isinstance(error, OSError) and error.filename is not None and not disk_full(error):
         # Not of the job: Hydra makes its folder.
-        why = f"cannot make {error.filename}: {error.strerror}"
+        why = one_line(f"cannot make {error.filename}: {error.strerror}", LONGEST_ERROR)
         return 2, f"wrong argument: {why}; choose another folder with out=FOLDER"
     if not isinstance(error, RfError):
         error = _unexpected(error, Path(tempfile.mkdtemp(prefix="rf_exp-")))
@@ -169,7 +196,7 @@ def _unexpected(error: Exception, folder: Path) -> StageError:
     path = folder / "error.log"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        path.write_text("".join(traceback.format_exception(error)))
+        path.write_text(shown("".join(traceback.format_exception(error))), "utf-8")
         where = f"the traceback is in {path}"
     except OSError:
         where = f"{FULL}=1 shows the traceback"

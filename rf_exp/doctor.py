@@ -16,6 +16,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
+from rf_exp.texts import shown
+
 SET_UP = "scripts/setup.sh"  # not `make setup`: that one trusts its stamp
 PYTHONS = ((3, 11), (3, 12))
 # Those with native code, where installed does not yet mean that it can be imported. Torch is the last:
@@ -309,10 +311,10 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     missing = []
     for check in examine(given.out, given.overrides):
-        print(check, flush=True)
+        print(shown(str(check)), flush=True)
         missing += [check.name] if check.state == "missing" else []
     if missing:
-        print(f"The main job cannot run here; mend first: {', '.join(missing)}.")
+        print(shown(f"The main job cannot run here; mend first: {', '.join(missing)}."))
         return 1
     print("The main job can run: python -m rf_exp.run")
     return 0

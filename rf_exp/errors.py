@@ -3,9 +3,17 @@
 import pickle
 import traceback
 
+from rf_exp.texts import LONGEST_ERROR, one_line
+
 
 class RfError(Exception):
-    """Base of every error this project raises on purpose. Its text is shown without a traceback."""
+    """Base of every error this project raises on purpose. Its text is shown without a traceback.
+
+    It is one line, whatever others have said that is repeated in it: see `rf_exp.texts`.
+    """
+
+    def __init__(self, *told: object) -> None:
+        super().__init__(*(one_line(each, LONGEST_ERROR) if isinstance(each, str) else each for each in told))
 
 
 class ArgumentError(RfError):

@@ -5,17 +5,41 @@ Both show the rate and, where things can fail, the success so far.
 
 import sys
 import time
+from collections.abc import Iterable
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+from rich.segment import Segment
+
+from rf_exp.texts import shown
 
 LINE_EVERY_S = 20.0
 
-# What is printed may be the words of a model or of a file: text, never markup.
-console = Console(stderr=False, highlight=False, soft_wrap=True, markup=False, emoji=False)
+
+class Screen(Console):
+    """Where the suite prints, and nowhere else: the words of a model or of a file are text, never markup.
+
+    Nor are they orders to the terminal, whatever they are part of.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, soft_wrap=True, markup=False, emoji=False, **options)
+
+    def print(self, *told: Any, **how: Any) -> None:
+        """As rich does; of a text that is too long its ends, before it is laid out."""
+        super().print(*(shown(each) if isinstance(each, str) else each for each in told), **how)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """As rich lays it out; of the text of others what can be shown."""
+        for part in super().render(renderable, options):
+            yield part if part.control else Segment(shown(part.text), part.style)
+
+
+console = Screen()
+complaints = Screen(stderr=True)  # errors: what programs that read the output are not to see
 
 
 class Progress:

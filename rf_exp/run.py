@@ -8,9 +8,9 @@ python -m rf_exp.run stages=[generate] task=all constraints=full   data only
 import sys
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
-from rf_exp.command import composed, guarded, register_all_tasks
+from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.errors import StageError
 
 register_all_tasks()
@@ -23,7 +23,7 @@ def main(config: DictConfig) -> None:
     from rf_exp.experiment import read_experiment
 
     given = HydraConfig.get().overrides.task
-    experiment = read_experiment(OmegaConf.to_container(config, resolve=True), given)  # pyright: ignore[reportArgumentType]
+    experiment = read_experiment(settled(config), given)
     from rf_exp.stages import (
         cells,
         check_folders,

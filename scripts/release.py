@@ -26,15 +26,14 @@ from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, made_of, write_small
 from rf_exp.progress import console
+from rf_exp.release import EXPERIMENT, GROUPS, read_release
 
 LARGEST_MB = 5.0
 WRITTEN = (1980, 1, 1, 0, 0, 0)  # as all files in a zip say, whose bytes then are those of their content
-EXPERIMENT = Path("experiment/released.yaml")
 HEAD = (
     "# @package _global_\n# The policies in this folder act in scenes that they have never seen:\n"
     "#   python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER\n"
 )
-GROUPS = ("task", "constraints", "arch")
 NAME = re.compile(r"([^+]+)-(\d+)-(\d+)")  # recipe, demonstrations, seed; of what was never corrected
 
 
@@ -69,6 +68,7 @@ def release(folder: Path, to: Path) -> Path:
         says.write_text(
             experiment(found[0], dict(zip(GROUPS, chosen, strict=True)), *named.groups()), "utf-8"
         )
+        read_release(content)
         pack(content, draft)
         size_mb = draft.stat().st_size / 1e6
         if size_mb > LARGEST_MB:

@@ -1,6 +1,6 @@
 """Result rows, statistics, the paper's tables and the report. Never needs torch or a simulator."""
 
-from rf_exp.ablation.formats import markdown_rows, show
+from rf_exp.ablation.formats import show
 from rf_exp.ablation.plots import read_curves
 from rf_exp.ablation.published import Paper, paper
 from rf_exp.ablation.report import publish
@@ -44,7 +44,6 @@ __all__ = [
     "facts",
     "is_baseline",
     "load",
-    "markdown_rows",
     "mean",
     "newest",
     "of_training_seed",

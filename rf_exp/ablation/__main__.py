@@ -4,12 +4,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from rich.console import Console
-
 from rf_exp.ablation.formats import show
 from rf_exp.ablation.report import publish
 from rf_exp.ablation.suite import configured
 from rf_exp.errors import ArgumentError, RfError
+from rf_exp.progress import complaints, console
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -22,13 +21,12 @@ def main(arguments: list[str] | None = None) -> int:
             raise ArgumentError(f"--out is {out}; expected a folder with result rows in {out}/results")
         built, report = publish(out, configured())
     except RfError as error:
-        print(f"error: {error}", file=sys.stderr)
+        complaints.print(f"error: {error}")
         return 2 if isinstance(error, ArgumentError) else 1
-    console = Console()
     for table in built.values():
         if table.measured:
             show(table, console)
-    console.print(f"tables in {out / 'tables'}, report in {report}", soft_wrap=True)
+    console.print(f"tables in {out / 'tables'}, report in {report}")
     return 0
 
 

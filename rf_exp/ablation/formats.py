@@ -7,7 +7,7 @@ On the terminal each column is a table of its own, narrow enough for 80 characte
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text as Words
 
+from rf_exp import markdown as marked
 from rf_exp.ablation.tables import (
     CLEAN,
     MISSING,
@@ -81,16 +82,11 @@ def is_long(table: Table, index: int) -> bool:
 
 
 def markdown(table: Table) -> str:
-    heading, rows = grid(table, lambda cell: cell.markdown(), str)
-    lines = [f"## {table.title}", "", table.caption, "", *markdown_rows(heading, rows)]
-    lines += ["", *(f"- {note}" for note in notes(table))]
+    heading, rows = grid(table, lambda cell: cell.markdown(), marked.cell)
+    title, caption = marked.text(table.title), marked.text(table.caption)
+    lines = [f"## {title}", "", caption, "", marked.table(heading, rows)]
+    lines += ["", *(f"- {marked.text(note)}" for note in notes(table))]
     return "\n".join(lines).rstrip() + "\n"
-
-
-def markdown_rows(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """The lines of a table in Markdown."""
-    every = (heading, ["---"] * len(heading), *rows)
-    return ["| " + " | ".join(text.replace("|", "\\|") for text in row) + " |" for row in every]
 
 
 def tidy_csv(table: Table) -> str:

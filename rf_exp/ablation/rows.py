@@ -20,6 +20,7 @@ Schema 7 tells of demonstrations how late an arm may have been.
 import json
 import logging
 import math
+import re
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
@@ -32,6 +33,7 @@ from rf_exp.ablation.upgrade import upgraded
 from rf_exp.artifacts import append_line, canonical, plain, read_lines, restored
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account
+from rf_exp.texts import printable, shown
 
 log = logging.getLogger(__name__)
 
@@ -39,11 +41,12 @@ SCHEMA = 7
 OLDER = (2, 3, 4, 5, 6)  # schemas that are read as well
 WITH_SENTENCES = 5  # and before: no account
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
+_WORD = re.compile(r"[\w.+=-]{0,100}")  # what a task, a recipe, a version, a commit are called
 
 
 @dataclass(frozen=True)
 class _Row:
-    """Checks its fields: exactly the declared types, finite and not negative numbers."""
+    """Checks its fields: exactly the declared types, finite and not negative numbers, names of one word."""
 
     key: ClassVar[tuple[str, ...]]  # fields that tell one attempt from another
 
@@ -63,6 +66,11 @@ class _Row:
             if isinstance(value, int | float) and not 0 <= value < math.inf:
                 raise ArgumentError(
                     f"{item.name} of a {type(self).__name__} is {value!r}; expected a finite number >= 0"
+                )
+            if isinstance(value, str) and not _WORD.fullmatch(value):
+                raise ArgumentError(
+                    f"{item.name} of a {type(self).__name__} is {printable(repr(value), 120)}; expected one "
+                    "word of letters, digits, '_', '-', '+', '=' and '.', at most 100 of them"
                 )
 
     @property
@@ -177,7 +185,7 @@ def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
     """
     rows, torn = _read(path, kind)
     if torn:
-        log.warning(torn)
+        log.warning(shown(torn))
     return rows
 
 

@@ -25,6 +25,7 @@ from rf_exp.errors import StageError
 SYNCED_AT_ONCE = 16  # files; a disk takes many in little more time than one
 RANDOM = "[0-9a-f]" * 8
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+LARGEST_JSON = 2**26  # bytes
 
 
 @contextmanager
@@ -77,11 +78,16 @@ def configuration_file(artifact: Path) -> Path:
 
 
 def read_json(path: Path, remedy: str) -> Any:
-    """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged."""
-    content = path.read_bytes()
+    """What is in a JSON file. Raises StageError that ends with `remedy` for one that is damaged or absent."""
+    try:
+        if (size := path.stat().st_size) > LARGEST_JSON:
+            raise ValueError(f"{size} bytes are more than the {LARGEST_JSON} that a description may have")
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        raise StageError(f"{path} cannot be read: {error}; {remedy}") from error
     try:
         return json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         what = f"it holds no JSON: {error}" if content.strip(b"\0 \n") else "it is empty"
         raise StageError(f"{path} is damaged: {what}; {remedy}") from error
 

@@ -32,6 +32,8 @@ def restored(kind: type[T], values: Mapping[str, Any]) -> T:
 
     Raises ArgumentError naming a field that is missing, unknown or of another type.
     """
+    if not isinstance(values, Mapping):
+        raise ArgumentError(f"a {kind.__name__} is {values!r}; expected an object")
     try:
         return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float, Enum], strict=True))
     except (dacite.DaciteError, TypeError) as error:

@@ -1,12 +1,17 @@
 """Pages from templates: what they say comes from the caller, how it is said from a file beside it."""
 
 from pathlib import Path
+from typing import Any
+
+from rf_exp.markdown import Markdown, text
+from rf_exp.texts import shown
 
 
 def rendered(template: Path, **values: object) -> str:
-    """The page that a Jinja2 template makes of some values; in HTML whatever they hold is escaped.
+    """The page that a Jinja2 template makes of some values; in HTML and Markdown what they hold is escaped.
 
-    The template may include others of its folder. A name in it that has no value is an error.
+    Unless it is markup already: markupsafe's in HTML, `rf_exp.markdown.Markdown` in Markdown (`.md`). The
+    template may include others of its folder. A name in it that has no value is an error.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape  # only for pages
 
@@ -14,8 +19,19 @@ def rendered(template: Path, **values: object) -> str:
         loader=FileSystemLoader(template.parent),
         autoescape=select_autoescape(["html"]),
         undefined=StrictUndefined,
+        finalize=_words if template.suffix == ".md" else _visible,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
     return environment.get_template(template.name).render(values)
+
+
+def _visible(value: Any) -> Any:
+    """A value on a page, without characters that cannot be shown."""
+    return shown(value) if type(value) is str else value  # what is markup has a type of its own
+
+
+def _words(value: Any) -> Any:
+    """A value on a page in Markdown."""
+    return text(value) if isinstance(value, str) and not isinstance(value, Markdown) else value

@@ -21,6 +21,7 @@ from rf_exp.command import guarded
 from rf_exp.errors import StageError, choices
 from rf_exp.progress import Progress, console
 from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
+from rf_exp.texts import LONGEST_LINE, printable
 
 FORMATS = ("lerobot", "robomimic")  # a module each, of that name
 
@@ -32,7 +33,7 @@ def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
         console.print(json.dumps(found, indent=2))
         return
     for path, said in found.items():
-        console.print(path)
+        console.print(printable(path, LONGEST_LINE))
         for name, value in said.items():
             console.print(f"  {name}: {value}")
 
@@ -54,7 +55,7 @@ def validate(paths: Sequence[Path]) -> None:
                 found += problems(store, index)
                 progress.advance(note=f"{len(found)} problems")
         for what in found:
-            console.print(f"{path}: {what}")
+            console.print(printable(f"{path}: {what}", LONGEST_LINE))
         if not found:
             console.print(f"{path}: all {len(store)} episodes are as they should be")
         wrong += bool(found)

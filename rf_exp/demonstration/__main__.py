@@ -7,10 +7,10 @@ python -m rf_exp.demonstration task=lift_barrier     any other task
 import sys
 from pathlib import Path
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from rf_exp.artifacts import plain, whole, write_json
-from rf_exp.command import composed, guarded
+from rf_exp.command import composed, guarded, settled
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, Trace
 from rf_exp.demonstration.formulas import specified
 from rf_exp.demonstration.notes import Notes, Overheard, Together
@@ -28,7 +28,7 @@ SEEDS = 20  # tried for one success
 @composed("demonstration")
 def main(config: DictConfig) -> None:
     """A page for every chosen task, of the first seed that succeeds."""
-    experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    experiment = read_experiment(settled(config))
     if len(experiment.constraint_sets) != 1:
         names = ", ".join(row.name for row in experiment.constraint_sets)
         raise ArgumentError(

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import cv2
 
@@ -11,6 +12,8 @@ from rf_exp.artifacts import rendered, whole, write_text
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
 from rf_exp.findings import Violation
+from rf_exp.markdown import Markdown, block, cell, code, table
+from rf_exp.markdown import text as words
 from rf_exp.statements import Statement
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Subgoal
 from rf_exp.viz import text
@@ -50,7 +53,7 @@ class RoundShown:
     made: Round
     verdict: str
     told: str  # of which violation RoboBrain knew
-    stated: tuple[tuple[Statement, str], ...]  # each constraint beside the check that was made of it
+    stated: tuple[tuple[Statement, Markdown], ...]  # each constraint beside the check that was made of it
     calls: tuple[str, ...]  # of the check code
     figures: tuple[Shown, ...]
     phases: tuple[PhaseShown, ...]
@@ -76,6 +79,10 @@ def write_page(
     page = rendered(
         TEMPLATE,
         text=text,
+        block=block,
+        code=code,
+        picture=_shown,
+        formulas=_formulas,
         task=settings.task,
         constraint_set=settings.constraint_set,
         facts=_facts(settings, outcome, len(rounds)),
@@ -132,16 +139,44 @@ def _round(
     )
 
 
-def _stated(made: Round, constraint_set: ConstraintSet) -> tuple[tuple[Statement, str], ...]:
+def _shown(picture: Shown) -> Markdown:
+    """A picture of the page."""
+    return Markdown(f"![{words(picture.caption)}]({quote(picture.path)})")
+
+
+def _formulas(checks: Sequence[Mapping[str, Any]]) -> Markdown:
+    """A table: each check in signal temporal logic, with its robustness."""
+    rows: list[tuple[str, ...]] = []
+    for check in checks:
+        name = code(check["check"])
+        if not check["formulas"]:
+            rows.append((name, cell(f"none: {check['silent']}"), "", ""))
+        rows += [(name, code(each["stl"]), *_judged(each)) for each in check["formulas"]]
+    return table(("check", "formula", "robustness", ""), rows)
+
+
+def _judged(formula: Mapping[str, Any]) -> tuple[str, str]:
+    """How robustly a formula holds, and whether it does."""
+    if formula["robustness"] is not None:
+        found = cell(text.quantity(formula["robustness"], formula["unit"]))
+    else:
+        found = code("pip install 'rf_exp[stl]'") if formula["holds"] is None else "nothing was judged"
+    return found, {True: "holds", False: "**violated**"}.get(formula["holds"], "")
+
+
+def _stated(made: Round, constraint_set: ConstraintSet) -> tuple[tuple[Statement, Markdown], ...]:
     """Each constraint as RoboBrain stated it, beside the check that RoboChecker made of it.
 
     What the set switches off is marked: nothing holds the plan to it.
     """
     stated = made.proposal.constraints if made.proposal is not None else ()
     if made.code is None:
-        return tuple((each, "not understood") for each in stated)
+        return tuple((each, Markdown("not understood")) for each in stated)
     return tuple(
-        (each, f"{'*switched off*: ' if check.kind in constraint_set.off else ''}`{check!r}`")
+        (
+            each,
+            Markdown(f"{'*switched off*: ' if check.kind in constraint_set.off else ''}{code(repr(check))}"),
+        )
         for each, check in zip(stated, made.code.checks, strict=True)
     )
 

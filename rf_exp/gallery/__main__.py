@@ -10,10 +10,10 @@ Takes the keys of `python -m rf_exp.run`. Pictures are larger than those that po
 import sys
 from pathlib import Path
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from rf_exp.artifacts import whole
-from rf_exp.command import composed, guarded, register_all_tasks
+from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.gallery.draw import contact_sheet, overview, panel
@@ -32,7 +32,7 @@ register_all_tasks()
 @composed("gallery")
 def main(config: DictConfig) -> None:
     """One job: every chosen task, then all of them on one sheet."""
-    experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    experiment = read_experiment(settled(config))
     if not experiment.pictures.render:
         raise ArgumentError("render=false makes no pictures, and the gallery is pictures; leave it out")
     if len(experiment.constraint_sets) > 1:

@@ -6,11 +6,13 @@ says the same. They stand here as well since what was stored before a field came
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.types import LARGEST_PX
 
 ENCODERS = ("resnet18", "compact", "heatmaps")
 SAMPLERS = ("ddpm", "ddim")
@@ -39,11 +41,64 @@ BESIDE_EYES = (
     ),
 )
 AFTER_EYES = ("epochs", "steps", "draft_steps", "noise_draws", "proprio_noise")
+# What each number may be at most: far above what is of use, and below what would take all memory, or for
+# ever. A configuration may come with the policy of somebody else.
+MOST_POLICY = {
+    "keypoint_noise": 1.0,
+    "shrink": 64,
+    "close_up": LARGEST_PX,
+    "horizon": 512,
+    "observation_steps": 64,
+    "action_steps": 512,
+    "ensemble": 1e3,
+    "hold_rad": math.pi,
+    "patience": 1e6,
+    "train_diffusion_steps": 1000,
+    "inference_diffusion_steps": 1000,
+    "height": LARGEST_PX,
+    "width": LARGEST_PX,
+}
+MOST_TRAINING = {
+    "epochs": 10**6,
+    "steps": 10**9,
+    "batch_size": 2**16,
+    "run_length": 2**16,
+    "noise_draws": 1024,
+    "eyes_rate": 1e3,
+    "eyes_shift_px": LARGEST_PX,
+    "eyes_steps": 10**9,
+    "draft_steps": 10**9,
+    "learning_rate": 1e3,
+    "epsilon": 1.0,
+    "weight_decay": 1e3,
+    "warmup_steps": 10**9,
+    "ema_power": 1e3,
+    "proprio_noise": 1e3,
+    "seed": 2**32 - 1,
+    "log_every": 10**9,
+    "checkpoint_every": 10**9,
+}
+LAYERS, WIDEST = 8, 8192  # levels of a U-Net and hidden layers; channels of one
 
 
 def _require(holds: bool, field: str, got: object, expected: str) -> None:
     if not holds:
         raise ArgumentError(f"{field} is {got!r}; expected {expected}")
+
+
+def _bounded(config: object, most: Mapping[str, float]) -> None:
+    """Numbers are finite, no truth values, and not too large; of layers there are not too many."""
+    for name, value in vars(config).items():
+        for each in value if isinstance(value, tuple) else (value,):
+            truth = isinstance(each, bool) and isinstance(getattr(type(config), name), bool)
+            if isinstance(each, bool):
+                _require(truth, name, value, "a number")
+            elif isinstance(each, int | float):
+                high = WIDEST if isinstance(value, tuple) else most.get(name, math.inf)
+                finite = isinstance(each, int) or math.isfinite(each)
+                _require(finite and each <= high, name, value, f"finite, and at most {high:g}")
+        if isinstance(value, tuple):
+            _require(len(value) <= LAYERS, name, value, f"at most {LAYERS} of them")
 
 
 def _positive(config: object, *fields: str) -> None:
@@ -99,6 +154,9 @@ class PolicyConfig:
         object.__setattr__(self, "unet_channels", tuple(self.unet_channels))
         for name in ("trunk", "draft"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+        _bounded(self, MOST_POLICY)
+        _require(all(width > 0 for width in self.trunk), "trunk", self.trunk, "numbers above 0")
+        _require(all(width > 0 for width in self.draft), "draft", self.draft, "numbers above 0")
         _one_of(self, "encoder", ENCODERS)
         _one_of(self, "sampler", SAMPLERS)
         _one_of(self, "prediction", PREDICTIONS)
@@ -118,7 +176,7 @@ class PolicyConfig:
         _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
         _positive(self, "train_diffusion_steps")
         _require(0.0 < self.crop <= 1.0, "crop", self.crop, "a number above 0, at most 1")
-        halvings = 2 ** (len(self.unet_channels) - 1)
+        halvings = 2 ** max(0, len(self.unet_channels) - 1)
         _require(self.horizon % halvings == 0, "horizon", self.horizon, f"a multiple of {halvings}")
         longest = self.horizon - self.observation_steps + 1
         _require(self.action_steps <= longest, "action_steps", self.action_steps, f"at most {longest}")
@@ -188,6 +246,7 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "betas", tuple(self.betas))
+        _bounded(self, MOST_TRAINING)
         budgets = {name: getattr(self, name) for name in ("epochs", "steps")}
         given = {name: value for name, value in budgets.items() if value is not None}
         _require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")

@@ -175,6 +175,11 @@ class DiffusionRunner(PolicyRunner):
             stay = np.column_stack([targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
         actions = self._policy.act(features, proprio, known, recent.generators).cpu().double().numpy()
+        if not np.isfinite(actions).all():
+            raise StageError(
+                f"policy {self.view.name!r}, control step {scene.step}: it predicts actions that are not "
+                "finite; its weights are of no use"
+            )
         actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         stays = waits | self._goes_nowhere(actions, scene.qpos[agents, :ARM_JOINTS], opened)
         chunk = self._chunk(actions, scene.step, waits)

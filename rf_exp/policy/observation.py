@@ -19,7 +19,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.coordination import numbered
 from rf_exp.policy.grippers import CHANGES, MEMORY, changes
-from rf_exp.policy.view import PROPRIO_SIZE, Stream, View
+from rf_exp.policy.view import MOST_AGENTS, PROPRIO_SIZE, Stream, View
 from rf_exp.robots import tcp_pose
 from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import ARM_JOINTS
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = TypeVar("Array", Tensor, NDArray[np.floating])
 
 NEAR_M = 0.1  # from a hand to what it is near to
+MOST_OBJECTS, MOST_SUBGOALS = 256, 256  # of a task, of an agent; more are none that anybody has
 POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 2019: no jumps, unlike angles)
 
 
@@ -47,6 +48,15 @@ class Senses:
         object.__setattr__(self, "bases", tuple(tuple(base) for base in self.bases))
         object.__setattr__(self, "objects", tuple(self.objects))
         object.__setattr__(self, "names", tuple(map(tuple, self.names)))
+        if len(self.bases) > MOST_AGENTS or not np.isfinite(np.array(self.bases, float)).all():
+            raise ArgumentError(f"bases are {self.bases}; expected finite ones of at most {MOST_AGENTS} arms")
+        most = {"objects": MOST_OBJECTS, "names": MOST_AGENTS}
+        for name, high in most.items():
+            if len(getattr(self, name)) > high:
+                raise ArgumentError(f"there are {len(getattr(self, name))} {name}; expected at most {high}")
+        for name, high in (("keys", CHANGES), ("subgoals", MOST_SUBGOALS)):
+            if not 0 <= (value := getattr(self, name)) <= high:
+                raise ArgumentError(f"{name} is {value}; expected 0 to {high}")
 
     def keypoints(self, view: View) -> int:
         """That heat maps look for, in the picture of each camera: of each own agent, and all the others."""

@@ -8,7 +8,10 @@ state.safetensors   what an interrupted training goes on from; removed at the en
 Heat maps that are learned first are the same for all policies that differ in what comes after them, and lie
 where all of those find them (`eyes_file`).
 
-Tensors are written with a SHA-256 of all that is in their file, which is checked when they are read.
+Tensors are written with a SHA-256 of all that is in their file, which is checked when they are read. That
+tells of accidents; whoever makes a policy makes its checksum too. So the folder of a stranger is read as
+data: every number of its configuration has its bounds, and before a network is made, its tensors are compared
+with those of one that takes no memory.
 """
 
 import hashlib
@@ -16,13 +19,14 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from rf_exp.artifacts import digest, expect_same, plain, read_json, restored, sweep, whole, write_json
 from rf_exp.errors import ArgumentError, StageError
@@ -30,11 +34,14 @@ from rf_exp.policy.config import ACTING, AFTER_EYES, BESIDE_EYES, LEARNER, Polic
 from rf_exp.policy.diffusion import DiffusionPolicy
 from rf_exp.policy.observation import Senses
 from rf_exp.policy.view import View
+from rf_exp.texts import printable
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
 SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
 CHECKSUM = "sha256"
 MATRIX = 1024  # numbers in a tensor from which on halves will do: scales and lenses have fewer
+NUMBERS = (torch.float32, torch.bfloat16)  # the types of tensors: as they were learned, or halved
+LISTED = 3  # tensors that an error names
 ANEW = "delete the folder and train again (stages=[train])"
 
 
@@ -120,7 +127,7 @@ def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
 
 def expect_policy(folder: Path, wanted: Mapping[str, Any]) -> None:
     """Raises StageError naming what differs unless the policy of a folder is made of these values."""
-    found = read_json(folder / CONFIG, ANEW)
+    found = _described(folder)
     made, asked = ({key: _weighty(key, each.get(key)) for key in wanted} for each in (found, wanted))
     expect_same(folder, made, asked, "delete the folder or choose another `out`")
 
@@ -147,7 +154,15 @@ def made_of(folder: Path) -> dict[str, Any]:
     _require_model(folder)
     with _opened(folder / MODEL) as file:
         weights = _said(file)[CHECKSUM]
-    return {**read_json(folder / CONFIG, ANEW), "weights": weights}
+    return {**_described(folder), "weights": weights}
+
+
+def _described(folder: Path) -> dict[str, Any]:
+    """The configuration of a policy, as plain values. Raises StageError where it is none."""
+    said = read_json(folder / CONFIG, ANEW)
+    if not isinstance(said, dict):
+        raise StageError(f"{folder / CONFIG} holds a {type(said).__name__}; expected an object; {ANEW}")
+    return said
 
 
 def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPolicy:
@@ -168,17 +183,80 @@ def load_policy(
     """
     _require_model(folder)
     tensors, metadata = read_tensors(folder / MODEL)
-    said = read_json(folder / CONFIG, ANEW)
-    if metadata.get("config") != digest(said):
+    said = _described(folder)
+    with _faults_of(folder / CONFIG):
+        same = metadata.get("config") == digest(said)
+    if not same:
         raise StageError(f"{folder / CONFIG} is damaged or edited: {MODEL} was made of another; {ANEW}")
-    if said["learner"] != LEARNER:
-        found = f"the policy in {folder} is by version {said['learner']} of the learner"
+    if said.get("learner") != LEARNER:
+        found = f"the policy in {folder} is by version {said.get('learner')!r} of the learner"
         raise StageError(f"{found}, this is version {LEARNER}; {ANEW}")
-    view, senses = restored(View, said["view"]), restored(Senses, said["senses"])
-    how = {} if acting is None else {name: getattr(acting, name) for name in ACTING}
-    policy = policy_of(restored(PolicyConfig, {**said["policy"], **how}), view, senses)
+    with _faults_of(folder / CONFIG):
+        view, senses = restored(View, said["view"]), restored(Senses, said["senses"])
+        config = restored(PolicyConfig, said["policy"])
+        _check_senses(config, view, senses)
+        with torch.device("meta"):  # takes no memory, whatever the configuration asks for
+            expected = policy_of(config, view, senses).state_dict()
+    _check_tensors(tensors, expected, folder / MODEL)
+    if acting is not None:
+        config = replace(config, **{name: getattr(acting, name) for name in ACTING})
+    policy = policy_of(config, view, senses)
     policy.load_state_dict(tensors)
     return policy.to(device_of(device)).eval(), view, senses
+
+
+def fill(module: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
+    """Give a network the tensors that are in a file. Raises StageError for others than it has."""
+    _check_tensors(tensors, module.state_dict(), path)
+    module.load_state_dict(tensors)
+
+
+def _check_tensors(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], path: Path) -> None:
+    """Raises StageError that names what is missing, too much, of another shape or type, or not finite."""
+    wrong = [f"{name} is missing" for name in expected.keys() - found.keys()]
+    wrong += [f"{name} is none of its tensors" for name in found.keys() - expected.keys()]
+    for name in expected.keys() & found.keys():
+        tensor, shape = found[name], tuple(expected[name].shape)
+        if tuple(tensor.shape) != shape:
+            wrong.append(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
+        elif tensor.dtype not in NUMBERS:
+            types = " or ".join(str(each).removeprefix("torch.") for each in NUMBERS)
+            wrong.append(f"{name} is of type {str(tensor.dtype).removeprefix('torch.')}, expected {types}")
+        elif not tensor.isfinite().all():
+            wrong.append(f"{name} holds numbers that are not finite")
+    if wrong:
+        listed = [printable(each, 200) for each in sorted(wrong)[:LISTED]]
+        more = f", and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
+        raise StageError(
+            f"{path} does not fit its configuration ({CONFIG}): {'; '.join(listed)}{more}; get it again, or "
+            f"{ANEW}"
+        )
+
+
+@contextmanager
+def _faults_of(path: Path) -> Iterator[None]:
+    """Whatever is wrong in a configuration that is read within is a StageError that names its file."""
+    try:
+        yield
+    except KeyError as error:
+        raise StageError(f"{path} does not say {error}; get it again, or {ANEW}") from error
+    except (ArgumentError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
+        raise StageError(f"{path} describes no policy: {error}; get it again, or {ANEW}") from error
+
+
+def _check_senses(config: PolicyConfig, view: View, senses: Senses) -> None:
+    """Raises ArgumentError where a policy would be told of arms or subgoals that its senses lack."""
+    if config.context != bool(senses.bases):
+        raise ArgumentError(f"context is {config.context}, and senses.bases are of {len(senses.bases)} arms")
+    if senses.bases and max(view.agents) > len(senses.bases):
+        raise ArgumentError(
+            f"agent {max(view.agents)} has no base; senses.bases are of {len(senses.bases)} arms"
+        )
+    if bool(senses.subgoals) != (config.phases or view.coordinated):
+        raise ArgumentError(
+            f"senses.subgoals is {senses.subgoals} with phases {config.phases} and a view that is "
+            f"{'' if view.coordinated else 'not '}coordinated"
+        )
 
 
 def write_small(folder: Path, target: Path) -> Path:

@@ -6,7 +6,7 @@ on after an interruption needs no generator state and gives the same weights, bi
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -35,6 +35,7 @@ from rf_exp.policy.saved import (
     claim,
     device_of,
     eyes_file,
+    fill,
     policy_of,
     read_tensors,
     write_tensors,
@@ -262,24 +263,34 @@ class Training:
         write_tensors(path, tensors | {"loss": self._loss}, said)
 
     def resume(self, path: Path) -> None:
-        """Go on from a saved state, if there is one, else from heat maps that are there already."""
+        """Go on from a saved state, if there is one, else from heat maps that are there already.
+
+        Raises StageError for one that is of another training.
+        """
         found = next((each for each in (path, self.eyes) if each is not None and each.exists()), None)
         if found is None:
             return
-        tensors, metadata = read_tensors(found)
+        try:
+            self._go_on(found, *read_tensors(found))
+        except (LookupError, ValueError, RuntimeError) as error:
+            raise StageError(
+                f"{found} does not fit this training ({error}); delete it and train again"
+            ) from error
+
+    def _go_on(self, found: Path, tensors: dict[str, Tensor], metadata: Mapping[str, str]) -> None:
         self.step = int(metadata["step"])
         self._began_s -= float(metadata["core_s"])
         self._loss.copy_(tensors.pop("loss"))
         self._stage = None
         if found == self.eyes:
-            self.policy.encoder.load_state_dict(tensors)
+            fill(self.policy.encoder, tensors, found)
             self._average = self._ema(self._parameters)
             return
         parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         for key, value in tensors.items():
             part, name = key.split(".", 1)
             parts[part][name] = value
-        self.policy.load_state_dict(parts["policy"])
+        fill(self.policy, parts["policy"], found)
         for k, shadow in enumerate(self._average.shadow_params):
             shadow.copy_(parts["average"][str(k)])
         moments: dict[int, dict[str, Tensor]] = {}

@@ -23,6 +23,7 @@ from rf_exp.types import ARM_JOINTS, Arch
 
 ACTION_SIZE = ARM_JOINTS + 1  # joint targets (rad) and gripper command, for each agent
 PROPRIO_SIZE = ARM_JOINTS + 1  # measured joint positions (rad) and gripper opening (m), for each agent
+MOST_AGENTS = 16
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,28 @@ class Stream:
 
 @dataclass(frozen=True)
 class View:
-    """What one policy learns from and commands. All streams have the same number of agents."""
+    """What one policy learns from and commands. All streams have as many agents, and as many cameras.
+
+    Raises ArgumentError for streams that have not, or that command an agent twice.
+    """
 
     name: str
     streams: tuple[Stream, ...]
     coordinated: bool = False
+
+    def __post_init__(self) -> None:
+        agents = self.agents
+        sizes = {(len(stream.agents), len(stream.cameras)) for stream in self.streams}
+        possible = set(range(1, MOST_AGENTS + 1))
+        if len(sizes) != 1 or not agents or len(set(agents)) < len(agents) or not possible.issuperset(agents):
+            raise ArgumentError(
+                f"streams of view {self.name!r} command agents "
+                f"{[list(stream.agents) for stream in self.streams[:MOST_AGENTS]]} through cameras "
+                f"{[list(stream.cameras) for stream in self.streams[:MOST_AGENTS]]}; expected as many "
+                f"of each in all of them, and each agent, from 1 to {MOST_AGENTS}, once"
+            )
+        if max(len(stream.cameras) for stream in self.streams) > MOST_AGENTS + 1:
+            raise ArgumentError(f"a stream of view {self.name!r} has more than {MOST_AGENTS + 1} cameras")
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.geometry import PlanningScene
+from rf_exp.markdown import Markdown
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
@@ -29,7 +30,7 @@ class RolloutRecorder(SceneRecorder):
         self._evidence: dict[str, bool] = {}
         self._pushes: set[str] = set()  # who pushes what, as shown so far
         self._violated = False
-        self._table = ""
+        self._table = Markdown()
         self._withheld = ""  # what the shield did last
         self._doing: dict[int, int] = {}  # agent -> number of its subgoal
         self._seen: tuple[Sight, ...] = ()
@@ -68,7 +69,7 @@ class RolloutRecorder(SceneRecorder):
 
     def ended(self, result: Rollout) -> None:
         """The verdict on the whole."""
-        self._recorder.judged(f"{text.outcome(result)}\n\n{self._table}")
+        self._recorder.judged(Markdown(f"{text.outcome(result)}\n\n{self._table}"))
         self._recorder.note(f"{'success' if result.success else result.reason}, step {result.steps}")
 
     def _distances(self, scene: Scene) -> None:

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from rf_exp.markdown import block, cell, code, table, text
 from rf_exp.store.reader import Reader
+from rf_exp.texts import printable
 
 HEADER = """---
 license: mit
@@ -19,13 +21,21 @@ tags:
 
 
 def card(store: Reader, held: str = "", tags: Iterable[str] = ()) -> str:
-    """A data card in Markdown. `held` says in which form the data lie beside it; unless given, the store."""
-    held = (
-        held or f"`{store.path.name}` is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
-    )
+    """A data card in Markdown. What the store says of itself may be anybody's words.
+
+    `held` says in Markdown in which form the data lie beside it; unless given, the store.
+    """
+    name = code(store.path.name)
+    held = held or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
     lines = HEADER.format(tags="\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags)))
     title = store.description.language["title"] if store.description else store.attrs["task"]
-    parts = [f"# {title}: demonstrations of several arms", held, _about(store), _facts(store), _made(store)]
+    parts = [
+        f"# {text(title)}: demonstrations of several arms",
+        held,
+        _about(store),
+        _facts(store),
+        _made(store),
+    ]
     return lines + "\n" + "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -33,11 +43,11 @@ def _about(store: Reader) -> str:
     said = store.description
     if said is None:
         return ""
-    success = "".join(f"\n- {name}" for name in said.conditions)
+    success = "".join(f"\n- {text(name)}" for name in said.conditions)
     return (
-        f"{said.language['description']} {said.language['target_condition']}\n\n"
+        f"{text(said.language['description'])} {text(said.language['target_condition'])}\n\n"
         "## Success\n\n"
-        f"Criteria of version {store.attrs['criteria_version']}; all of them held for "
+        f"Criteria of version {text(store.attrs['criteria_version'])}; all of them held for "
         f"{hold_steps(store)} control steps at the end of every demonstration:\n{success}"
     )
 
@@ -45,16 +55,16 @@ def _about(store: Reader) -> str:
 def hold_steps(store: Reader) -> str:
     """For how many steps the conditions have to hold."""
     steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
-    return "several" if steps is None else f"{steps:g}"
+    return f"{steps:g}" if isinstance(steps, int | float) else "several"
 
 
 def facts(store: Reader) -> dict[str, Any]:
-    """The data in numbers, by name; values are plain."""
+    """The data in numbers, by name; values are plain, and texts are one line of what can be shown."""
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
     row = store.identity.get("constraint_set", {})
     picture = f"{store.attrs['width']} x {store.attrs['height']} px" if store.cameras else "none"
-    return {
+    found = {
         "task": store.attrs["task"],
         "constraints": row.get("name", "not known"),
         "robots": f"{store.agents} x Franka Panda with its gripper, in simulation (ManiSkill 3, SAPIEN)",
@@ -68,14 +78,15 @@ def facts(store: Reader) -> dict[str, Any]:
         "pictures": picture,
         "depth, segmentation": ", ".join(store.extra_names) or "none",
         "objects": ", ".join(store.objects) or "none",
-        "disturbed": "yes: `executed` differs from `action`" if store.disturbed else "no",
+        "disturbed": "yes: executed differs from action" if store.disturbed else "no",
     }
+    return {name: printable(value) if isinstance(value, str) else value for name, value in found.items()}
 
 
 def _facts(store: Reader) -> str:
-    rows = "".join(f"\n| {name} | {value} |" for name, value in facts(store).items())
+    rows = [(name, cell(value)) for name, value in facts(store).items()]
     return (
-        "## The data\n\n| what | value |\n| --- | --- |" + rows + "\n\n"
+        f"## The data\n\n{table(('what', 'value'), rows)}\n\n"
         "Units are metres, radians, seconds; the world frame has its z axis up and the top of the\n"
         "table at z = 0; quaternions are w, x, y, z. A gripper command goes from -1, closed, to 1,\n"
         "open. A row is what was measured before its action; the conditions of success are what the\n"
@@ -86,13 +97,16 @@ def _facts(store: Reader) -> str:
 def _made(store: Reader) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in store.attrs.get("versions", {}).items())
     recipe = json.dumps({name: value for name, value in store.identity.items() if name != "scene"}, indent=1)
+    for letter in "<>&`~":  # JSON has a way to write them that no page takes for markup, in no place
+        recipe = recipe.replace(letter, f"\\u{ord(letter):04x}")
     return (
         "## How it was made\n\n"
         "By `rf_exp`: RoboBrain proposes subgoals and constraints, a planner makes joint paths and a\n"
         "schedule of them, RoboChecker checks both and watches the simulated arms; only what succeeds\n"
         "is kept. The certificate of each episode holds proposals, check code and verdicts. The same\n"
         "seeds and versions give the same states and actions again.\n\n"
-        f"Generator {store.attrs.get('generator')}, code {store.attrs.get('commit') or 'not known'}; "
-        f"{versions}.\n\n<details><summary>Configuration</summary>\n\n```json\n{recipe}\n```\n\n</details>\n\n"
+        f"Generator {text(store.attrs.get('generator'))}, "
+        f"code {text(store.attrs.get('commit') or 'not known')}; {text(versions)}.\n\n"
+        f"<details><summary>Configuration</summary>\n\n{block(recipe, 'json')}\n\n</details>\n\n"
         "## Licence\n\nMIT, as `rf_exp`. If you use the data, cite RoboFactory (Qin et al., ICCV 2025)."
     )

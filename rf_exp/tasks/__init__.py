@@ -5,7 +5,7 @@
 
 from rf_exp.tasks import assets, predicates
 from rf_exp.tasks.account import Ledger
-from rf_exp.tasks.configuration import CONFIGURED, default_of, load_task, read_task, stored_task
+from rf_exp.tasks.configuration import CONFIGURED, check_words, default_of, load_task, read_task, stored_task
 from rf_exp.tasks.labels import labelled, labels
 from rf_exp.tasks.specs import REST_QPOS, RETRACTED_QPOS, CameraSpec, ObjectSpec, Randomisation, RobotSpec
 from rf_exp.tasks.start import FINGERS_OPEN_M, Start
@@ -29,6 +29,7 @@ __all__ = [
     "SuccessEvaluator",
     "Task",
     "assets",
+    "check_words",
     "default_of",
     "labelled",
     "labels",

@@ -1,5 +1,6 @@
 """Turns the configuration of a task, as plain values, into a checked Task."""
 
+import re
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
@@ -16,8 +17,11 @@ from rf_exp.installed import CONF
 from rf_exp.tasks.specs import Randomisation
 from rf_exp.tasks.start import beyond_table
 from rf_exp.tasks.task import Task
+from rf_exp.texts import printable
 
 CONFIGURED = CONF / "task"
+LONGEST_WORDS = 2_000  # characters of a description
+_KEY = re.compile(r"[A-Za-z][\w-]{0,63}", re.ASCII)
 
 
 @cache
@@ -39,6 +43,37 @@ def _range(value: object) -> object:
 _CONFIG = dacite.Config(cast=[tuple], strict=True, type_hooks={tuple[float, float]: _range})
 
 
+def check_words(name: str, node: object, key: str = "") -> None:
+    """Raises ArgumentError for words of a task that cannot be shown, are too long, or come from elsewhere.
+
+    They end in pages, tables and data that others read, and what Hydra would put into the place of a `${...}`
+    may be of the environment. Keys are names.
+    """
+    if isinstance(node, str):
+        if "${" in node:
+            raise ArgumentError(
+                f"task {name!r}: field {key or 'task'} is {printable(node)!r}; nothing is looked up for a "
+                "task, neither in the environment nor in other keys: write the value itself"
+            )
+        if len(node) > LONGEST_WORDS or not node.replace("\n", " ").isprintable():
+            raise ArgumentError(
+                f"task {name!r}: field {key} is {printable(node)!r}, {len(node)} characters; expected "
+                f"at most {LONGEST_WORDS}, all of which can be shown"
+            )
+        return
+    if isinstance(node, Mapping):
+        for inner, value in node.items():
+            if not isinstance(inner, str) or not _KEY.fullmatch(inner):
+                raise ArgumentError(
+                    f"task {name!r}: {printable(repr(inner), 80)} in field {key or 'task'}; expected a "
+                    "name: a letter, then letters, digits, '_' and '-', at most 64 of them"
+                )
+            check_words(name, value, f"{key}.{inner}".lstrip("."))
+    elif isinstance(node, list | tuple):
+        for index, value in enumerate(node):
+            check_words(name, value, f"{key}[{index}]")
+
+
 def load_task(name: str, node: Mapping) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
@@ -47,6 +82,7 @@ def load_task(name: str, node: Mapping) -> Task:
     asset that does not exist, for an object that stands on one not listed before it, and for one that may
     start beyond the table's edge.
     """
+    check_words(name, node)
     try:
         drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
         task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
@@ -90,7 +126,7 @@ def load_task(name: str, node: Mapping) -> Task:
 
 def read_task(path: Path) -> Task:
     """The Task of a YAML file. Raises ArgumentError as `load_task` does."""
-    node: Any = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
+    node: Any = OmegaConf.to_container(OmegaConf.load(path))
     return load_task(path.stem, node[path.stem])
 
 

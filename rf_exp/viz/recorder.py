@@ -9,6 +9,8 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.findings import Violation
+from rf_exp.markdown import Markdown
+from rf_exp.markdown import text as words
 from rf_exp.statements import Proposal
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
@@ -161,7 +163,7 @@ class Recorder(Stream):
         for name, result in names.items():
             self.verdict(name, result.ok, result.reason)
         parts = text.summary(results), text.judged_code(results), text.verdicts(results)
-        self._document(CHECKS, "Check code", "\n\n".join(parts))
+        self._document(CHECKS, "Check code", Markdown("\n\n".join(parts)))
 
     def violation(self, violation: Violation, places_m: ArrayLike | None = None) -> None:
         """A violated check with its evidence, marked for half a second at `places_m` (K, 3) if known."""
@@ -169,7 +171,7 @@ class Recorder(Stream):
         expect("places_m", places, (len(places), 3))
         line = text.violation(violation)
         self.verdict(violation.check, False, line)
-        self._document(CHECKS, "Violation", f"**{violation.check}**: {line}")
+        self._document(CHECKS, "Violation", Markdown(f"**{violation.check}**: {words(line)}"))
         if not len(places):
             return
         if self._marked_step < self._step:
@@ -285,6 +287,6 @@ class Recorder(Stream):
             entity, rr.TextLog(line, level="INFO"), rr.StateChange(state=states[0] if holds else states[1])
         )
 
-    def judged(self, markdown: str) -> None:
+    def judged(self, markdown: Markdown) -> None:
         """What the judge says, from now on."""
         self._log(VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))

@@ -10,6 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.markdown import Markdown
 from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, CameraModel
 from rf_exp.viz.elements import Mesh, expect, lines, mesh3d, pinhole, placed
@@ -133,7 +134,7 @@ class Stream:
         first, *rest = values
         self._stream.log(entity, first, *rest, static=static)
 
-    def _document(self, entity: str, title: str, markdown: str) -> None:
+    def _document(self, entity: str, title: str, markdown: Markdown) -> None:
         """Add to a document that shows everything so far, newest first: attempts share a step."""
         texts = self._documents.setdefault(entity, [])
         number = 1 + sum(each.startswith(f"## {title} ") for each in texts)

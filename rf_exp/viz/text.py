@@ -4,8 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
+from rf_exp import markdown
 from rf_exp.findings import Violation
+from rf_exp.markdown import Markdown
 from rf_exp.statements import Proposal
+from rf_exp.texts import one_line
 from rf_exp.types import CONTROL_DT_S, Measured, Rollout, Subgoal, Verdict
 
 LEAST = 5e-4  # of a number that is shown
@@ -25,35 +28,35 @@ class CheckResult:
     reason: str
 
 
-def subgoals(goals: Sequence[Subgoal]) -> str:
+def subgoals(goals: Sequence[Subgoal]) -> Markdown:
     """A bold line for each agent, its subgoals numbered below."""
     lines = []
     for agent in sorted({goal.agent for goal in goals}):
-        own = [goal.text for goal in goals if goal.agent == agent]
+        own = [markdown.text(goal.text) for goal in goals if goal.agent == agent]
         lines += [f"**Agent {agent}**", "", *(f"{number}. {text}" for number, text in enumerate(own, 1)), ""]
-    return "\n".join(lines)
+    return Markdown("\n".join(lines))
 
 
-def constraints(proposal: Proposal) -> str:
+def constraints(proposal: Proposal) -> Markdown:
     """The constraints as RoboBrain stated them, by kind."""
     lines = [
-        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {each.sentence}"
+        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {markdown.text(each.sentence)}"
         for each in proposal.constraints
     ]
-    return "\n".join(lines)
+    return Markdown("\n".join(lines))
 
 
-def proposal(answer: Proposal) -> str:
+def proposal(answer: Proposal) -> Markdown:
     """RoboBrain's answer: subgoals of each agent, then the constraints."""
-    return f"{subgoals(answer.subgoals)}\n**Constraints**\n\n{constraints(answer)}"
+    return Markdown(f"{subgoals(answer.subgoals)}\n**Constraints**\n\n{constraints(answer)}")
 
 
-def code(checks: Sequence[str]) -> str:
+def code(checks: Sequence[str]) -> Markdown:
     """Check code, one call a line, composed by `and`."""
-    return "```python\n" + "\nand ".join(checks) + "\n```"
+    return markdown.block("\nand ".join(map(one_line, checks)), "python")
 
 
-def judged_code(results: Sequence[CheckResult]) -> str:
+def judged_code(results: Sequence[CheckResult]) -> Markdown:
     """Check code with the value and the bound of each check beside it."""
     return code([f"{each.code}  # {_judged(each)}" for each in results])
 
@@ -63,28 +66,31 @@ def _judged(result: CheckResult) -> str:
     return f"{'holds' if result.ok else 'VIOLATED'}: {value}, bound {bound}"
 
 
-def verdicts(results: Sequence[CheckResult]) -> str:
+def verdicts(results: Sequence[CheckResult]) -> Markdown:
     """A table: a row for each check, with value, bound, moment and reason."""
-    lines = ["| | check | value | bound | at | evidence |", "|---|---|---|---|---|---|"]
-    for each in results:
-        mark = "holds" if each.ok else "**violated**"
-        value, bound = (quantity(number, each.unit) for number in (each.value, each.bound))
-        lines += [
-            f"| {mark} | `{each.code}` | {value} | {bound} | {each.time_s:.2f} s | {_cell(each.reason)} |"
-        ]
-    return "\n".join(lines)
+    rows = [
+        (
+            "holds" if each.ok else "**violated**",
+            markdown.code(each.code),
+            *(markdown.cell(quantity(number, each.unit)) for number in (each.value, each.bound)),
+            f"{each.time_s:.2f} s",
+            markdown.cell(each.reason),
+        )
+        for each in results
+    ]
+    return markdown.table(("", "check", "value", "bound", "at", "evidence"), rows)
 
 
-def summary(results: Sequence[CheckResult]) -> str:
+def summary(results: Sequence[CheckResult]) -> Markdown:
     """The verdict of the whole check code, in words."""
     failed = [each for each in results if not each.ok]
     if failed:
-        return f"**False**: {len(failed)} of {len(results)} checks are violated."
-    return f"**True**: all {len(results)} checks hold."
+        return Markdown(f"**False**: {len(failed)} of {len(results)} checks are violated.")
+    return Markdown(f"**True**: all {len(results)} checks hold.")
 
 
 def violation(found: Violation) -> str:
-    """Who violated what, with the evidence, in one line. A refusal has no value and no bound."""
+    """Who violated what, with the evidence, in one line of words. A refusal has no value and no bound."""
     agents = " and ".join(f"agent {agent}" for agent in found.agents)
     value, bound = quantity(found.value, found.unit), quantity(found.bound, found.unit)
     numbers = f"{value}, bound {bound}, " if found.value or found.bound else ""
@@ -97,26 +103,27 @@ def measured(found: Measured, digits: int) -> str:
     return f"{value} {found.unit}"
 
 
-def conditions(verdict: Verdict, since: Mapping[str, int]) -> str:
+def conditions(verdict: Verdict, since: Mapping[str, int]) -> Markdown:
     """A table: a row for each condition of success, with its number, and the step since when it is so."""
-    lines = ["| | condition | value | asked | since |", "|---|---|---|---|---|"]
+    rows = []
     for name, holds in verdict.evidence.items():
         found = verdict.measured.get(name)
-        value, asked = (measured(found, 3), found.asked) if found is not None else ("", "")
+        said = (name, *((measured(found, 3), found.asked) if found is not None else ("", "")))
         mark = "holds" if holds else "**not yet**"
-        lines += [f"| {mark} | {_cell(name)} | {value} | {asked} | {since[name] * CONTROL_DT_S:.2f} s |"]
-    lost = [f"- {name} is {how}" for name, how in verdict.lost.items()]
-    return "\n".join([*lines, *(["", *lost] if lost else [])])
+        rows.append((mark, *map(markdown.cell, said), f"{since[name] * CONTROL_DT_S:.2f} s"))
+    lost = [markdown.text(f"{name} is {how}") for name, how in verdict.lost.items()]
+    lines = [markdown.table(("", "condition", "value", "asked", "since"), rows)]
+    return Markdown("\n".join([*lines, *(["", *(f"- {each}" for each in lost)] if lost else [])]))
 
 
-def outcome(result: Rollout) -> str:
+def outcome(result: Rollout) -> Markdown:
     """How a rollout ended, and why: a bullet for each thing that failed or happened."""
     ended = f"{'Succeeded' if result.success else 'Failed'} after {result.steps * CONTROL_DT_S:.2f} s"
     counts = f"{result.violations} steps with a violation, {result.contacts} with contact between arms."
     if result.interventions:
         counts += f" In {result.interventions} steps the shield kept an arm from its command."
-    told = [] if result.success else [f"- {part}" for part in result.account.parts]
-    return "\n".join([f"**{ended}**", "", counts, "", *told])
+    told = [] if result.success else [f"- {markdown.text(part)}" for part in result.account.parts]
+    return Markdown("\n".join([f"**{ended}**", "", counts, "", *told]))
 
 
 def withheld(reasons: Mapping[int, str]) -> str:
@@ -128,7 +135,3 @@ def withheld(reasons: Mapping[int, str]) -> str:
 def quantity(number: float, unit: str) -> str:
     """A value with its unit; `none` where there was nothing to measure."""
     return f"{round(number, 4) + 0.0:g} {unit}".strip() if isfinite(number) else "none"
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|").replace("\n", " ")

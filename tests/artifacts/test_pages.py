@@ -1,4 +1,4 @@
-"""Pages from templates: escaped in HTML, as they are in Markdown, and complete."""
+"""Pages from templates: escaped in HTML and in Markdown, unless it is markup, and complete."""
 
 from pathlib import Path
 
@@ -6,13 +6,32 @@ import pytest
 from jinja2 import UndefinedError
 
 from rf_exp.artifacts import rendered
+from rf_exp.markdown import Markdown
 
 
-@pytest.mark.parametrize(("suffix", "said"), [("html", "<p>&lt;b&gt; &amp;</p>\n"), ("md", "<p><b> &</p>\n")])
-def test_what_values_hold_is_escaped_in_html(tmp_path: Path, suffix: str, said: str) -> None:
+@pytest.mark.parametrize(
+    ("suffix", "said"), [("html", "<p>&lt;b&gt; &amp;</p>\n"), ("md", "<p>&lt;b> &</p>\n")]
+)
+def test_what_values_hold_is_escaped_in_html_and_markdown(tmp_path: Path, suffix: str, said: str) -> None:
     template = tmp_path / f"page.{suffix}"
     template.write_text("<p>{{ text }}</p>\n")
     assert rendered(template, text="<b> &") == said
+
+
+def test_what_is_markdown_already_stays_as_it_is(tmp_path: Path) -> None:
+    template = tmp_path / "page.md"
+    template.write_text("{{ made }} {{ said }} {{ 3 }}")
+    assert rendered(template, made=Markdown("*a* `b`"), said="*a* `b`") == "*a* `b` &#42;a&#42; &#96;b&#96; 3"
+
+
+@pytest.mark.parametrize("suffix", ["html", "md"])
+def test_what_has_no_shape_is_on_no_page(tmp_path: Path, suffix: str) -> None:
+    template = tmp_path / f"page.{suffix}"
+    template.write_text("{{ text }}")
+    assert (
+        rendered(template, text="a\x1b[2J\u202eb\x9b\ud800").encode("utf-8").decode()
+        == "a\ufffd[2J\ufffdb" + "\ufffd" * 2
+    )
 
 
 def test_a_template_includes_others_beside_it(tmp_path: Path) -> None:

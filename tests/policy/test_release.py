@@ -1,12 +1,14 @@
 """What a release carries: policies in half the bytes that act as the whole ones do, and what judges them."""
 
 import os
+import re
 import runpy
 import shutil
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -16,6 +18,7 @@ from omegaconf import OmegaConf
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train, write_small
+from rf_exp.release import EXPERIMENT, read_release, unpacked
 from rf_exp.store import Store
 from tests.children import small_files
 from tests.conftest import CONF
@@ -118,3 +121,162 @@ def test_what_is_no_folder_of_policies_is_refused(out: Path, tmp_path: Path) -> 
     with pytest.raises(ArgumentError, match="is not the folder of trained policies; expected one such as"):
         release(out / "policies" / PLACE, tmp_path)  # of one agent alone
     assert not list(tmp_path.glob("*.zip"))
+
+
+# -- what is read of somebody's ------------------------------------------------------------------------
+
+
+def said() -> dict[str, Any]:
+    """What the experiment of a release says."""
+    policy, training = asdict(PolicyConfig()), asdict(TrainConfig())
+    del training["seed"]
+    chosen = {"task": "lift_barrier", "constraints": "full", "arch": "separate_local"}
+    return {
+        "defaults": [{f"override /{group}": value} for group, value in chosen.items()],
+        "stages": ["evaluate", "report"],
+        **{"recipe": "fast+dagger1", "demos": 50, "train_seed": 1, "disturbance_rad": 0.1, "delay_s": 0.5},
+        "picture": {side: policy.pop(side) for side in ("width", "height")},
+        "policy": policy,
+        "training": training,
+    }
+
+
+def packed(folder: Path, text: str | dict[str, Any]) -> Path:
+    """A release whose experiment says so."""
+    says = folder / EXPERIMENT
+    says.parent.mkdir(parents=True, exist_ok=True)
+    says.write_text(text if isinstance(text, str) else OmegaConf.to_yaml(OmegaConf.create(text)), "utf-8")
+    return folder
+
+
+@pytest.mark.slow
+def test_the_command_that_is_documented_takes_what_a_release_says(command: Any, tmp_path: Path) -> None:
+    """And nothing else: its other files, of which Hydra would take every one, are not seen."""
+    folder, marker = packed(tmp_path / "released", said()), tmp_path / "ran"
+    runs = f"{{callbacks: {{x: {{_target_: os.mkdir, path: {marker}}}}}}}"
+    for name, text in {
+        "config.yaml": f"hydra: {runs}",
+        "hydra/config.yaml": runs[1:-1],
+        "hydra/launcher/basic.yaml": f"_target_: os.mkdir\npath: {marker}",
+        "task/lift_barrier.yaml": "lift_barrier: {code: antigravity}",
+        "policy/fast.yaml": f"hydra: {runs}",
+        "profile/quick.yaml": f"# @package _global_\nhydra: {runs}",
+    }.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    arguments = "--config-dir", str(folder), "experiment=released", f"out={folder}"
+    done = command(*arguments, "scenes=7")
+    assert done.returncode == 1 and "no generated episodes of lift_barrier/full" in done.stderr, done.stderr
+    [kept] = folder.glob("runs/*/*/.hydra/config.yaml")
+    config: Any = OmegaConf.load(kept)
+    assert (config.scenes, config.demos, config.recipe, config.train_seed) == (7, 50, "fast+dagger1", 1)
+    assert config.stages == ["evaluate", "report"] and list(config.task) == ["lift_barrier"]
+    assert PolicyConfig(**config.policy, **config.picture) == PolicyConfig()
+    assert not marker.exists()
+
+
+@pytest.mark.slow
+def test_what_a_person_says_wins(command: Any, tmp_path: Path) -> None:
+    folder = packed(tmp_path / "released", said())
+    given = "task=pick_meat", "stages=[report]", "policy.hold_rad=0.02"
+    done = command(*given, f"--config-dir={folder}", "experiment=released", f"out={tmp_path}/out")
+    assert done.returncode == 0, done.stderr
+    [kept] = tmp_path.glob("out/runs/*/*/.hydra/config.yaml")
+    config: Any = OmegaConf.load(kept)
+    assert list(config.task) == ["pick_meat"] and config.stages == ["report"]
+    assert config.policy.hold_rad == 0.02 and config.demos == 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "named", ["experiment=released", "+experiment=released", "experiment=ablation,released"]
+)
+@pytest.mark.parametrize("by", ["--config-dir", "hydra.searchpath"])
+def test_no_release_has_its_code_run(command: Any, tmp_path: Path, named: str, by: str) -> None:
+    marker = tmp_path / "ran"
+    foreign = {"name": "x", "factory": "os:mkdir", "options": {"path": str(marker)}, "step_limit": 3}
+    foreign["observations"] = {"pictures": False}
+    text = OmegaConf.to_yaml(OmegaConf.create({**said(), "foreign": foreign}))
+    folder = packed(tmp_path / "released", f"# @package _global_\n{text}")
+    where = [f"{by}={folder}"] if by.startswith("--") else [f"hydra.searchpath=[file://{folder}]"]
+    done = command(
+        *where, named, f"out={tmp_path}/out", "render=false", "scenes=1", "films=0", "recordings=0"
+    )
+    assert done.returncode == 2 and not marker.exists()
+    alone = by.startswith("--") and named == "experiment=released"
+    assert ("it sets 'foreign'; a release says" if alone else "is read from a folder, alone") in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"hydra": {"callbacks": {"x": {"_target_": "os.mkdir"}}}}, "it sets 'hydra'"),
+        ({"foreign": {"factory": "os:system"}}, "it sets 'foreign'"),
+        ({"out": "/"}, "it sets 'out'"),
+        ({"launch": {"engine": "dask"}}, "it sets 'launch'"),
+        ({"brain": {"base_url": "http://x"}}, "it sets 'brain'"),
+        ({"task": {"lift_barrier": {"code": "os"}}}, "it sets 'task'"),
+        ({"defaults": [{"override /task": "lift_barrier"}]}, "defaults are"),
+        ({"defaults": [*said()["defaults"], "evil"]}, "defaults"),
+        ({"defaults": [*said()["defaults"], {"override /hydra/launcher": "joblib"}]}, "defaults are"),
+        ({"defaults": [{"override /task": "../x"}, *said()["defaults"][1:]]}, "task is '../x'; expected"),
+        ({"defaults": [{"override /task": ["a"]}, *said()["defaults"][1:]]}, "defaults"),
+        ({"stages": ["train"]}, "stages are ['train']; possible are evaluate, report"),
+        ({"stages": []}, "stages are []"),
+        ({"recipe": "${oc.env:HOME}"}, "recipe is '${oc.env:HOME}'; expected a name"),
+        ({"recipe": "a' out='/"}, "expected a name"),
+        ({"recipe": 3}, "recipe"),
+        ({"demos": 10**9}, "demos is 1000000000; expected 1 to 1e+06"),
+        ({"demos": True}, "demos is True"),
+        ({"train_seed": -1}, "train_seed is -1"),
+        ({"disturbance_rad": float("nan")}, "disturbance_rad is nan"),
+        ({"delay_s": float("inf")}, "delay_s is inf"),
+        ({"picture": {"width": 10**9, "height": 48}}, "width is 1000000000; expected finite"),
+        ({"picture": {"width": 64}}, "height"),
+        ({"policy": {"horizon": 10**9}}, "horizon is 1000000000"),
+        ({"policy": {"horizon": "${oc.env:HOME}"}}, "horizon"),
+        ({"policy": {"code": "os"}}, "code"),
+        ({"policy": "fast"}, "policy"),
+        ({"training": {"device": "cuda:x"}}, "device"),
+        ({"training": {"steps": 1e99}}, "steps"),
+    ],
+)  # fmt: skip
+def test_what_a_release_may_not_say(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match=re.escape(message)) as refused:
+        read_release(packed(tmp_path, {**said(), **change}))
+    assert f"{EXPERIMENT} is no experiment of a release: " in str(refused.value)
+    assert str(Path.home()) not in str(refused.value).replace(str(tmp_path), "")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[]", "3", "\x1b[2J", "a: !!python/object/apply:os.mkdir [ran]", "[" * 60_000, "a: " * 50_000,
+        "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]", "x" * 10**6,
+    ],
+)  # fmt: skip
+def test_what_is_no_experiment(text: str, tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="is no experiment of a release") as refused:
+        read_release(packed(tmp_path, text))
+    assert str(refused.value).isprintable() and len(str(refused.value)) < 5000
+
+
+def test_a_release_holds_its_own_files(tmp_path: Path) -> None:
+    folder = packed(tmp_path / "released", said())
+    (folder / "results").mkdir()
+    (folder / "results" / "evaluate").symlink_to(tmp_path)
+    with pytest.raises(ArgumentError, match="is a link out of the release"):
+        read_release(folder)
+
+
+def test_without_a_release_arguments_stay_as_they_are(tmp_path: Path) -> None:
+    for arguments in (
+        ["task=place_food", "-m"],
+        ["--config-dir", "x", "experiment=ablation"],
+        ["name=released"],
+    ):
+        assert unpacked(arguments) == arguments
+    with pytest.raises(
+        ArgumentError, match=r"experiment/released.yaml is no experiment of a release: .*No such"
+    ):
+        unpacked(["--config-dir", str(tmp_path), "experiment=released"])

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
+from rf_exp import markdown
 from rf_exp.ablation.statistics import Estimate
+from rf_exp.texts import one_line
 
 MISSING = "missing"
 CLEAN = "without a violation"  # generation: at the first attempt
@@ -19,7 +21,7 @@ class Text:
     value: str
 
     def markdown(self) -> str:
-        return self.value
+        return markdown.cell(self.value)
 
     def latex(self) -> str:
         return escape_latex(self.value)
@@ -197,4 +199,4 @@ def bracketed(interval: Interval, number: Callable[..., str]) -> str:
 def escape_latex(text: str) -> str:
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     special |= {character: "\\" + character for character in "&%$#_{}"}
-    return "".join(special.get(character, character) for character in text)
+    return "".join(special.get(character, character) for character in one_line(text))

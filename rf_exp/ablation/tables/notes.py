@@ -46,7 +46,7 @@ def learnt_from(results: Results) -> tuple[str, ...]:
 def shielded(results: Results) -> tuple[str, ...]:
     """Where shielded rollouts are."""
     n = sum(row.shield for row in results.evaluation)
-    return (f"{n} shielded rollouts are in a table of their own, `shield`.",) if n else ()
+    return (f"{n} shielded rollouts are in a table of their own, shield.",) if n else ()
 
 
 def coordinated(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
@@ -63,7 +63,7 @@ def left_out(results: Results) -> tuple[str, ...]:
     """Policies that learnt from weaker data stay out of the paper's tables, but not unsaid."""
     counts = Counter(r.constraints for r in results.evaluation if r.constraints != BASELINE_CONSTRAINTS)
     return tuple(
-        f"{n} rollouts of policies that learnt from `{name}` data are not in this table."
+        f"{n} rollouts of policies that learnt from {name} data are not in this table."
         for name, n in sorted(counts.items())
     )
 

@@ -11,7 +11,8 @@ from collections.abc import AsyncIterator
 import httpx2
 import openai
 
-from rf_exp.datagen.brain.reading import BadAnswer, Unreached, printable
+from rf_exp.datagen.brain.reading import BadAnswer, Unreached
+from rf_exp.texts import printable
 
 LARGEST_BODY = 2**20  # bytes, received and unpacked; an answer of 4000 tokens has some 20 000
 

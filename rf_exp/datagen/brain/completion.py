@@ -6,7 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel, Field, ValidationError
 
-from rf_exp.datagen.brain.reading import BadAnswer, printable
+from rf_exp.datagen.brain.reading import BadAnswer
+from rf_exp.texts import printable
 
 MOST = 100  # choices, and calls of tools; a body of things that are none would be told of at great length
 

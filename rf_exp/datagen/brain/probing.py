@@ -13,10 +13,11 @@ from pydantic import ValidationError
 from rf_exp.datagen.brain.connection import Connection
 from rf_exp.datagen.brain.exchanges import Message
 from rf_exp.datagen.brain.protocol import strict_answer
-from rf_exp.datagen.brain.reading import BadAnswer, Rejected, Unreached, printable, read_object
+from rf_exp.datagen.brain.reading import BadAnswer, Rejected, Unreached, read_object
 from rf_exp.datagen.brain.request import request
 from rf_exp.secrets import without
 from rf_exp.tasks import Task
+from rf_exp.texts import printable
 
 _QUESTION = (
     Message("system", "The answer is as short as it can be. Whatever can be left empty is left empty."),

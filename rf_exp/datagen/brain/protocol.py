@@ -25,11 +25,12 @@ from pydantic import (
     model_validator,
 )
 
-from rf_exp.datagen.brain.reading import BadAnswer, plain, printable, read_object
+from rf_exp.datagen.brain.reading import BadAnswer, plain, read_object
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
+from rf_exp.texts import printable
 from rf_exp.types import Kind, Scene, Subgoal
 
 _COMMENTS = (  # keys under which a model says why it answers so

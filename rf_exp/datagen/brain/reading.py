@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from rf_exp.errors import StageError
+from rf_exp.texts import printable
 
 LONGEST_TEXT = 200_000  # characters; an answer has a few thousand
 _DEEPEST = 4  # wrappers round an answer
@@ -40,12 +41,6 @@ class Rejected(BadAnswer):
 def plain(key: str) -> str:
     """A key without what models vary: `Sub-goals` and `subgoals` are one."""
     return re.sub(r"[\W_]", "", key.casefold())
-
-
-def printable(text: object, longest: int = 300) -> str:
-    """A text of somebody else on one line, without control characters, to be repeated in a message."""
-    line = " ".join(str(text)[: 4 * longest].split())
-    return "".join(letter if letter.isprintable() else "\ufffd" for letter in line)[:longest]
 
 
 def read_object(text: str, key: str) -> dict[str, Any]:

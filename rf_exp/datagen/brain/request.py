@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rf_exp.datagen.brain.completion import content
 from rf_exp.datagen.brain.connection import Connection
 from rf_exp.datagen.brain.exchanges import Message
-from rf_exp.datagen.brain.reading import BadAnswer, Rejected, Unreached, printable
+from rf_exp.datagen.brain.reading import BadAnswer, Rejected, Unreached
+from rf_exp.texts import printable
 
 if TYPE_CHECKING:
     import openai

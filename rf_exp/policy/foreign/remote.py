@@ -14,9 +14,11 @@ from websockets.sync.client import ClientConnection, connect
 from rf_exp.errors import StageError
 from rf_exp.observations import Observation
 from rf_exp.policy.foreign.wire import pack, unpack
+from rf_exp.texts import printable
 
 LEAVE_S = 1.0  # how long a server may take to say goodbye
 LARGEST = 2**24  # bytes of an answer; what is larger is no chunk of actions
+KEYS, LAST = 5, 2000  # of an answer without actions that are repeated; characters at the end of an error
 
 
 class Remote:
@@ -40,9 +42,13 @@ class Remote:
         except TimeoutError as error:
             raise self._failed(f"does not answer within {connect_s:g} s (foreign.connect_s)") from error
         except (InvalidHandshake, InvalidURI) as error:
-            raise self._failed(f"refuses the connection: {error}; expected a websocket server") from error
+            raise self._failed(
+                f"refuses the connection: {printable(error)}; expected a websocket server"
+            ) from error
         except OSError as error:
-            raise self._failed(f"cannot be reached: {error.strerror or error}; start it first") from error
+            raise self._failed(
+                f"cannot be reached: {printable(error.strerror or error)}; start it first"
+            ) from error
         self.metadata = self._answer(connect_s, "foreign.connect_s")
 
     def reset(self, seed: int) -> None:
@@ -55,11 +61,12 @@ class Remote:
         try:
             self._socket.send(pack({**observation, **begins}))
         except WebSocketException as error:
-            raise self._failed(f"has closed the connection: {error}") from error
+            raise self._failed(f"has closed the connection: {printable(error)}") from error
         self._seed = None
         answer = self._answer(self._answer_s, "foreign.answer_s")
         if "actions" not in answer:
-            raise self._failed(f"answers with {sorted(map(str, answer))}; expected a map with 'actions'")
+            keys = [printable(key, 40) for key in list(answer)[:KEYS]]
+            raise self._failed(f"answers with {sorted(keys)}; expected a map with 'actions'")
         return answer["actions"]
 
     def close(self) -> None:
@@ -72,14 +79,16 @@ class Remote:
         except TimeoutError as error:
             raise self._failed(f"gives no answer within {limit_s:g} s ({key})") from error
         except ConnectionClosed as error:
-            raise self._failed(f"has closed the connection: {error}") from error
+            raise self._failed(f"has closed the connection: {printable(error)}") from error
         if isinstance(said, str):
-            last = (said.strip().splitlines() or ["nothing"])[-1]
-            raise self._failed(f"reports an error: {last}")
+            last = (said[-LAST:].strip().splitlines() or ["nothing"])[-1]
+            raise self._failed(f"reports an error: {printable(last)}")
         try:
             answer = unpack(said)
         except ValueError as error:
-            raise self._failed(f"answers with {error}; expected msgpack, as openpi's servers send") from error
+            raise self._failed(
+                f"answers with {printable(error)}; expected msgpack, as openpi's servers send"
+            ) from error
         if not isinstance(answer, dict):
             raise self._failed(f"answers with a {type(answer).__name__}; expected a map")
         return answer

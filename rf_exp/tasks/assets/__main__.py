@@ -12,6 +12,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from rf_exp.errors import ArgumentError
+from rf_exp.progress import complaints, console
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset, annotation
 
@@ -38,12 +39,12 @@ def main() -> int:
     try:
         asset = assets.load(arguments.asset)
     except ArgumentError as error:
-        print(error, file=sys.stderr)
+        complaints.print(str(error))
         return 2
     if arguments.mesh:
         scene(asset).export(arguments.mesh)
     name = arguments.mesh.name if arguments.mesh else f"{arguments.asset}.glb"
-    print(annotation.write(asset, name), end="")
+    console.print(annotation.write(asset, name), end="")
     return 0
 
 

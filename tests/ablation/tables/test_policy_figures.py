@@ -20,7 +20,7 @@ def test_architectures_keep_numbers_of_demonstrations_apart() -> None:
     assert at(table, "shared_local-150", "lift_barrier").value == 0.5
     assert at(table, "shared_local-150", "lift_barrier").paper == 0.04
     assert at(table, "my_arch-150", "lift_barrier").value == 0.9
-    assert "10 rollouts of policies that learnt from `logical` data are not in this table." in table.notes
+    assert "10 rollouts of policies that learnt from logical data are not in this table." in table.notes
 
 
 def test_who_was_told_of_the_true_state_is_said() -> None:

@@ -52,5 +52,5 @@ def test_other_tables_leave_shielded_rollouts_out_and_say_so(name: str) -> None:
     rest = Results(evaluation=tuple(row for row in results.evaluation if not row.shield))
     table, plain = made(name, results), made(name, rest)
     assert table.lines == plain.lines
-    note = "12 shielded rollouts are in a table of their own, `shield`."
+    note = "12 shielded rollouts are in a table of their own, shield."
     assert note in table.notes and note not in plain.notes

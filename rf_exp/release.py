@@ -1,0 +1,170 @@
+"""A release of somebody: policies to be evaluated, and an experiment that says how they have learned.
+
+    python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER
+
+What is in the folder is data. Hydra, whose files may name code to be run, never sees it: of the experiment a
+short list of keys is read, checked, and put among the person's own arguments, which come last and win.
+`scripts/release.py` writes one.
+"""
+
+import argparse
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rf_exp.artifacts import plain, restored
+from rf_exp.errors import ArgumentError
+from rf_exp.policy import PolicyConfig, TrainConfig
+
+CHOICE, EXPERIMENT = "experiment", Path("experiment/released.yaml")
+NAME = EXPERIMENT.stem
+GROUPS = ("task", "constraints", "arch")
+STAGES = ("evaluate", "report")
+LARGEST = 2**16  # bytes of an experiment
+_WORD = re.compile(
+    r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII
+)  # what a task, a set, an architecture, a recipe is called
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The size in pixels that the policies look at."""
+
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Released:
+    """What an experiment of a release may say, and nothing else. Raises ArgumentError for other values."""
+
+    defaults: tuple[Mapping[str, str], ...]
+    stages: tuple[str, ...]
+    recipe: str
+    demos: int
+    train_seed: int
+    disturbance_rad: float
+    delay_s: float
+    picture: Picture
+    policy: Mapping[str, Any]
+    training: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        expected = tuple(f"override /{group}" for group in GROUPS)
+        found = tuple(key for each in self.defaults for key in each)
+        if found != expected:
+            raise ArgumentError(f"defaults are {list(found)}; expected {list(expected)}")
+        named = {**dict(zip(GROUPS, (each for one in self.defaults for each in one.values()), strict=True))}
+        for key, value in {**named, "recipe": self.recipe}.items():
+            if not isinstance(value, str) or not _WORD.fullmatch(value):
+                raise ArgumentError(
+                    f"{key} is {value!r}; expected a name: letters, digits, '_', '-', '+', '.'"
+                )
+        if not self.stages or not set(STAGES).issuperset(self.stages):
+            raise ArgumentError(f"stages are {list(self.stages)}; possible are {', '.join(STAGES)}")
+        most = {"demos": 10**6, "train_seed": 2**32 - 1, "disturbance_rad": 1.0, "delay_s": 60.0}
+        for key, high in most.items():
+            value, low = getattr(self, key), int(key == "demos")
+            if isinstance(value, bool) or not low <= value <= high:
+                raise ArgumentError(f"{key} is {value}; expected {low} to {high:g}")
+
+    @property
+    def overrides(self) -> list[str]:
+        """What it says, as arguments; how a training runs, which changes nothing, it does not say."""
+        chosen = [f"{group}={value}" for each in self.defaults for group, value in _chosen(each)]
+        policy = asdict(restored(PolicyConfig, {**self.policy, **asdict(self.picture)}))
+        training = restored(TrainConfig, self.training)
+        named = {key: getattr(self, key) for key in ("stages", "recipe", "demos", "train_seed")}
+        named |= {key: getattr(self, key) for key in ("disturbance_rad", "delay_s")}
+        named |= {f"picture.{side}": policy.pop(side) for side in ("width", "height")}
+        named |= {f"policy.{key}": value for key, value in policy.items()}
+        decides = {**training.identity, "going": training.going}
+        named |= {f"training.{key}": value for key, value in decides.items() if key != "seed"}
+        return chosen + [f"{key}={_written(value)}" for key, value in plain(named).items()]
+
+
+def unpacked(arguments: Sequence[str]) -> list[str]:
+    """The arguments of a command, in the place of a release those that its experiment says.
+
+    Raises ArgumentError for a release that says anything else, and where its folder is not named.
+    """
+    if not any(_is_release(each) for each in arguments):
+        return list(arguments)
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, exit_on_error=False)
+    parser.add_argument("--config-dir", "-cd", type=Path)
+    try:
+        given, rest = parser.parse_known_args(list(arguments))
+    except argparse.ArgumentError as error:
+        raise ArgumentError(f"{error}; a release is named by --config-dir FOLDER {CHOICE}={NAME}") from error
+    if given.config_dir is None or f"{CHOICE}={NAME}" not in rest:
+        raise ArgumentError(
+            f"{CHOICE}={NAME} is a release, which is read from a folder, alone: "
+            f"--config-dir FOLDER {CHOICE}={NAME}"
+        )
+    rest.remove(f"{CHOICE}={NAME}")
+    own = {each.partition("=")[0].lstrip("+~") for each in rest}
+    said = read_release(given.config_dir).overrides
+    kept = [each for each in said if each.partition("=")[0] not in own]
+    first = next((k for k, each in enumerate(rest) if "=" in each and not each.startswith("-")), len(rest))
+    return [*rest[:first], *kept, *rest[first:]]
+
+
+def read_release(folder: Path) -> Released:
+    """What the experiment of a release says. Raises ArgumentError for anything but that."""
+    path = folder / EXPERIMENT
+    _refuse_links(folder)
+    try:
+        content = path.read_bytes()[: LARGEST + 1]
+        if len(content) > LARGEST:
+            raise ValueError(f"it has more than {LARGEST} bytes")
+        said = yaml.load(content.decode("utf-8"), _Values)
+        if not isinstance(said, dict):
+            raise ValueError(f"it holds a {type(said).__name__}, not keys")
+        known = [each.name for each in fields(Released)]
+        if other := [key for key in said if key not in known]:
+            raise ValueError(f"it sets {other[0]!r}; a release says {', '.join(known)}, and nothing else")
+        found = restored(Released, said)
+        _ = found.overrides  # raises for numbers that no policy has
+        return found
+    except (OSError, ValueError, RecursionError, yaml.YAMLError, ArgumentError) as error:
+        raise ArgumentError(f"{path} is no experiment of a release: {error}") from error
+
+
+class _Values(yaml.SafeLoader):
+    """Plain values, each written where it stands: a value of values of values would fill the memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"it refers to itself, {self.peek_event().start_mark}")
+        return super().compose_node(parent, index)
+
+
+def _is_release(argument: str) -> bool:
+    """Whether an argument names one, however it is put."""
+    key, _, value = argument.partition("=")
+    return key.lstrip("+~").partition("@")[0].strip("/ ") == CHOICE and NAME in re.split(r"\W+", value)
+
+
+def _refuse_links(folder: Path) -> None:
+    """Raises ArgumentError for links in a release: what is read and written through them lies elsewhere."""
+    for part in (folder / "policies", folder / "results", folder / EXPERIMENT.parent):
+        for path in (part, *part.rglob("*")):
+            if path.is_symlink() and not path.resolve().is_relative_to(folder.resolve()):
+                raise ArgumentError(f"{path} is a link out of the release; it holds files of its own")
+
+
+def _chosen(default: Mapping[str, str]) -> list[tuple[str, str]]:
+    return [(key.removeprefix("override /"), value) for key, value in default.items()]
+
+
+def _written(value: object) -> str:
+    """A value in Hydra's grammar."""
+    if isinstance(value, list):
+        return f"[{','.join(map(_written, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "null" if value is None else f"'{value}'" if isinstance(value, str) else repr(value)

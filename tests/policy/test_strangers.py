@@ -1,0 +1,228 @@
+"""The folder of a policy that somebody else has made: refused with what was wrong, or it acts as it did."""
+
+import json
+import re
+import shutil
+import tracemalloc
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
+
+from rf_exp.artifacts import digest
+from rf_exp.errors import StageError
+from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
+from rf_exp.policy.saved import CONFIG, fill, read_tensors, write_tensors
+from rf_exp.store import Store
+
+PLACE = View("agent1", (Stream("agent1", (1,)),))
+DEEP = 200_000
+
+
+@pytest.fixture(scope="module")
+def sound(
+    make_store: Callable[[int, int], Store],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    """A policy with all the parts that one can have, which learned for two steps."""
+    from tests.policy.conftest import HEIGHT, WIDTH, small_policy, small_training
+
+    changes: dict[str, Any] = {"encoder": "heatmaps", "context": True, "crop": 1.0, "draft": (32,)}
+    changes |= {"phases": True, "tcp_actions": True, "trunk": (16,), "horizon": 16, "unet_channels": (8, 16)}
+    policy: PolicyConfig = small_policy(height=HEIGHT, width=WIDTH, **changes)
+    training: TrainConfig = small_training(2, batch_size=8, noise_draws=1, warmup_steps=1, device="cpu")
+    return train(make_store(2, 2), PLACE, policy, training, tmp_path_factory.mktemp("policy") / "agent1")
+
+
+def signed(folder: Path, to: Path, said: Any = None, tensors: dict[str, Tensor] | None = None) -> Path:
+    """The policy with another configuration or other tensors, and all checksums in order."""
+    to.mkdir(exist_ok=True)
+    shutil.copyfile(folder / CONFIG, to / CONFIG)
+    kept, metadata = read_tensors(folder / MODEL)
+    if said is not None:
+        (to / CONFIG).write_text(said if isinstance(said, str) else json.dumps(said))
+        try:
+            metadata = {"config": digest(json.loads((to / CONFIG).read_text()))}
+        except Exception:  # what is no JSON has no digest that could be given
+            metadata = {"config": ""}
+    write_tensors(to / MODEL, kept if tensors is None else tensors, metadata)
+    return to
+
+
+def acts(folder: Path) -> Tensor:
+    """(1, T, A) what the policy does where nothing is to be seen."""
+    policy, view, senses = load_policy(folder, "cpu")
+    frames = policy.config.observation_steps
+    features = torch.zeros(1, frames, policy.encoder.features)
+    proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, senses.size(view))
+    return policy.act(features, proprio, context, [torch.Generator().manual_seed(0)])
+
+
+def refused_or_same(folder: Path, expected: Tensor) -> str:
+    """What is said of a policy, empty where it acts as the sound one."""
+    try:
+        found = acts(folder)
+    except StageError as error:
+        assert str(folder) in str(error) and len(str(error)) < 5000
+        return str(error)
+    assert torch.equal(found, expected)
+    return ""
+
+
+def mutants(tensors: dict[str, Tensor]) -> Iterator[tuple[str, dict[str, Tensor]]]:
+    """Every tensor left out, reshaped, retyped or broken; and more of them than there were."""
+    for name, value in tensors.items():
+        rest = {key: each for key, each in tensors.items() if key != name}
+        yield f"{name} is missing", rest
+        changed = {
+            "has shape": [value[None], value.repeat(2, *[1] * (value.dim() - 1)), value[:0], torch.zeros(())],
+            "is of type": [
+                value.to(each) for each in (torch.complex64, torch.int8, torch.float64, torch.bool)
+            ],
+        }
+        if value.numel():
+            broken = [value.clone() for _ in range(3)]
+            for each, bad in zip(broken, (torch.nan, torch.inf, -torch.inf), strict=True):
+                each.flatten()[-1] = bad
+            changed["not finite"] = broken
+        for why, others in changed.items():
+            for other in others:
+                if other.shape != value.shape or other.dtype != value.dtype or why == "not finite":
+                    yield why, {**rest, name: other}
+    yield "none of its tensors", {**tensors, "more": torch.zeros(3)}
+    yield "none of its tensors", {**tensors, "\x1b]0;more\x07": torch.zeros(3)}
+    yield "and", {}
+
+
+@pytest.mark.slow
+def test_other_tensors_than_its_configuration_has_are_refused(sound: Path, tmp_path: Path) -> None:
+    expected, (tensors, _), policy = acts(sound), read_tensors(sound / MODEL), load_policy(sound, "cpu")[0]
+    found = list(mutants(tensors))
+    assert len(found) > 9 * len(tensors)
+    for why, changed in found:
+        with pytest.raises(StageError, match=re.escape(why)) as refused:
+            fill(policy, changed, sound / MODEL)
+        assert str(refused.value).isprintable()
+    for why, changed in found[-3:] + found[:: len(found) // 20]:  # as files, too
+        assert why in refused_or_same(signed(sound, tmp_path / "theirs", tensors=changed), expected)
+    assert not refused_or_same(signed(sound, tmp_path / "theirs", tensors=dict(tensors)), expected)
+    acts(
+        signed(sound, tmp_path / "theirs", tensors={name: each.bfloat16() for name, each in tensors.items()})
+    )
+
+
+def paths(said: Any, at: tuple = ()) -> Iterator[tuple]:
+    """Where in a configuration each of its values is."""
+    if at:
+        yield at
+    inner = said.items() if isinstance(said, dict) else enumerate(said) if isinstance(said, list) else ()
+    for key, value in inner:
+        yield from paths(value, (*at, key))
+
+
+def changed(said: Any, at: tuple, value: Any, drop: bool = False) -> Any:
+    """The configuration with another value there, or none."""
+    copy = json.loads(json.dumps(said))
+    within = copy
+    for key in at[:-1]:
+        within = within[key]
+    if drop:
+        del within[at[-1]]
+    else:
+        within[at[-1]] = value
+    return copy
+
+
+DISTORTED = (None, "x\x1b[2J", -1, 10**9, 1e9, 1e400, [], {}, [[[]]], [10**9] * 9, {"a": {}}, "9" * 10_000)
+
+
+@pytest.mark.slow
+def test_a_distorted_configuration_is_refused_or_means_the_same(sound: Path, tmp_path: Path) -> None:
+    """Of every key of what a policy is and sees; of what it learned from it says what it likes."""
+    expected, said = acts(sound), json.loads((sound / CONFIG).read_text())
+    looked_at = [at for at in paths(said) if at[0] in ("learner", "policy", "view", "senses") or len(at) == 1]
+    refused = 0
+    for at in looked_at:
+        kept = [changed(said, at, None, drop=True)]
+        if isinstance(at[-1], str):
+            kept.append(changed(said, (*at[:-1], f"{at[-1]}_"), 1))
+        kept += [changed(said, at, value) for value in DISTORTED[len(str(at)) % 2 :: 2]]
+        for each in kept:
+            told = refused_or_same(signed(sound, tmp_path / "theirs", each), expected)
+            assert told.isprintable()
+            refused += bool(told)
+    assert refused > 5 * len(looked_at)
+
+
+@pytest.mark.parametrize(
+    "name", ["horizon", "observation_steps", "unet_channels", "train_diffusion_steps", "trunk"]
+)
+def test_nothing_is_made_of_a_size_that_no_machine_has(sound: Path, tmp_path: Path, name: str) -> None:
+    said = json.loads((sound / CONFIG).read_text())
+    for size in (10**9, 2**62, 10**400):
+        value = [8, size] if isinstance(said["policy"][name], list) else size
+        signed(sound, tmp_path / "theirs", changed(said, ("policy", name), value))
+        tracemalloc.start()
+        with pytest.raises(StageError, match=rf"config.json describes no policy: {name} is .*at most \d+"):
+            load_policy(tmp_path / "theirs", "cpu")
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+        tracemalloc.stop()
+
+
+class Made(TorchDispatchMode):
+    """Remembers the largest tensor that takes memory."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.largest = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        out = func(*args, **(kwargs or {}))
+        for each in tree_leaves(out):
+            if isinstance(each, Tensor) and each.device.type == "cpu":
+                self.largest = max(self.largest, each.numel())
+        return out
+
+
+@pytest.mark.parametrize(
+    "most", [{"horizon": 512}, {"unet_channels": [8192] * 8, "horizon": 128}, {"trunk": [8192] * 8}]
+)
+def test_a_network_that_is_larger_than_its_file_is_refused_before_it_is_made(
+    sound: Path, tmp_path: Path, most: dict[str, Any]
+) -> None:
+    said = json.loads((sound / CONFIG).read_text())
+    said["policy"] |= most
+    signed(sound, tmp_path / "theirs", said)
+    with Made() as made, pytest.raises(StageError, match="does not fit its configuration"):
+        load_policy(tmp_path / "theirs", "cpu")
+    assert 0 < made.largest < 10**6
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[" * DEEP + "]" * DEEP, "it holds no JSON"),
+        ('{"policy":' * DEEP + "1" + "}" * DEEP, "it holds no JSON"),
+        ("[]", "holds a list; expected an object"),
+        ("{}", "by version None of the learner"),
+        ('{"learner": 6}', "does not say 'view'"),
+        ("3", "holds a int; expected an object"),
+        ("", "it is empty"),
+        ('{"a": NaN}', "describes no policy"),
+    ],
+)  # fmt: skip
+def test_a_configuration_that_is_none(sound: Path, tmp_path: Path, content: str, message: str) -> None:
+    signed(sound, tmp_path / "theirs", content)
+    with pytest.raises(StageError, match=message):
+        load_policy(tmp_path / "theirs", "cpu")
+
+
+def test_a_policy_without_its_configuration(sound: Path, tmp_path: Path) -> None:
+    (signed(sound, tmp_path / "theirs") / CONFIG).unlink()
+    with pytest.raises(StageError, match=r"config.json cannot be read"):
+        load_policy(tmp_path / "theirs", "cpu")

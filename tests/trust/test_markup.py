@@ -1,0 +1,129 @@
+"""Pages that the suite writes, with a stranger's words in every place that has some: none is markup."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rf_exp.ablation import Results
+from rf_exp.ablation.formats import markdown
+from rf_exp.ablation.suite import TaskFacts
+from rf_exp.ablation.tables import build
+from rf_exp.datagen import Outcome, Settings
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.demonstration.notes import Phase, Round
+from rf_exp.demonstration.page import write_page
+from rf_exp.findings import Account, Cause, CheckName, Finding, Unmet, Violation
+from rf_exp.statements import Proposal, Unread
+from rf_exp.store import Description, Store, card
+from rf_exp.types import ConstraintSet, Measured, Rollout, Subgoal, Verdict
+from rf_exp.viz import text
+from rf_exp.viz.text import CheckResult
+from tests.ablation.conftest import evaluation, generation
+from tests.conftest import read_task
+from tests.store.episodes import AGENTS, CAMERAS, HEIGHT, IDENTITY, OBJECTS, WIDTH
+from tests.test_data import LABELS
+from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, structure
+
+LIFT = read_task("lift_barrier")
+CODE = ("p", "pre", "code", "div", "span", "!--")  # how a reader sets lines of code, and ends what is before
+
+
+def refused(payload: str) -> Violation:
+    return Violation(
+        check=CheckName.BRAIN, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=0.0, refusal=payload,
+        constraint=payload,
+    )  # fmt: skip
+
+
+def results(payload: str) -> tuple[CheckResult, ...]:
+    return tuple(CheckResult(payload, payload, ok, 0.1, 0.2, payload, 1.0, payload) for ok in (True, False))
+
+
+def tables(payload: str, folder: Path) -> str:
+    """All tables of a task whose file says so, and of rows that tell so."""
+    suite = {"lift_barrier": TaskFacts(payload, 2, payload, payload, "1")}
+    account = Account(unmet=(Unmet(payload),), told=payload, ended=payload)
+    rows = [replace(row, account=account) for row in generation("lift_barrier", "full", 3, 2)]
+    rolled = [
+        *evaluation("lift_barrier", "separate_local", 50, 3, 2),
+        *evaluation("lift_barrier", "separate_local", 50, 3, 2, recipe="fast"),
+        *evaluation("lift_barrier", "separate_local", 50, 3, 2, shield=True, recipe="fast"),
+        *evaluation("lift_barrier", "separate_local", 50, 3, 2, constraints="logical"),
+        *evaluation("lift_barrier", "foreign", 0, 3, 2, recipe="theirs", version="2"),
+    ]
+    found = build(Results(tuple(rows), tuple(rolled), (payload,)), suite)
+    return "\n".join(map(markdown, found.values()))
+
+
+def data_card(payload: str, folder: Path) -> str:
+    """The card of a store that says so of itself."""
+    says = Description(
+        language=dict.fromkeys(("title", "description", "target_condition"), payload),
+        conditions=(payload.replace("/", ""),),
+        world_from_base=[], camera_models={}, depth=False, labels=LABELS,
+    )  # fmt: skip
+    path = folder / "data.zarr"
+    Store.create(path, IDENTITY, AGENTS, CAMERAS, HEIGHT, WIDTH, OBJECTS, True).close()
+    store = Store.open(path)
+    changed = {"criteria_version": payload, "generator": payload, "commit": payload}
+    store.attrs.update(vars(says), **changed, task=payload, objects=[payload], cameras=[payload])
+    store.attrs.update(versions={payload: payload}, identity={payload: payload, "row": {"name": payload}})
+    return card(store)
+
+
+def demonstration(payload: str, folder: Path) -> str:
+    """The page of an episode, with an answer that is no JSON, and one that is not understood."""
+    task = replace(LIFT, title=payload, description=payload, target_condition=payload)
+    settings = Settings.configured(task, ConstraintSet(payload, spatial=False), ScriptedSpec())
+    goal = Subgoal(1, "grasp", payload, payload)
+    proposal = Proposal((goal,), (Unread("logical", (1,), payload, payload),))
+    phase = Phase(0.0, (goal,), reached=True)
+    checked = Round(0.0, results=results(payload), phases=(phase,), violation=refused(payload))
+    checked.measured = {payload: results(payload)[0]}
+    answered = Round(0.0, answer=payload, violation=refused(payload))
+    stated = Round(0.0, answer=payload, proposal=proposal, violation=refused(payload))
+    formula = {"stl": payload, "unit": payload, "strict": True, "robustness": 0.5, "holds": True}
+    checks = [{"check": payload, "text": payload, "silent": payload, "formulas": [formula]}]
+    checks += [{**checks[0], "formulas": []}]
+    outcome = Outcome(0, False, False, 3, 1, 0, 1.0, Account(ended=payload))
+    write_page(folder / "page.md", settings, outcome, [answered, stated, checked], [{"checks": checks}], None)
+    return (folder / "page.md").read_text("utf-8")
+
+
+def recorded(payload: str, folder: Path) -> str:
+    """What recordings show beside the pictures."""
+    verdict = Verdict(
+        False, False, {payload: False, "lifted": True}, {payload: Measured(False, 1.0, 2.0, payload, True)}
+    )
+    verdict = verdict._replace(lost={payload: payload})
+    rollout = Rollout(0, False, False, 3, 1, 0, Account(ended=payload), 1)
+    proposal = Proposal((Subgoal(1, "grasp", payload),), (Unread("logical", (1,), payload, payload),))
+    parts = (
+        text.proposal(proposal), text.judged_code(results(payload)), text.verdicts(results(payload)),
+        text.summary(results(payload)), text.conditions(verdict, {payload: 1, "lifted": 2}),
+        text.outcome(rollout),
+    )  # fmt: skip
+    return "\n\n".join(parts)
+
+
+@pytest.mark.parametrize("page", [tables, data_card, demonstration, recorded])
+def test_no_reader_makes_anything_of_them(page: Callable[[str, Path], str], tmp_path: Path) -> None:
+    """Neither a tag nor a link nor a cell more than of a word; but lines of code may be set as such.
+
+    That each payload is harmless is told by `test_markdown`; here some tell that no place is left out.
+    """
+
+    def told(payload: str, folder: str) -> list[list[tuple[str, tuple]]]:
+        (tmp_path / folder).mkdir()
+        said, found = page(payload, tmp_path / folder), []
+        for extensions in EXTENSIONS[1:]:
+            tags, words = structure(said, extensions)
+            assert MARK in words
+            found.append([each for each in tags if each[0].strip("/") not in CODE])
+        return found
+
+    plain = told(MARK, "plain")
+    for number, payload in enumerate((*MARKUP[::4], f"{MARK} | x |", f"{MARK} {{: onclick={MARK}() }}")):
+        assert told(payload, str(number)) == plain, payload
