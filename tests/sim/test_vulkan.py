@@ -1,5 +1,7 @@
 """Which Vulkan driver is chosen, on file trees laid out like real machines, and the picture itself."""
 
+import json
+import os
 import platform
 from pathlib import Path
 
@@ -99,8 +101,22 @@ def test_the_probe_says_why_there_is_no_picture(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("VK_DRIVER_FILES", NOWHERE)
     probe = vulkan.render_probe()
     assert not probe.ok
-    assert probe.reason == "RuntimeError: failed to find a rendering device"
+    assert probe.reason == "there is no such file"
     assert probe.mend == "unset VK_DRIVER_FILES, then python -m rf_exp.doctor"
+
+
+def test_a_driver_that_cannot_be_loaded_is_no_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SAPIEN says so, or crashes: which of the two differs from one environment to the next."""
+    manifest = {
+        "file_format_version": "1.0.0",
+        "ICD": {"library_path": "/nowhere.so", "api_version": "1.3.0"},
+    }
+    (tmp_path / "bad.json").write_text(json.dumps(manifest))
+    monkeypatch.setenv("VK_DRIVER_FILES", f"{NOWHERE}{os.pathsep}{tmp_path / 'bad.json'}")
+    reason = vulkan.render_probe().reason
+    assert reason.startswith(
+        ("RuntimeError: failed to find a rendering device", "the driver ended the process")
+    )
 
 
 def test_rendering_without_a_device_stops_with_the_command_that_mends_it(
@@ -111,7 +127,7 @@ def test_rendering_without_a_device_stops_with_the_command_that_mends_it(
         vulkan.require_rendering()
     assert str(error.value) == (
         "rendering was asked for, but SAPIEN has no Vulkan device: "
-        "RuntimeError: failed to find a rendering device "
+        "there is no such file "
         f"(driver: VK_DRIVER_FILES={NOWHERE}, set by you). "
         "Mend: unset VK_DRIVER_FILES, then python -m rf_exp.doctor; or go without pictures: render=false"
     )
