@@ -119,9 +119,8 @@ def render_probe(picture: bool = True, timeout_s: float = 120.0) -> Probe:
     command = [sys.executable, "-P", __file__, "draw" if picture else "device"]
     driver = find_driver(os.environ)
     if driver.variable and not any(map(os.path.exists, os.environ[driver.variable].split(os.pathsep))):
-        return Probe(
-            driver, "", 0.0, "there is no such file"
-        )  # SAPIEN would fail, or crash, without a word of it
+        # SAPIEN would fail on it, or crash, without a word of the reason.
+        return Probe(driver, "", 0.0, "there is no such file")
     begin = time.perf_counter()
     ask = partial(subprocess.run, command, capture_output=True, text=True, timeout=timeout_s)
     try:
