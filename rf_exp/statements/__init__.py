@@ -1,20 +1,33 @@
 """The constraint language: frozen statements, their sentences, and the verbs of subgoals.
 
-Plans, planners and checks take statements. Sentences are for models and people: `Statement.sentence` writes
-one, `read` reads one.
+Each kind of statement has a file; `language` has the grammar of sentences. Plans, planners and checks take
+statements. Sentences are for models and people: `Statement.sentence` writes one, `read` reads one.
 """
 
-from rf_exp.statements.base import Form, OfAgent, OfAgents, Proposal, Statement, kinds
-from rf_exp.statements.events import Event, LiesOn, Step
-from rf_exp.statements.limits import KeepApart, KeepHeight, KeepLevel, SpeedLimit
-from rf_exp.statements.logical import WORK, ContactAt, Direction, PlaceAt, SameHeight, grasping
-from rf_exp.statements.notation import TOGETHER_S, Vector, Words
-from rf_exp.statements.reading import MAX_LENGTH, Unread, read, samples, understood
-from rf_exp.statements.spatial import AvoidAgents, AvoidObjects, KeepOut, keep_clear
-from rf_exp.statements.subgoals import read_subgoal, subgoal_forms
-from rf_exp.statements.temporal import Before, Deadline, ShareSpace, Together
-from rf_exp.statements.verbs import CONTACT_KINDS, VERBS, Narrow, Verb, add_verb
-from rf_exp.statements.vocabulary import TABLE, Vocabulary, agent_name
+from rf_exp.statements.language.base import Form, OfAgent, OfAgents, Proposal, Statement, kinds
+from rf_exp.statements.language.events import Event, LiesOn, Step
+from rf_exp.statements.language.notation import TOGETHER_S, Vector, Words
+from rf_exp.statements.language.reading import MAX_LENGTH, Unread, read, samples, understood
+from rf_exp.statements.language.subgoals import read_subgoal, subgoal_forms
+from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS, Narrow, Verb, add_verb
+from rf_exp.statements.language.vocabulary import TABLE, Vocabulary, agent_name
+
+# Kinds are shown in prompts, and sentences compared with them, in the order in which they are defined.
+# isort: off
+from rf_exp.statements.keep_apart import KeepApart
+from rf_exp.statements.keep_level import KeepLevel
+from rf_exp.statements.keep_height import KeepHeight
+from rf_exp.statements.speed_limit import SpeedLimit
+from rf_exp.statements.interaction import WORK, ContactAt, PlaceAt
+from rf_exp.statements.direction import Direction, grasping
+from rf_exp.statements.same_height import SameHeight
+from rf_exp.statements.avoidance import AvoidAgents, AvoidObjects, keep_clear
+from rf_exp.statements.keep_out import KeepOut
+from rf_exp.statements.before import Before
+from rf_exp.statements.deadline import Deadline
+from rf_exp.statements.together import Together
+from rf_exp.statements.share_space import ShareSpace
+# isort: on
 
 __all__ = [
     "CONTACT_KINDS",

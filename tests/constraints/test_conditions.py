@@ -10,7 +10,7 @@ from rf_exp.coordination import schedule
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, read
-from rf_exp.statements.notation import vector
+from rf_exp.statements.language.notation import vector
 from rf_exp.types import ConstraintSet, Scene, Schedule, Subgoal, Trajectory
 from tests.constraints.robots import Hand, real, scene_of
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from rf_exp.statements import Form, kinds
-from rf_exp.statements.notation import compiled
+from rf_exp.statements.language.notation import compiled
 
 OBJECTS = ("lid", "the lid", "steak", "the steak", "its pot", "a pot")
 AGENTS = ("Agent_1 and Agent_2", "Agent_2, Agent_1", "Agents 1 and 2", "agent_2, and agent_1")

@@ -12,7 +12,8 @@ from itertools import islice, product
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import Statement, read, read_subgoal, reading
+from rf_exp.statements import Statement, read, read_subgoal
+from rf_exp.statements.language import reading
 from tests.statements.second_reading import FORMS, UNITS, misread
 from tests.statements.sentences import FOOD
 from tests.statements.spoken import forms, said

@@ -8,7 +8,8 @@ import random
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import read, reading, samples
+from rf_exp.statements import read, samples
+from rf_exp.statements.language import reading
 from tests.statements.second_reading import misread
 from tests.statements.sentences import ENGLISH, FOOD, LOGICAL, SPATIAL, TEMPORAL
 

@@ -5,7 +5,8 @@ import re
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import Before, Step, Vocabulary, read, reading
+from rf_exp.statements import Before, Step, Vocabulary, read
+from rf_exp.statements.language import reading
 from tests.statements.second_reading import misread
 from tests.statements.sentences import BAR, FOOD
 from tests.statements.strangers import READ, REFUSED

@@ -3,9 +3,9 @@
 import re
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import units
-from rf_exp.statements.verbs import PARTS, VERBS
-from rf_exp.statements.vocabulary import Vocabulary, agent_name
+from rf_exp.statements.language import units
+from rf_exp.statements.language.verbs import PARTS, VERBS
+from rf_exp.statements.language.vocabulary import Vocabulary, agent_name
 from rf_exp.types import Subgoal
 
 LONGEST = 200  # characters of a subgoal

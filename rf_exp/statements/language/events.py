@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.verbs import VERBS
-from rf_exp.statements.vocabulary import TABLE, agent_name
+from rf_exp.statements.language.verbs import VERBS
+from rf_exp.statements.language.vocabulary import TABLE, agent_name
 
 
 @dataclass(frozen=True)

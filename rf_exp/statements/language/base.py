@@ -5,14 +5,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from rf_exp.statements.notation import Words, compiled
-from rf_exp.statements.vocabulary import Vocabulary
+from rf_exp.statements.language.notation import Words, compiled
+from rf_exp.statements.language.vocabulary import Vocabulary
 from rf_exp.types import Kind, Subgoal
 
 
 @dataclass(frozen=True)
 class Form:
-    """One way to say something: a pattern in the notation of `rf_exp.statements.notation`."""
+    """One way to say something: a pattern in the notation of `rf_exp.statements.language.notation`."""
 
     notation: str
     build: Callable[[Words], "Statement"]

@@ -14,12 +14,12 @@ from functools import cache
 from typing import ClassVar, Self
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import units
-from rf_exp.statements.advice import advice
-from rf_exp.statements.base import Form, Statement, kinds
-from rf_exp.statements.notation import Words, compiled, found, object_name
-from rf_exp.statements.verbs import VERBS
-from rf_exp.statements.vocabulary import Vocabulary
+from rf_exp.statements.language import units
+from rf_exp.statements.language.advice import advice
+from rf_exp.statements.language.base import Form, Statement, kinds
+from rf_exp.statements.language.notation import Words, compiled, found, object_name
+from rf_exp.statements.language.verbs import VERBS
+from rf_exp.statements.language.vocabulary import Vocabulary
 from rf_exp.types import Kind
 
 MAX_LENGTH = 300  # characters; a constraint is one sentence

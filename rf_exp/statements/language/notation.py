@@ -15,10 +15,10 @@ from collections.abc import Mapping
 from functools import cache
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements import units
-from rf_exp.statements.events import Event, LiesOn, Step
-from rf_exp.statements.verbs import VERBS
-from rf_exp.statements.vocabulary import TABLE, Vocabulary
+from rf_exp.statements.language import units
+from rf_exp.statements.language.events import Event, LiesOn, Step
+from rf_exp.statements.language.verbs import VERBS
+from rf_exp.statements.language.vocabulary import TABLE, Vocabulary
 
 ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
 MAX_WAIT_S = 600.0

@@ -1,0 +1,102 @@
+"""Temporal: one thing is over before another begins (paper, section 3.2)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rf_exp.statements.language.base import Form, Statement
+from rf_exp.statements.language.events import Event, LiesOn, Step, named
+from rf_exp.statements.language.notation import Words, number
+from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.types import Kind
+
+
+@dataclass(frozen=True)
+class Before(Statement):
+    """Something is over before an agent begins something, with a pause of `wait_s` between."""
+
+    kind: ClassVar[Kind] = "temporal"
+
+    first: Event
+    then: Step
+    wait_s: float = 0.0
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        first = (self.first.agent,) if isinstance(self.first, Step) else ()
+        return (*first, self.then.agent)
+
+    @property
+    def names(self) -> tuple[tuple[str, str | None], ...]:
+        return *named(self.first), *named(self.then)
+
+    @property
+    def sentence(self) -> str:
+        first, then, who = self.first, self.then, agent_name(self.then.agent)
+        if self.wait_s:
+            pause = f"{number(self.wait_s)} s"
+            if then.verb:
+                return f"{who} must {then.verb} {then.object} at least {pause} after {first.ended}."
+            return f"{who} must wait {pause} after {first.ended}."
+        if isinstance(first, LiesOn):
+            what = f"{then.verb} {then.object} only after" if then.verb else "wait until"
+            return f"{who} must {what} {first.ended}."
+        return f"{first.must} before {then.begins}."
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        does = r"{does then} {object then}"
+        return (
+            Form(r"{did first} before {starts then}", cls._read),
+            Form(r"before {starts then}, {did first}", cls._read),
+            Form(
+                r"(?:first,? )?{did first},? (?:and )?then,? "
+                r"(?:{starts then}|{object then} (?:{must} be|is) {participle then} by {agent then})",
+                cls._read,
+            ),
+            Form(
+                rf"{{agent then}} (?:(?:{{must}} )?(?:only )?{does}|{{may}} only {does}|"
+                rf"(?:{{must}}|{{may}}) {does} only) (?:after|once) {{ended first}}",
+                cls._read,
+            ),
+            Form(
+                rf"(?:only )?(?:after|once) {{ended first}},? {{agent then}} {{must}} {does}",
+                cls._read,
+            ),
+            Form(rf"{{agent then}} {{not}} (?:{does}|{{begin}}) (?:before|until) {{ended first}}", cls._read),
+            Form(
+                r"{agent then} (?:{must} )?waits? until {ended first}"
+                r"(?: before (?:it )?(?:{may} )?(?:{does then}|{doing then}) {object then})?",
+                cls._read,
+            ),
+            Form(
+                r"{agent then} (?:{must} )?waits? for {agent first} to "
+                r"(?:{does first} {object first}|"
+                r"(?:be done|finish|complete)(?: {task}| {doing first} {object first})?)",
+                cls._read,
+            ),
+            Form(
+                r"{agent then} (?:{must} )?waits? (?:for )?(?:at least )?{s} after "
+                r"(?:{ended first}|{agent first})",
+                cls._read,
+            ),
+            Form(
+                rf"{{agent then}} (?:{{must}} )?{does} at least {{s}} after {{ended first}}",
+                cls._read,
+            ),
+        )
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        first, then = words.event("first"), words.step("then")
+        if isinstance(first, Step) and first.agent == then.agent:
+            words.several((then.agent,))
+        return cls(first, then, words.seconds(0.0))
+
+
+Before.samples = (
+    Before(Step(2, "lift", "lid"), Step(1, "place", "steak")),
+    Before(Step(2), Step(1)),
+    Before(Step(2, "lift", "lid"), Step(1)),
+    Before(LiesOn("lid"), Step(1)),
+    Before(Step(2, "lift", "lid"), Step(1), 2.0),
+)

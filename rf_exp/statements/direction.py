@@ -1,0 +1,66 @@
+"""Logical: how a gripper is turned (paper, section 3.2, interaction direction)."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rf_exp.statements.interaction import ContactAt
+from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.verbs import VERBS
+from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.types import Kind, Subgoal
+
+
+@dataclass(frozen=True)
+class Direction(OfAgent):
+    """Interaction direction: how the gripper of an agent is turned, at contact or while it does something."""
+
+    kind: ClassVar[Kind] = "logical"
+
+    object: str
+    direction: str = "perpendicular"  # perpendicular (as annotated) | vertical | horizontal | level
+    verb: str | None = None  # what it does then; contact with the object unless given
+
+    @property
+    def names(self) -> tuple[tuple[str, str | None], ...]:
+        return ((self.object, None),)
+
+    @property
+    def sentence(self) -> str:
+        to = "to" if self.direction == "perpendicular" else "at"
+        when = f" when {VERBS[self.verb].gerund} it" if self.verb else ""
+        who = agent_name(self.agent)
+        return f"The gripper of {who} must be {self.direction} {to} {self.object}{when}."
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        gripper = r"(?:the (?:gripper|hand) of {agent} (?:{must} (?:be|stay|remain)|is|stays|remains) {is}|"
+        keeps = r"{agent} (?:{must} (?:keep|hold)|keeps|holds) (?:its |the )(?:gripper|hand) {is})"
+        return (
+            Form(r"{agent} (?:{must} )?(?:approach(?:es)?|reach(?:es)?|{meets}) {object} {comes}", cls._read),
+            Form(r"the (?:gripper|hand) of {agent} (?:{must} be|is) {is} (?:to|at) {object}"
+                 r"(?: (?:when|while) {doing}(?: it)?)?", cls._read),
+            Form(rf"{gripper}{keeps} (?:when|while) {{doing}} {{object}}", cls._read),
+        )  # fmt: skip
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        agent, name, direction = words.agent(), words.object(), words.direction()
+        verb = words.verb(contact=words["direction"] in ("from above", "from the side", "perpendicularly"))
+        if verb and direction == "perpendicular" and not VERBS[verb].is_contact:
+            raise words.refused(
+                f"is not possible: perpendicular is about contact, which to {verb} {name} is not; "
+                "say vertical, horizontal or level"
+            )
+        return cls(agent, name, direction, verb)
+
+
+def grasping(subgoals: Iterable[Subgoal]) -> list[Statement]:
+    """Interaction position and direction of everything that subgoals grasp."""
+    grasps = [each for each in subgoals if each.verb == "grasp" and each.object and each.point]
+    positions = [ContactAt(each.agent, "grasp", each.object or "", each.point or "") for each in grasps]
+    return [*positions, *(Direction(each.agent, each.object or "") for each in grasps)]
+
+
+Direction.samples = (Direction(1, "barrier"), Direction(1, "lid", "level", "lift"))

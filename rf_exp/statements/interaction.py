@@ -1,0 +1,91 @@
+"""Logical: where an object is met, and where it is put (paper, section 3.2, interaction position)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS
+from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.types import Kind
+
+WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
+
+
+@dataclass(frozen=True)
+class ContactAt(OfAgent):
+    """Interaction position: the gripper of an agent meets an object at an annotated point."""
+
+    kind: ClassVar[Kind] = "logical"
+
+    verb: str  # one that meets a point: grasp, press
+    object: str
+    point: str
+
+    @property
+    def names(self) -> tuple[tuple[str, str | None], ...]:
+        return ((self.object, self.point),)
+
+    @property
+    def sentence(self) -> str:
+        return f"{agent_name(self.agent)} must {self.verb} {self.object} at its {self.point} point."
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        return (
+            Form(r"{agent} (?:{must} )?{verb} {object} (?:at|by|on) (?:its |the )?{point}", cls._read),
+            Form(
+                r"{agent} (?:{must} )?{verb} (?:the |its ){point} of {object}",
+                cls._read,
+            ),
+        )
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        agent, name, verb = words.agent(), words.object(), words.verb(contact=True) or ""
+        point = words.point(name)
+        kind = words.kind(name, point)
+        if kind not in CONTACT_KINDS:
+            raise words.refused(f"is not possible: {point} of {name} is for {WORK[kind]}, not for a gripper")
+        if VERBS[verb].meets != kind:
+            raise words.refused(f"is not possible: the {point} point of {name} is to {kind}, not to {verb}")
+        return cls(agent, verb, name, point)
+
+
+@dataclass(frozen=True)
+class PlaceAt(OfAgent):
+    """Where an agent puts an object: at an annotated point of another one."""
+
+    kind: ClassVar[Kind] = "logical"
+
+    object: str
+    target: str
+    point: str
+
+    @property
+    def names(self) -> tuple[tuple[str, str | None], ...]:
+        return (self.object, None), (self.target, self.point)
+
+    @property
+    def sentence(self) -> str:
+        who = agent_name(self.agent)
+        return f"{who} must place {self.object} at the {self.point} point of {self.target}."
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        where = r"(?:at|on|in|into) (?:the )?{point} of {object target}"
+        return (Form(rf"{{agent}} {{must}} {{verb}} {{object}} {where}", cls._read),)
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        agent, name, target = words.agent(), words.object(), words.object("target")
+        point = words.point(target)
+        if words.verb() != "place":
+            raise words.refused(f"is not possible: to {words.verb()} {name} is not to place it")
+        if (kind := words.kind(target, point)) in CONTACT_KINDS:
+            raise words.refused(f"is not possible: the {point} point of {target} is to {kind}")
+        return cls(agent, name, target, point)
+
+
+ContactAt.samples = (ContactAt(1, "grasp", "barrier", "left"),)
+PlaceAt.samples = (PlaceAt(1, "steak", "pot", "inside"),)

@@ -1,0 +1,44 @@
+"""Spatial: a gripper stays below or above a height."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.notation import Words, number
+from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.types import Kind
+
+
+@dataclass(frozen=True)
+class KeepHeight(OfAgent):
+    """The gripper of an agent stays below, or above, a height over the table."""
+
+    kind: ClassVar[Kind] = "spatial"
+
+    limit_m: float
+    side: Literal["below", "above"] = "below"
+
+    @property
+    def sentence(self) -> str:
+        return f"{agent_name(self.agent)} must keep its gripper {self.side} {number(self.limit_m)} m."
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        gripper = (
+            r"(?:{agent} {must} (?:keep|hold) (?:its|the) (?:gripper|hand)|the (?:gripper|hand) of {agent} "
+        )
+        return (
+            Form(
+                gripper + r"{must} (?:stay|remain|be|be kept)) (?P<side>below|under|above|over) {m}"
+                r"(?: (?:above|over) the table)?",
+                cls._read,
+            ),
+        )
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        side = "below" if words["side"] in ("below", "under") else "above"
+        return cls(words.agent(), words.quantity("m", 2.0), side)
+
+
+KeepHeight.samples = (KeepHeight(1, 0.5), KeepHeight(1, 0.02, "above"))

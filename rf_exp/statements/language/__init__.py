@@ -1,0 +1,1 @@
+"""The grammar of sentences: notation of forms, verbs, units, events and names, and how a sentence is read."""

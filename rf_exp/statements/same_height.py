@@ -1,0 +1,59 @@
+"""Logical: agents that carry one thing raise it by the same height (paper, section 3.2)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rf_exp.statements.language.base import Form, OfAgents, Statement
+from rf_exp.statements.language.events import Step, named
+from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.verbs import VERBS
+from rf_exp.statements.language.vocabulary import listed
+from rf_exp.types import Kind
+
+
+@dataclass(frozen=True)
+class SameHeight(OfAgents):
+    """Agents that carry one thing together raise it by the same height; all the while or in one phase."""
+
+    kind: ClassVar[Kind] = "logical"
+
+    verb: str | None = None
+    object: str | None = None
+
+    @property
+    def names(self) -> tuple[tuple[str, str | None], ...]:
+        return named(self.phase[0])
+
+    @property
+    def sentence(self) -> str:
+        when = f" when {VERBS[self.verb].gerund} {self.object}" if self.verb else ""
+        return f"{listed(self.who)} must keep a consistent gripper height{when}."
+
+    @property
+    def phase(self) -> tuple[Step, ...]:
+        """The parts of the plans in which it has to hold; all of them where none is named."""
+        return tuple(Step(agent, self.verb, self.object) for agent in self.who)
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        when = r"(?: (?:when|while) {doing} {object})?"
+        return (
+            Form(
+                r"{agents} (?:both )?(?:{must} )?(?:both )?(?:keep|maintain|have|hold) (?:the |a |an )?"
+                rf"{{consistent}} (?:gripper )?heights?{when}",
+                cls._read,
+            ),
+            Form(
+                r"keep (?:the )?gripper heights? (?:{consistent}|the same)(?: (?:between|of|for) {agents})?"
+                + when,
+                cls._read,
+            ),
+        )
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        verb = words.verb()
+        return cls(words.agents(), verb, words.object() if verb else None)
+
+
+SameHeight.samples = (SameHeight((1, 2)),)

@@ -1,0 +1,78 @@
+"""Temporal: agents begin a thing together (paper, section 3.2)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from rf_exp.statements.deadline import Deadline
+from rf_exp.statements.language.base import Form, OfAgents, Statement
+from rf_exp.statements.language.events import Step
+from rf_exp.statements.language.notation import MAX_WAIT_S, TOGETHER_S, Words, number
+from rf_exp.statements.language.vocabulary import listed
+from rf_exp.types import Kind
+
+LARGEST_TOLERANCE_S = 10.0  # between beginnings that are called simultaneous
+_JOINS = ("put", "set", "lay", "stack", "bring")  # with `together`
+SHORT_S = 2.0  # nothing is over so soon: `simultaneously within 2 s` is no deadline
+
+
+@dataclass(frozen=True)
+class Together(OfAgents):
+    """Agents begin the same thing, or all that they do, at most `within_s` apart."""
+
+    kind: ClassVar[Kind] = "temporal"
+
+    verb: str | None = None
+    object: str | None = None
+    within_s: float = TOGETHER_S
+
+    @property
+    def names(self) -> tuple[tuple[str, str | None], ...]:
+        return ((self.object, None),) if self.object else ()
+
+    @property
+    def sentence(self) -> str:
+        what = f"{self.verb} {self.object}" if self.verb else "perform their tasks"
+        apart = " of each other" if self.within_s > SHORT_S else ""
+        return f"{listed(self.who)} must {what} simultaneously within {number(self.within_s)} s{apart}."
+
+    @classmethod
+    def forms(cls) -> tuple[Form, ...]:
+        return (
+            Form(
+                r"{agents} (?:both )?(?:{must} )?(?:both )?{verb} {object} {together}{within}",
+                cls._read,
+            ),
+            Form(
+                r"{agents} (?:{must} )?(?:perform|do|execute|carry out|start|begin) (?:(?:the|their) )?"
+                r"(?:tasks?|actions?|motions?) {together}{within}",
+                cls._read,
+            ),
+        )
+
+    @classmethod
+    def _read(cls, words: Words) -> Statement:
+        verb = words.verb()
+        name = words.object() if verb else None
+        loosely = words["together"] == "together"
+        if loosely and verb and words["verb"].split()[0].rstrip("s") in _JOINS:
+            raise words.refused(
+                f"is not clear: to {words['verb']} {name} together may be to join it; say 'simultaneously'"
+            )
+        apart = "apart" in words
+        within_s = words.seconds(TOGETHER_S, LARGEST_TOLERANCE_S if apart else MAX_WAIT_S)
+        stated = cls(words.agents(), verb, name, within_s)
+        if "s" in words and not apart and (loosely or within_s > SHORT_S):
+            alone = Deadline(Step(stated.who[0], verb, name), within_s)
+            apart_s = min(within_s, LARGEST_TOLERANCE_S)
+            raise words.refused(
+                f"is not clear: is {within_s:g} s when they have to be done, or how far apart they begin? "
+                f"Say '{alone.sentence}' of each of them, or 'within {apart_s:g} s of each other'"
+            )
+        return stated
+
+
+Together.samples = (
+    Together((1, 2), "lift", "barrier", 0.5),
+    Together((1, 2), "lift", "barrier", 5.0),
+    Together((1, 2)),
+)
