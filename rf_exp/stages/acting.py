@@ -3,14 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from itertools import islice
 from pathlib import Path
-from statistics import mean
 from typing import Any
 
 from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.datagen import Settings
-from rf_exp.errors import StageError
 from rf_exp.experiment import Experiment
 from rf_exp.policy import (
     LEARNER,
@@ -25,11 +22,9 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.sim import Simulator
-from rf_exp.stages.artifacts import correction_path, generation_path, policy_path
+from rf_exp.stages.artifacts import correction_path, policy_path
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Arch, ConstraintSet
-
-STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
 Cast = Callable[[Simulator], Sequence[PolicyRunner]]  # who acts in a world; made in the process that asks
 
@@ -53,19 +48,15 @@ class Learning:
 
 
 def acting(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Acting:
-    """Who acts. Raises StageError where nobody knows for how long."""
+    """Who acts, for as long as the task says."""
     if (foreign := experiment.foreign) is not None:
-        limit = foreign.step_limit or step_limit(
-            experiment, task, constraint_set, ", or give foreign.step_limit"
-        )
         fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
-        return Acting(partial(foreign_runners, foreign, fastest_rad), limit)
+        return Acting(partial(foreign_runners, foreign, fastest_rad), foreign.step_limit or task.step_limit)
     folder = policy_path(experiment, task, constraint_set, arch)
     plans = (
         replace(experiment.settings(task, constraint_set), disturbance_rad=0.0) if arch.coordinated else None
     )
-    limit = step_limit(experiment, task, constraint_set)
-    return Acting(partial(_trained, folder, experiment.policy), limit, plans)
+    return Acting(partial(_trained, folder, experiment.policy), task.step_limit, plans)
 
 
 def learning(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> Learning:
@@ -101,24 +92,6 @@ def trained(experiment: Experiment, task: Task, arch: Arch, folder: Path) -> dic
         expect_policy(folder / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}
-
-
-def step_limit(experiment: Experiment, task: Task, constraint_set: ConstraintSet, otherwise: str = "") -> int:
-    """Twice the mean length of the first successful expert episodes (supplementary B).
-
-    Raises StageError where there is none; `otherwise` is what else a person can do.
-    """
-    path = generation_path(experiment, task, constraint_set)
-    if not path.exists():
-        raise StageError(
-            f"no generated episodes of {task.name}/{constraint_set.name}; run stages=[generate] first"
-            + otherwise
-        )
-    succeeded = (r.steps for r in read_rows(path, GenerationRow) if r.success and r.version == task.version)
-    steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
-    if not steps:
-        raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
-    return round(2 * mean(steps))
 
 
 def _queries(experiment: Experiment, task: Task, constraint_set: ConstraintSet, arch: Arch) -> int:
