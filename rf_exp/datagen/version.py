@@ -4,7 +4,7 @@ from rf_exp.tasks import Task
 
 # Of everything between a proposal and the stored bytes: motion, checks, schedules, simulation, pictures.
 # Raise it whenever the same seed gives other bytes than before.
-GENERATOR = "5"
+GENERATOR = "6"
 
 
 def generator_version(task: Task) -> str:

@@ -1,15 +1,18 @@
 """Motion: inverse kinematics, primitives, collision-free paths, timing."""
 
-from rf_exp.datagen.motion.disturb import disturb
+from rf_exp.datagen.motion.disturb import ADDED, TALLEST, Disturbance
 from rf_exp.datagen.motion.planner import plan_motion
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, name_of
-from rf_exp.datagen.motion.stop import as_commanded, come_to_rest, let_off
+from rf_exp.datagen.motion.stop import as_commanded, come_to_rest, come_to_rest_disturbed, let_off
 from rf_exp.datagen.motion.verbs import Motion, add_primitive
 
 __all__ = [
+    "ADDED",
+    "TALLEST",
     "Blockage",
     "Blocked",
+    "Disturbance",
     "Motion",
     "Obstacle",
     "Request",
@@ -18,7 +21,7 @@ __all__ = [
     "add_primitive",
     "as_commanded",
     "come_to_rest",
-    "disturb",
+    "come_to_rest_disturbed",
     "let_off",
     "name_of",
     "plan_motion",
