@@ -28,6 +28,7 @@ from rf_exp.ablation import (
 )
 from rf_exp.artifacts import rendered
 from rf_exp.markdown import table
+from rf_exp.tasks import CONFIGURED, read_task
 from rf_exp.types import FOREIGN
 
 ROOT = Path(__file__).parents[1]
@@ -44,6 +45,10 @@ RUNG = (
     *("rollouts with a violation", "core-minutes"),
 )
 ORIGIN = ("demonstrations by generator", "what is otherwise in the recipe now", "policies")
+LIMIT = (
+    *("task", "twice the expert's mean", "limits of rows", "rows with another", "successes in them"),
+    "of them later than twice the expert's mean",
+)
 MOST = 3  # kinds of failures that are told of a policy
 START = "paper_short"  # where the ladder begins
 LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
@@ -261,6 +266,39 @@ def oracles(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
     return table(("task", "demos", "true poses", "pictures"), lines)
 
 
+@cache
+def step_limit(task: str) -> int:
+    """Control steps after which a scene of a task ends."""
+    return read_task(CONFIGURED / f"{task}.yaml").step_limit
+
+
+def limits(rows: Sequence[EvaluationRow]) -> dict[str, object]:
+    """Which rows were measured with another step limit than their task's, and what that gave them."""
+    found: dict[str, list[EvaluationRow]] = {}
+    for row in rows:
+        if row.arch != FOREIGN.name:
+            found.setdefault(row.task, []).append(row)
+    lines = []
+    for task in [*paper().levels, *sorted({*found} - {*paper().levels})]:
+        other = [row for row in found.get(task, []) if row.step_limit != step_limit(task)]
+        if not other:
+            continue
+        told = ", ".join(map(str, sorted({row.step_limit for row in other})))
+        won = [row for row in other if row.success]
+        late = sum(row.steps > step_limit(task) for row in won)
+        counts = map(str, (len(other), len(won), late))
+        lines.append((title_of(task, configured()), str(step_limit(task)), told, *counts))
+    every = [row for group in found.values() for row in group]
+    won = [row for row in every if row.success]
+    return {
+        "table": table(LIMIT, lines),
+        "rows": len(every),
+        "other": sum(row.step_limit != step_limit(row.task) for row in every),
+        "succeeded": len(won),
+        "later": sum(row.steps > step_limit(row.task) for row in won),
+    }
+
+
 def hours(found: Cells) -> tuple[str, str]:
     """Of the first table, by one training seed: what learning and the scenes took, in hours of one core."""
     groups = [found[key] for key in found if key[1] == BASELINE_ARCH and key[2] in paper().demos]
@@ -309,6 +347,7 @@ def document(rows: Sequence[EvaluationRow]) -> str:
         compared=compared(of_tables),
         shielded=shielded(groups),
         oracles=oracles(groups),
+        limits=limits(rows),
         every=table(HEADING, (line(row, group) for row, group in groups)),
         origins=table(ORIGIN, origins(row for row, _ in groups)),
         most=paper().demos[-1],

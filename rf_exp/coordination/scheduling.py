@@ -20,7 +20,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
-from rf_exp.types import Schedule, Segment, Subgoal, Trajectory
+from rf_exp.types import ARM_JOINTS, Schedule, Segment, Subgoal, Trajectory
 
 
 def schedule(
@@ -165,12 +165,19 @@ def actions(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.f
 
 
 def intended(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.float64]:
-    """(T, N, 8) as `actions`, but an agent that hesitates means to go on."""
+    """(T, N, 8) as `actions`, but an agent that hesitates means to go on.
+
+    In the step before it does its arm is meant to be where it stands. Motion begins at rest there; from one
+    position further on it would have to be half as steep again as the limits of its path to keep up with it.
+    """
     found = actions(trajectories, timed)
-    if timed.hesitates is not None:
-        for k, trajectory in enumerate(trajectories):
-            hesitates = timed.hesitates[1:, k]
-            found[hesitates, k] = trajectory.path()[timed.positions[1:, k][hesitates] + 1]
+    if timed.hesitates is None:
+        return found
+    for k, trajectory in enumerate(trajectories):
+        hesitates = timed.hesitates[1:, k]
+        found[hesitates, k] = trajectory.path()[timed.positions[1:, k][hesitates] + 1]
+        last = hesitates & ~np.append(hesitates[1:], False)
+        found[last, k, :ARM_JOINTS] = trajectory.path()[timed.positions[1:, k][last], :ARM_JOINTS]
     return found
 
 

@@ -64,11 +64,13 @@ def drive(
     monitor: Callable[[Scene], Violation | None],
     limits: JointLimits,
     take: Callable[[int], None] | None = None,
+    rest: Callable[[int], None] | None = None,
 ) -> Violation | None:
     """Carries out the `commands_of` a plan until it is over, or its monitor objects to a control step.
 
     Then everybody comes to rest along the plan, and arms that have hit something no longer push. `take` takes
-    a step of the plan, by its row; without it the command of that row is taken.
+    a step of the plan, by its row; without it the command of that row is taken. `rest` comes to rest after a
+    row; without it the commands do.
     """
     for now in range(1, len(commands)):
         if take is None:
@@ -79,7 +81,10 @@ def drive(
             break
         violation = monitor(arms.scene)
         if violation is not None:
-            follow(arms, come_to_rest(commands, now, limits))
+            if rest is None:
+                follow(arms, come_to_rest(commands, now, limits))
+            else:
+                rest(now)
             if violation.check is CheckName.COLLISION and arms.told is not None:
                 follow(arms, let_off(arms.told, arms.scene.qpos, violation.agents, limits))
             return violation

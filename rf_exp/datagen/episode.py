@@ -6,18 +6,18 @@ half-way through costs what is left, not what is done.
 
 import json
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.coordination import intended
+from rf_exp.coordination import actions, intended
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.driving import commands_of, drive, follow, from_start
-from rf_exp.datagen.knocks import Knocks
+from rf_exp.datagen.knocks import Knocks, nearer
 from rf_exp.datagen.log import EpisodeLog, Frame
-from rf_exp.datagen.motion import as_commanded, disturb
+from rf_exp.datagen.motion import Disturbance, as_commanded, come_to_rest_disturbed
 from rf_exp.datagen.observer import NullObserver, Observer
 from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Planned, Planner, Settings
@@ -30,7 +30,7 @@ from rf_exp.types import CONTROL_DT_S, Episode, Scene, SeeingWorld, Subgoal
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
-_CALMER = 8  # times that a plan is disturbed less, where its checks object, before it is not at all
+_CALMER = 40  # times that a plan is disturbed less, where something objects, before it is not at all
 
 
 class EpisodeMaker:
@@ -155,26 +155,33 @@ class _Making:
         return plan
 
     def _disturbed(self, plan: Planned, scene: Scene) -> Planned:
-        """The plan as it will be executed: disturbed, but for where its checks object to that.
+        """The plan as it will be executed: disturbed, but for where that leads too near to a thing.
 
-        The disturbed motion is then the plan that was checked, and that is monitored.
+        And for where its checks object. The disturbed motion is then the plan that was checked, and that is
+        monitored.
         """
         strength_rad = self._settings.disturbance_rad
         if not strength_rad:
             return plan
-        state, positions = self._bumps.bit_generator.state, plan.schedule.positions
-        calm: dict[int, set[int]] = {agent: set() for agent in self._settings.task.agents}
+        disturbance = Disturbance(plan.trajectories, plan.schedule, strength_rad, self._bumps)
         for _ in range(_CALMER):
-            self._bumps.bit_generator.state = state  # the same bumps, with fewer of them left
-            executed = disturb(plan.trajectories, strength_rad, self._bumps, calm)
-            checked = plan.checker.check(plan.checker.paths(executed, scene), plan.schedule)
-            if not checked.violations:
-                return replace(plan, checked=checked)
-            for each in checked.violations:
-                now = round(each.time_s / CONTROL_DT_S) - scene.step
-                for agent in each.agents or self._settings.task.agents:
-                    calm[agent].add(int(positions[np.clip(now, 0, len(positions) - 1), agent - 1]))
+            paths = plan.checker.paths(disturbance.trajectories(), scene)
+            wrong = {*nearer(plan.checked.plan, paths)}
+            if not wrong:
+                checked = plan.checker.check(paths, plan.schedule)
+                if not checked.violations:
+                    return replace(plan, checked=checked)
+                wrong = {at for each in checked.violations for at in self._concerned(each, plan, scene)}
+            if not disturbance.lessen(wrong):
+                break
         return plan
+
+    def _concerned(self, violation: Violation, plan: Planned, scene: Scene) -> Iterator[tuple[int, int]]:
+        """The agents that a violation of a plan is about, and where they are on their paths then."""
+        positions = plan.schedule.positions
+        now = np.clip(round(violation.time_s / CONTROL_DT_S) - scene.step, 0, len(positions) - 1)
+        for agent in violation.agents or self._settings.task.agents:
+            yield agent, int(positions[now, agent - 1])
 
     def _looked_at(self, scene: Scene) -> Scene:
         """The scene with what the depth cameras see now, where spatial constraints ask for it."""
@@ -190,7 +197,8 @@ class _Making:
         meant = from_start(plan, intended(plan.trajectories, plan.schedule))
         commands = commands_of(plan)
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
-        watch = Knocks(plan.checked.plan) if self._settings.disturbance_rad else None
+        limits, disturbed = self._settings.limits, self._settings.disturbance_rad > 0
+        watch = Knocks(plan.checked.plan) if disturbed else None
 
         def take(now: int) -> None:
             self._doing = doing[now]
@@ -198,7 +206,14 @@ class _Making:
             if watch is not None:
                 self._knocked = watch.knocked(self.scene)
 
-        return drive(self, commands, plan.checked.monitor(), self._settings.limits, take)
+        def rest(now: int) -> None:
+            undisturbed = from_start(plan, actions(plan.trajectories, plan.schedule))
+            for steps in zip(*come_to_rest_disturbed(undisturbed, commands, now, limits), strict=True):
+                if self.over:
+                    break
+                self._step(*steps)
+
+        return drive(self, commands, plan.checked.monitor(), limits, take, rest if disturbed else None)
 
     @property
     def told(self) -> NDArray[np.float64] | None:

@@ -70,7 +70,8 @@ def sent_on(qpos: NDArray[np.floating], action: NDArray[np.floating]) -> NDArray
 def hesitates(action: NDArray[np.floating], executed: NDArray[np.floating]) -> NDArray[np.bool_]:
     """(T, N) who stays in one episode though it means to go on: intended and executed commands (T, N, 8).
 
-    It is told what it was told before, and means all the time what it does when it goes on at last.
+    It is told what it was told before, and means all the time what it does when it goes on at last, but for
+    the step before that, in which its arm is meant to be where it stands (`rf_exp.coordination.intended`).
     """
     found = np.zeros(action.shape[:2], dtype=bool)
     moved = (np.diff(executed, axis=0) != 0).any(axis=2)  # (T - 1, N), of steps from 1 on
@@ -81,6 +82,9 @@ def hesitates(action: NDArray[np.floating], executed: NDArray[np.floating]) -> N
         leave = leaves[of[there]]
         same = (action[there, agent] == action[leave, agent]).all(axis=1)
         found[there, agent] = same & (leave > np.flatnonzero(there))
+        waited = leaves[leaves >= 2]
+        waited = waited[~column[waited - 2]]  # it stood in the step before
+        found[waited - 1, agent] |= found[waited - 2, agent]
     return found
 
 

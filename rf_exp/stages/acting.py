@@ -3,14 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from itertools import islice
 from pathlib import Path
-from statistics import mean
 from typing import Any
 
 from rf_exp.ablation import GenerationRow, read_rows
 from rf_exp.datagen import Settings
-from rf_exp.errors import StageError
 from rf_exp.policy import (
     LEARNER,
     DiffusionRunner,
@@ -25,8 +22,6 @@ from rf_exp.policy import (
 from rf_exp.sim import Simulator
 from rf_exp.stages.cell import Cell
 from rf_exp.types import CONTROL_DT_S
-
-STEP_LIMIT_EPISODES = 20  # the paper's warm-up test: mean expert length over these, doubled
 
 Cast = Callable[[Simulator], Sequence[PolicyRunner]]  # who acts in a world; made in the process that asks
 
@@ -50,14 +45,13 @@ class Learning:
 
 
 def acting(cell: Cell) -> Acting:
-    """Who acts. Raises StageError where nobody knows for how long."""
-    experiment = cell.experiment
+    """Who acts, for as long as the task says."""
+    experiment, limit = cell.experiment, cell.task.step_limit
     if (foreign := experiment.foreign) is not None:
-        limit = foreign.step_limit or step_limit(cell, ", or give foreign.step_limit")
         fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
-        return Acting(partial(foreign_runners, foreign, fastest_rad), limit)
+        return Acting(partial(foreign_runners, foreign, fastest_rad), foreign.step_limit or limit)
     plans = replace(cell.settings, disturbance_rad=0.0) if cell.arch.coordinated else None
-    return Acting(partial(_trained, cell.policy_path, experiment.policy), step_limit(cell), plans)
+    return Acting(partial(_trained, cell.policy_path, experiment.policy), limit, plans)
 
 
 def learning(cell: Cell) -> Learning:
@@ -92,22 +86,6 @@ def _policies(cell: Cell) -> dict[str, Any]:
         expect_policy(cell.policy_path / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}
-
-
-def step_limit(cell: Cell, otherwise: str = "") -> int:
-    """Twice the mean length of the first successful expert episodes (supplementary B).
-
-    Raises StageError where there is none; `otherwise` is what else a person can do.
-    """
-    path, version = cell.generation_path, cell.task.version
-    where = f"{cell.task.name}/{cell.constraint_set.name}"
-    if not path.exists():
-        raise StageError(f"no generated episodes of {where}; run stages=[generate] first" + otherwise)
-    succeeded = (r.steps for r in read_rows(path, GenerationRow) if r.success and r.version == version)
-    steps = list(islice(succeeded, STEP_LIMIT_EPISODES))
-    if not steps:
-        raise StageError(f"{path} has no successful episode, so there is no step limit for evaluation")
-    return round(2 * mean(steps))
 
 
 def _queries(cell: Cell) -> int:

@@ -47,7 +47,9 @@ class Task:
     cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
     success: Mapping[str, float]  # thresholds that the module reads, units in their names
     randomisation: Randomisation
-    step_limit: int = 600  # control steps after which an attempt in an environment is over
+    step_limit: int = (
+        600  # control steps of an attempt, of whoever acts: twice the expert's mean (supplementary B)
+    )
     code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
 
     def __post_init__(self) -> None:

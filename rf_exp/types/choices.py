@@ -88,7 +88,7 @@ NO_EXTRAS = Extras(depth=False, segmentation=False)
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Bounds on every joint of executed motion."""
+    """Bounds on every joint of motion that is meant; disturbances add to what is executed."""
 
     velocity_rad_s: float
     acceleration_rad_s2: float

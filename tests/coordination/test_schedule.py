@@ -6,10 +6,11 @@ import pytest
 from rf_exp.constraints.checks import BeforeCheck, DeadlineCheck, TogetherCheck
 from rf_exp.constraints.phases import span
 from rf_exp.coordination import Delays, actions, intended, schedule, sequential
+from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Step
-from rf_exp.types import Schedule
+from rf_exp.types import CONTROL_DT_S, JointLimits, Schedule, Segment, Subgoal, Trajectory
 from tests.constraints.robots import REST, idle, walk
 
 KEYS = [REST + 0.1 * k for k in range(5)]
@@ -102,7 +103,8 @@ def test_who_pauses_hesitates_unless_another_is_in_the_way():
     assert not timed.hesitates[:, 1].any()
     done, meant = actions(trajectories, timed), intended(trajectories, timed)
     np.testing.assert_array_equal(done[10:17, 0], np.tile(trajectories[0].path()[10], (7, 1)))
-    np.testing.assert_array_equal(meant[10:17, 0], np.tile(trajectories[0].path()[11], (7, 1)))
+    np.testing.assert_array_equal(meant[10:16, 0], np.tile(trajectories[0].path()[11], (6, 1)))
+    np.testing.assert_array_equal(meant[16, 0], done[16, 0])  # what follows begins at rest
     rest = ~timed.hesitates[1:]
     np.testing.assert_array_equal(done[rest], meant[rest])
 
@@ -111,6 +113,28 @@ def test_who_pauses_hesitates_unless_another_is_in_the_way():
     waiting = schedule(trajectories, {(1, 2): diagram}, delays=Delays(0, {(1, 10): 20}))
     assert isinstance(waiting, Schedule) and waiting.hesitates is not None
     assert np.flatnonzero(waiting.hesitates[:, 0]).tolist() == list(range(25, 31))
+
+
+@pytest.mark.parametrize("pause", range(1, 8))
+def test_what_is_meant_keeps_the_limits_where_an_agent_hesitates(pause):
+    """Motion that goes on at the limit, whether it goes back from there or on."""
+    limits = JointLimits(0.9, 0.9)
+    out, back = np.zeros((2, 7)), np.zeros((2, 7))
+    out[1, :2] = back[0, :2] = 0.6, -0.4
+    back[1, 1] = -0.8
+    segments = tuple(
+        Segment(1, Subgoal(1, "home"), "move", points, np.full(len(points), 1.0))
+        for points in (parameterise(out, limits), parameterise(back, limits))
+    )
+    trajectories = (Trajectory(1, np.zeros(7), 1.0, segments),)
+    timed = schedule(trajectories, delays=Delays(0, {(1, len(segments[0])): pause}))
+    assert isinstance(timed, Schedule) and timed.hesitates is not None
+    assert timed.hesitates.sum() == pause
+    meant = intended(trajectories, timed)[:, 0, :7]
+    velocity = np.diff(meant, axis=0, prepend=np.zeros((1, 7))) / CONTROL_DT_S
+    acceleration = np.diff(velocity, axis=0, prepend=np.zeros((1, 7))) / CONTROL_DT_S
+    assert np.abs(velocity).max() <= 1.002 * limits.velocity_rad_s
+    assert np.abs(acceleration).max() <= 1.002 * limits.acceleration_rad_s2
 
 
 def test_swapping_the_agents_swaps_the_schedule_length():

@@ -4,23 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rf_exp.constraints import Paths, Plan
-from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.knocks import KNOCKED_M, Knocks
-from rf_exp.datagen.motion import disturb
+from rf_exp.datagen.knocks import KNOCKED_M, Knocks, nearer
+from rf_exp.datagen.motion import ADDED, TALLEST, Disturbance
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.coordination import hesitates
 from rf_exp.robots import limits_rad
 from rf_exp.sim import shared_simulator
-from rf_exp.tasks import REST_QPOS
+from rf_exp.tasks import REST_QPOS, default_of
+from rf_exp.transforms import transform
 from rf_exp.types import (
     ARM_JOINTS,
+    CONTROL_DT_S,
     NO_PICTURES,
     ConstraintSet,
     Episode,
+    JointLimits,
     Schedule,
     Segment,
     Subgoal,
@@ -29,8 +33,19 @@ from rf_exp.types import (
 from tests.conftest import TASKS, read_task
 
 STRENGTH_RAD, DELAY_S = 0.05, 1.0
+LIMITS = JointLimits(**default_of("limits"))
 pytestmark = pytest.mark.slow  # whole episodes of every task
 FULL = ConstraintSet("full")
+
+
+class Watched(NullObserver):
+    """Keeps the plans."""
+
+    def __init__(self) -> None:
+        self.plans: list[Planned] = []
+
+    def planned(self, plan: Planned) -> None:
+        self.plans.append(plan)
 
 
 def make(task_name: str, seed: int, strength_rad: float = STRENGTH_RAD):
@@ -63,6 +78,36 @@ def test_the_plan_is_learned_and_something_else_was_done(episode: Episode) -> No
     low, high = limits_rad()
     arms = episode.executed[..., :ARM_JOINTS]
     assert (arms >= low.astype(np.float32)).all() and (arms <= high.astype(np.float32)).all()
+
+
+def steepest(commands: NDArray[np.floating]) -> tuple[float, float]:
+    """The largest velocity rad/s and acceleration rad/s2 of any joint in commands (T, N, 8) on the grid."""
+    velocity = np.diff(commands[..., :ARM_JOINTS].astype(float), axis=0) / CONTROL_DT_S
+    acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
+    return float(np.abs(velocity).max()), float(np.abs(acceleration).max())
+
+
+def test_what_is_meant_keeps_the_limits_of_the_joints(episode: Episode) -> None:
+    """And what is done is no more than bumps may add to that; the rounding to 32 bits is 2e-4 rad/s2."""
+    velocity, acceleration = steepest(episode.action)
+    assert velocity <= 1.002 * LIMITS.velocity_rad_s
+    assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + 4e-4
+    assert episode.executed is not None
+    velocity, acceleration = steepest(episode.executed)
+    assert velocity <= 1.002 * LIMITS.velocity_rad_s + ADDED.velocity_rad_s
+    assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + ADDED.acceleration_rad_s2 + 4e-4
+    off_rad = np.abs(episode.executed - episode.action)[..., :ARM_JOINTS]
+    step_rad = LIMITS.acceleration_rad_s2 * CONTROL_DT_S**2  # who hesitates means to go on as far
+    assert off_rad.max() <= TALLEST * STRENGTH_RAD + step_rad
+
+
+@pytest.mark.parametrize(
+    ("task", "seed"), [("lift_barrier", 5019), ("camera_alignment", 5003), ("two_robots_stack_cube", 5003)]
+)
+def test_a_disturbed_hand_keeps_off_what_it_is_about_to_grip(task: str, seed: int) -> None:
+    """Each of these was knocked on the way to its grip, by a bump that led into it."""
+    outcome = make(task, seed)
+    assert outcome.episode is not None, outcome.reason
 
 
 def test_what_was_done_gives_the_episode_again(episode: Episode) -> None:
@@ -129,17 +174,62 @@ TWO_GOALS = Trajectory(
 RESTING = Trajectory(2, np.zeros(7), 1.0, ())
 
 
+AT_ONCE = Schedule(np.stack([np.arange(69), np.zeros(69, int)], axis=1), 0)
+
+
+def disturbance(seed: int, strength_rad: float = 1e-3, schedule: Schedule = AT_ONCE) -> Disturbance:
+    return Disturbance((TWO_GOALS, RESTING), schedule, strength_rad, np.random.default_rng(seed))
+
+
+def off_rad(disturbed: Disturbance) -> NDArray[np.float64]:
+    """(P, 7) of the first agent at each path position."""
+    return disturbed.trajectories()[0].path()[:, :ARM_JOINTS] - REST_QPOS
+
+
+@pytest.mark.parametrize("waits_at", [None, 12])
+def test_bumps_add_no_more_than_they_may(waits_at: int | None) -> None:
+    """However strong they are, and where an arm waits amid one; positions on a path like moments."""
+    trajectory = replace(TWO_GOALS, segments=(segment(GRASP, "move", 12), *TWO_GOALS.segments))
+    positions = np.arange(len(trajectory) + 1)
+    if waits_at is not None:
+        positions = np.insert(positions, waits_at, np.full(9, waits_at))
+    schedule, reached = Schedule(positions[:, None], 0), np.zeros(2)
+    for seed in range(100):
+        made = Disturbance((trajectory,), schedule, 0.2, np.random.default_rng(seed))
+        moved = made.trajectories()[0].path()[positions]
+        assert np.abs(moved[:, :ARM_JOINTS] - REST_QPOS).max() <= TALLEST * 0.2
+        reached = np.maximum(reached, steepest(moved[:, None]))
+        low, high = limits_rad()
+        assert (moved[:, :ARM_JOINTS] >= low).all() and (moved[:, :ARM_JOINTS] <= high).all()
+    assert 0.9 * ADDED.acceleration_rad_s2 < reached[1] <= ADDED.acceleration_rad_s2 + 1e-9
+    assert reached[0] <= ADDED.velocity_rad_s + 1e-9
+
+
+def test_a_bump_that_is_in_the_way_is_mirrored_then_made_smaller_then_left_out() -> None:
+    made = disturbance(1)
+    whole = off_rad(made)
+    at = int(np.flatnonzero(whole.any(axis=1))[0])
+    length = int(np.flatnonzero(~whole[at:].any(axis=1))[0])
+    for part in (-1.0, 0.5, -0.5, 0.25, -0.25, 0.0):
+        assert made.lessen([(1, at), (1, at + 1), (2, 0)])  # all of it at once, however often it is named
+        left = off_rad(made)
+        np.testing.assert_allclose(left[at : at + length], part * whole[at : at + length], atol=1e-12)
+        np.testing.assert_allclose(left[at + length :], whole[at + length :], atol=1e-12)
+    assert not made.lessen([(2, 0)])  # who rests has none
+    while made.lessen([(1, at)]):  # the others, the nearest first
+        pass
+    assert not off_rad(made).any()
+
+
 def test_bumps_fade_where_fingers_move_and_are_smaller_with_a_load() -> None:
     offs = []
     for seed in range(200):
-        moved = disturb((TWO_GOALS,), 1e-3, np.random.default_rng(seed))[0].path()[:, :7] - REST_QPOS
+        moved = off_rad(disturbance(seed))
         assert not moved[0].any() and not moved[-1].any()
         assert not moved[31 - 4 : 39 + 4].any()  # round the closing, positions 31 to 38
         offs.append(moved)
     spread = np.std(offs, axis=(0, 2))
     assert spread[10] > 3 * spread[24] > 0
-    kept = disturb((TWO_GOALS,), 1e-3, np.random.default_rng(0), {1: [15]})[0].path()[:, :7] - REST_QPOS
-    assert not kept[15 - 4 : 15 + 5].any() and kept[1:30].any()
     assert 0.1 < spread[39:69].max() / spread[:30].max() < 0.55
 
 
@@ -164,6 +254,33 @@ def test_known_subgoals_keep_their_numbers() -> None:
         assert doing[0, 0] == 2 and doing[-1, 0] == 1
         assert (doing[:, 1] == 1).all()  # who is told nothing more has done all
     assert subgoals.texts == [["home", LIFT.text, GRASP.text], [IDLE, "press"]]
+
+
+def test_a_path_that_leads_nearer_to_a_thing_than_its_plan_is_found() -> None:
+    """Also to what the gripper may touch there; not where the plan is as near."""
+    task = read_task("stack_cube")
+    outcome = Watched()
+    settings = Settings.configured(task, FULL, ScriptedSpec())
+    EpisodeMaker(settings, shared_simulator(task, NO_PICTURES), ScriptedBrain(), outcome).make(0)
+    planned = outcome.plans[0]
+    plan = planned.checked.plan
+    assert not [*nearer(plan, planned.checker.paths(planned.trajectories, plan.scene))]
+    trajectory = planned.trajectories[0]
+    approach, arm = trajectory.segments[0], task.arms[1]
+    assert approach.touches
+    beside = arm.tcp(approach.qpos[-1]) @ transform((0.0, 0.03, 0.0))  # a finger in the cube
+    inside = arm.solve(beside, approach.qpos[-1])
+    assert inside is not None
+
+    def through(*positions: int) -> Paths:
+        """An approach that passes there at these path positions."""
+        qpos = approach.qpos.copy()
+        qpos[[position - 1 for position in positions]] = inside
+        moved = replace(trajectory, segments=(replace(approach, qpos=qpos), *trajectory.segments[1:]))
+        return planned.checker.paths((moved, *planned.trajectories[1:]), plan.scene)
+
+    assert [*nearer(plan, through(10, 12))] == [(1, 10), (1, 12)]
+    assert not [*nearer(planned.checker.check(through(10, 12), plan.schedule).plan, through(10))]
 
 
 def test_only_what_nobody_handles_can_be_knocked() -> None:

@@ -8,7 +8,7 @@ import pytest
 from rf_exp.coordination import actions
 from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.motion import come_to_rest, let_off
+from rf_exp.datagen.motion import ADDED, come_to_rest, come_to_rest_disturbed, let_off
 from rf_exp.sim import Simulator
 from rf_exp.tasks import default_of
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, ConstraintSet, JointLimits
@@ -116,17 +116,20 @@ def test_arms_are_let_off_to_where_they_were_measured(planned):
     assert let_off(command, qpos, (1,), LIMITS).shape == (0, 3, 8)
 
 
-def made(task, row, seed, world):
+def made(task, row, seed, world, **disturbed):
     seen = Plans()
-    outcome = EpisodeMaker(Settings.configured(task, row, ScriptedSpec()), world, ScriptedBrain(), seen).make(
-        seed
-    )
-    return outcome, seen
+    settings = Settings.configured(task, row, ScriptedSpec(), **disturbed)
+    return EpisodeMaker(settings, world, ScriptedBrain(), seen).make(seed), seen
 
 
 def told(episode):
     """(T + 1, N, 7): where the arms begin, then every command."""
     return np.concatenate([episode.qpos[:1, :, :7], episode.action[:, :, :7]]).astype(float)
+
+
+def done(episode):
+    """(T + 1, N, 7): where the arms begin, then what they were sent to."""
+    return np.concatenate([episode.qpos[:1, :, :7], episode.executed[:, :, :7]]).astype(float)
 
 
 @pytest.mark.slow
@@ -150,3 +153,38 @@ def test_arms_that_hit_each_other_stop_within_the_limits(row):
             if outcome.episode is not None:
                 assert_within_limits(told(outcome.episode))
     assert hits >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["camera_alignment", "three_robots_stack_cube", "stack_cube"])
+def test_what_a_disturbed_arm_means_keeps_the_limits_when_it_stops(name):
+    """And what it does is within what bumps may add to them; it comes to rest where it means to be."""
+    more = JointLimits(
+        LIMITS.velocity_rad_s + ADDED.velocity_rad_s, LIMITS.acceleration_rad_s2 + ADDED.acceleration_rad_s2
+    )
+    with Simulator(read_task(name), render=False) as world:
+        outcome, seen = made(
+            read_task(name), ConstraintSet("full"), 1, Blinking(world), disturbance_rad=0.05, delay_s=1.0
+        )
+    assert outcome.violations >= 1 and seen.rejections[0].cause == "grip"
+    assert outcome.episode is not None, outcome.reason
+    assert_within_limits(told(outcome.episode))
+    assert_within_limits(done(outcome.episode), more)
+    meant, found = told(outcome.episode)[1:], done(outcome.episode)[1:]
+    begins = [plan.checked.plan.scene.step for plan in seen.plans[1:]]
+    np.testing.assert_array_equal(meant[np.array(begins) - 1], found[np.array(begins) - 1])
+
+
+@pytest.mark.slow
+def test_every_moment_of_a_disturbed_plan_can_be_stopped_within_the_limits(planned):
+    """What is meant, whatever is done otherwise at that moment."""
+    rng, commands = np.random.default_rng(0), max(planned, key=len)
+    waves = np.sin(np.arange(len(commands)) / 4.0)[:, None, None] * rng.normal(0, 0.05, (1, 3, 7))
+    executed = commands.copy()
+    executed[:, :, :7] += waves
+    for now in range(1, len(commands), 7):
+        meant, found = come_to_rest_disturbed(commands, executed, now, LIMITS)
+        stopped = np.concatenate([commands[: now + 1], meant, meant[-1:]])
+        assert_within_limits(stopped[:, :, :7])
+        np.testing.assert_allclose(meant[-1], found[-1], atol=1e-9)
+        assert meant.shape == found.shape

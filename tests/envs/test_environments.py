@@ -116,7 +116,7 @@ def test_an_episode_is_cut_off_after_the_step_limit() -> None:
     env.reset(seed=0)
     ends = [env.step(held(env))[2:4] for _ in range(3)]
     assert ends == [(False, False), (False, False), (False, True)]
-    assert CentralEnv("pick_meat").task.step_limit == read_task("pick_meat").step_limit == 150
+    assert CentralEnv("pick_meat").task.step_limit == read_task("pick_meat").step_limit == 144
     several = parallel_env("lift_barrier", step_limit=1)
     several.reset(seed=0)
     actions = {agent: several.action_space(agent).sample() for agent in several.agents}

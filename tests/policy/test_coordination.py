@@ -58,14 +58,18 @@ def test_nobody_waits_for_nobody() -> None:
     assert may_go(np.concatenate([action[..., :7], np.zeros((30, 1, 2))], axis=2), action, action).all()
 
 
-def test_who_hesitates_means_to_go_on_and_stays() -> None:
-    """Agent 1 pauses at steps 10 to 14; agent 2 waits there for as long, and means it."""
+@pytest.mark.parametrize("stands", [True, False], ids=["now", "until generator 5"])
+def test_who_hesitates_means_to_go_on_and_stays(stands: bool) -> None:
+    """Agent 1 pauses at steps 10 to 14; agent 2 waits there for as long, and means it.
+
+    In the last of these steps agent 1 `stands` where its motion begins.
+    """
     path = np.tile(np.append(REST, 1.0), (40, 1))
     path[:, 0] += np.arange(40) / 10
     at = np.concatenate([np.arange(1, 11), np.full(5, 10), np.arange(11, 26)])
     executed = np.stack([path[at]] * 2, axis=1)
     action = executed.copy()
-    action[10:15, 0] = path[11]
+    action[10 : 14 if stands else 15, 0] = path[11]
     late = hesitates(action, executed)
     assert np.flatnonzero(late[:, 0]).tolist() == list(range(10, 15)) and not late[:, 1].any()
     assert not hesitates(executed, executed).any()

@@ -67,7 +67,7 @@ def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, 
 
     assert made.subgoal is not None
     meant, executed = delayed(made.action), delayed(made.action)
-    meant[9:13, 1] = made.action[9, 1]
+    meant[9:12, 1] = made.action[9, 1]  # and in the last step it stands
     episode = replace(
         made,
         qpos=delayed(made.qpos),

@@ -371,6 +371,11 @@ def test_a_policy_that_breaks_costs_no_row_and_the_command_goes_on(command: Any,
 
 
 @pytest.mark.slow
-def test_without_demonstrations_somebody_has_to_say_how_long_a_scene_is(command: Any, tmp_path: Path) -> None:
-    done = command("stages=[evaluate]", "foreign.name=x", "foreign.factory=a:b", *BLIND, f"out={tmp_path}")
-    assert done.returncode == 1 and "run stages=[generate] first, or give foreign.step_limit" in done.stderr
+def test_a_scene_is_as_long_as_the_task_says_without_any_demonstration(command: Any, tmp_path: Path) -> None:
+    arguments = (
+        *("task=pick_meat", "stages=[evaluate]", "scenes=1", "recordings=0", "films=0", "wandb=disabled"),
+        *("foreign.name=hold", "foreign.factory=examples.foreign.hold:make", *BLIND, f"out={tmp_path}"),
+    )
+    assert command(*arguments, "workers=1").returncode == 0
+    (row,) = read_rows(tmp_path / "results/evaluate/pick_meat/foreign/full-hold-0.jsonl", EvaluationRow)
+    assert row.steps == row.step_limit == 144

@@ -4,12 +4,11 @@ import json
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, GenerationRow, append_row, read_rows
+from rf_exp.ablation import EvaluationRow, read_rows
 from rf_exp.artifacts import commit
 from rf_exp.policy import MODEL
 from rf_exp.policy.saved import CONFIG, read_tensors, write_tensors
@@ -119,15 +118,10 @@ def test_other_data_is_refused(evaluate, out: Path) -> None:
     assert result.returncode == 1 and "data.seeds: found [0, 1], wanted [0, 2]" in result.stderr
 
 
-def test_another_step_limit_is_refused(evaluate, out: Path) -> None:
-    """It comes from the rows of generation."""
-    path = out / "results/generate/pick_meat/full-disturbed.jsonl"
-    made = read_rows(path, GenerationRow)
-    path.unlink()
-    for row in made:
-        append_row(path, replace(row, steps=row.steps + 10))
-    result = evaluate()
-    assert result.returncode == 1 and "step_limit: found" in result.stderr
+def test_another_step_limit_is_refused(evaluate) -> None:
+    """The task has it."""
+    result = evaluate("task.pick_meat.step_limit=150")
+    assert result.returncode == 1 and "step_limit: found 144, wanted 150" in result.stderr
 
 
 def test_training_seeds_share_a_file_and_each_is_checked(command, out: Path) -> None:

@@ -4,13 +4,14 @@ To stop, the clock of the schedule slows down until nobody moves. All arms slow 
 only through configurations that the schedule has them pass through, and keep clear of one another as planned.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from rf_exp.datagen.motion.disturb import ADDED
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, JointLimits, Scene
 
@@ -28,12 +29,16 @@ def as_commanded(scene: Scene, command: NDArray[np.float64] | None) -> Scene:
     return replace(scene, qpos=np.hstack([command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
 
 
-def come_to_rest(commands: NDArray[np.float64], now: int, limits: JointLimits) -> NDArray[np.float64]:
+def come_to_rest(
+    commands: NDArray[np.float64], now: int, limits: JointLimits | Sequence[JointLimits]
+) -> NDArray[np.float64]:
     """Commands (K, N, 8) that follow `commands` (T, N, 8) beyond row `now` ever slower, and end at rest.
 
     Row 0 of `commands` is where the arms stood before the first of them. Nowhere is a joint faster or
-    accelerated more than `limits` allow.
+    accelerated more than `limits` allow, of all of the N or of each.
     """
+    each = [limits] * commands.shape[1] if isinstance(limits, JointLimits) else limits
+    allowed = np.repeat([of.acceleration_rad_s2 for of in each], ARM_JOINTS)
     times = np.arange(len(commands))
     path = CubicSpline(times, commands[:, :, :ARM_JOINTS].reshape(len(commands), -1))
     before, here = float(max(now - 1, 0)), float(now)
@@ -43,8 +48,9 @@ def come_to_rest(commands: NDArray[np.float64], now: int, limits: JointLimits) -
         # To go on at the same pace is always within the limits: the plan is, and slower is easier.
         paces = np.linspace(0.0, here - before, _PACES)
         ahead = np.minimum(here + paces, len(commands) - 1)
-        excess = np.abs(path(ahead) - 2 * q_here + q_before).max(axis=1) / CONTROL_DT_S**2
-        fits = np.flatnonzero(excess <= limits.acceleration_rad_s2)
+        steep = np.abs(path(ahead) - 2 * q_here + q_before) / CONTROL_DT_S**2
+        excess = (steep / allowed).max(axis=1)
+        fits = np.flatnonzero(excess <= 1.0)
         chosen = int(fits[0]) if len(fits) else int(np.argmin(excess))
         before, here = here, float(ahead[chosen])
         q_before, q_here = q_here, path(here)
@@ -53,12 +59,32 @@ def come_to_rest(commands: NDArray[np.float64], now: int, limits: JointLimits) -
     return np.array(rows).reshape(-1, *commands.shape[1:])
 
 
+def come_to_rest_disturbed(
+    meant: NDArray[np.float64], executed: NDArray[np.float64], now: int, limits: JointLimits
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """`come_to_rest` of commands (T, N, 8) that are executed otherwise than meant: (K, N, 8) of each.
+
+    Both follow one clock. Where the arms have come to rest they stay, and that is where they are meant to be
+    in the end: what is meant goes there within `limits`.
+    """
+    size = meant.shape[1]
+    added = JointLimits(
+        limits.velocity_rad_s + ADDED.velocity_rad_s, limits.acceleration_rad_s2 + ADDED.acceleration_rad_s2
+    )
+    both = np.concatenate([meant, executed], axis=1)
+    rows = np.concatenate([both[now][None], come_to_rest(both, now, [limits] * size + [added] * size)])
+    meant, executed = rows[:, :size], rows[:, size:]
+    arrives = let_off(meant[-1], executed[-1], range(1, size + 1), limits)
+    stays = np.tile(executed[-1], (len(arrives), 1, 1))
+    return np.concatenate([meant, arrives])[1:], np.concatenate([executed, stays])[1:]
+
+
 def let_off(
     command: NDArray[np.float64], qpos: NDArray[np.float64], agents: Collection[int], limits: JointLimits
 ) -> NDArray[np.float64]:
     """Commands (K, N, 8) that take some agents from the present command (N, 8) to where they were measured.
 
-    `qpos` is (N, 9). An arm that was kept from following its command pushes; there it no longer does.
+    `qpos` is (N, 7 or more). An arm that was kept from following its command pushes; there it no longer does.
     """
     motions = {
         agent: parameterise(np.stack([command[agent - 1, :ARM_JOINTS], qpos[agent - 1, :ARM_JOINTS]]), limits)

@@ -24,7 +24,7 @@ class Foreign:
     connect_s: float
     answer_s: float  # for one answer of the server
     action_steps: int | None  # of a chunk that are executed; None: all
-    step_limit: int | None  # control steps of a scene; None: as for our policies
+    step_limit: int | None  # control steps of a scene; None: the task's
     demos: int  # of ours that it has learned from, as its rows say
     observations: Observations
 

@@ -1,0 +1,100 @@
+"""What disturbed demonstrations are: how many seeds they lose, how fast they are, how far off the plan.
+
+    python benchmarks/disturbance.py [--tasks lift_barrier,place_food] [--first 5000] [--seeds 25]
+
+Without pictures, with the disturbance and the delays of the recipe `fast`, in one process. A line a task: how
+fast and steep commands are, in how many steps of an agent that does not hesitate some joint is off by more
+than a milliradian, and how far then (medians, 90th and 99th percentiles). Ends with a line of JSON; the
+figures are in docs/laboratory.md.
+"""
+
+import argparse
+import json
+from typing import Any
+
+import numpy as np
+from hydra import compose, initialize_config_dir
+from numpy.typing import NDArray
+from omegaconf import OmegaConf
+
+from rf_exp.command import CONF, register_all_tasks
+from rf_exp.datagen import Settings, make_episode
+from rf_exp.experiment import read_experiment
+from rf_exp.policy.coordination import hesitates
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, NO_PICTURES, Episode
+
+FAST = ("policy=fast", "recipe=fast", "render=false", "stages=[generate]")
+OFF_RAD = 1e-3
+SHOWN = (50, 90, 99)  # percentiles
+
+
+def steepest(commands: NDArray[np.float32]) -> tuple[float, float]:
+    """The largest velocity rad/s and acceleration rad/s2 of any joint in commands (T, N, 8)."""
+    velocity = np.diff(commands[..., :ARM_JOINTS].astype(float), axis=0) * CONTROL_HZ
+    return float(np.abs(velocity).max()), float(np.abs(np.diff(velocity, axis=0)).max() * CONTROL_HZ)
+
+
+def off(settings: Settings, episode: Episode) -> NDArray[np.float64]:
+    """(K, 2) the joint that is farthest off in rad, and the TCP in m, where an agent does not hesitate."""
+    action, executed = (each.astype(float) for each in (episode.action, episode.commanded))
+    joints = np.abs(executed - action)[..., :ARM_JOINTS].max(axis=2)
+    hands = [
+        np.linalg.norm(np.subtract(*(arm.tcp(each[:, k])[:, :3, 3] for each in (executed, action))), axis=1)
+        for k, arm in enumerate(settings.task.arms.values())
+    ]
+    return np.stack([joints, np.stack(hands, axis=1)], axis=2)[~hesitates(action, executed)]
+
+
+def measured(settings: Settings, seeds: range) -> dict[str, Any]:
+    """What comes of the seeds of one task."""
+    outcomes = [make_episode(settings, NO_PICTURES, seed) for seed in seeds]
+    episodes = [each.episode for each in outcomes if each.episode is not None]
+    away = np.concatenate([off(settings, each) for each in episodes])
+    far = away[:, 0] > OFF_RAD
+    return {
+        "succeeded": len(episodes),
+        "lost": {each.seed: each.reason for each in outcomes if each.episode is None},
+        "action": np.max([steepest(each.action) for each in episodes], axis=0).tolist(),
+        "executed": np.max([steepest(each.commanded) for each in episodes], axis=0).tolist(),
+        "measured_rad_s": max(float(np.abs(each.qvel[..., :ARM_JOINTS]).max()) for each in episodes),
+        "off": float(far.mean()),
+        "off_rad": np.percentile(away[far, 0], SHOWN).tolist(),
+        "off_m": np.percentile(away[far, 1], SHOWN).tolist(),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--tasks", default="all", help="separated by commas")
+    parser.add_argument("--first", type=int, default=5000)
+    parser.add_argument("--seeds", type=int, default=25, help="consecutive ones")
+    given = parser.parse_args()
+    register_all_tasks()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        config = compose("config", [*FAST, "task=all"])
+    experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore[reportArgumentType]
+    found = {}
+    for task in experiment.tasks:
+        if given.tasks != "all" and task.name not in given.tasks.split(","):
+            continue
+        settings = experiment.settings(task, experiment.constraint_sets[0])
+        found[task.name] = each = measured(settings, range(given.first, given.first + given.seeds))
+        radians, metres = (" ".join(f"{value:.3f}" for value in each[key]) for key in ("off_rad", "off_m"))
+        print(
+            f"{task.name}: {each['succeeded']} of {given.seeds}; action {each['action'][0]:.3f} rad/s "
+            f"{each['action'][1]:.3f} rad/s2, executed {each['executed'][0]:.3f} {each['executed'][1]:.2f}, "
+            f"measured {each['measured_rad_s']:.3f} rad/s; off in {100 * each['off']:.0f} %: "
+            f"{radians} rad, {metres} m",
+            *(f"  lost {seed}: {why}" for seed, why in each["lost"].items()),
+            sep="\n",
+            flush=True,
+        )
+    print(
+        json.dumps({"benchmark": "disturbance", "first": given.first, "seeds": given.seeds, "tasks": found})
+    )
+
+
+if __name__ == "__main__":
+    main()
