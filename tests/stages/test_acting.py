@@ -2,8 +2,9 @@
 
 import pytest
 
+from rf_exp.stages import Cell
 from rf_exp.stages.acting import acting
-from tests.conftest import CONF, experiment
+from tests.conftest import CONF, cell_of, experiment
 
 RECIPES = sorted(path.stem for path in (CONF / "policy").glob("*.yaml"))
 FOREIGN = ("stages=[evaluate]", "foreign.name=mine", "foreign.factory=examples.foreign.hold:make")
@@ -14,7 +15,7 @@ def test_a_scene_is_as_long_as_its_task_says_for_every_recipe_and_row_of_constra
     for recipe in RECIPES:
         asked = experiment("task=place_food", "constraints=all", f"policy={recipe}")
         (task,), (arch,) = asked.tasks, asked.archs
-        limits = {acting(asked, task, row, arch).limit for row in asked.constraint_sets}
+        limits = {acting(Cell(asked, task, row, arch)).limit for row in asked.constraint_sets}
         assert limits == {task.step_limit}, recipe
 
 
@@ -23,5 +24,4 @@ def test_and_for_anybodys_policy_unless_it_is_said_otherwise(
     more: tuple[str, ...], limit: int | None
 ) -> None:
     asked = experiment("task=place_food", *FOREIGN, *more)
-    (task,), (arch,), (row,) = asked.tasks, asked.archs, asked.constraint_sets
-    assert acting(asked, task, row, arch).limit == (limit or task.step_limit)
+    assert acting(cell_of(asked)).limit == (limit or asked.tasks[0].step_limit)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from rf_exp.findings import Account, Cause, CheckName, Closest, Finding, Unmet, Violation
+from rf_exp.markdown import Markdown
 from rf_exp.statements import Proposal, Together
 from rf_exp.types import Measured, Rollout, Subgoal, Verdict
 from rf_exp.viz import VIOLATED, text
@@ -120,7 +121,7 @@ def test_conditions_are_lanes_and_numbers_are_curves(path):
             recorder.margin(name, value)
         recorder.distance(1, 2, 0.125)
         recorder.contact("agent 1 on barrier", 7.5)
-        recorder.judged("so far")
+        recorder.judged(Markdown("so far"))
     content = Content(path)
 
     def lane(name: str, component: str) -> list:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rf_exp.markdown import Markdown
 from rf_exp.statements import Proposal
 from tests.viz.recorded import (
     ACTION,
@@ -30,7 +31,7 @@ def test_the_layout_of_a_rollout_is_in_the_file_and_all_its_views_are_filled(pat
         recorder.margin("up", 0.1)
         recorder.distance(1, 2, 0.3)
         recorder.contact("agent 1 on barrier", 3.0)
-        recorder.judged("so far")
+        recorder.judged(Markdown("so far"))
     origins, names, classes = layout(path)
     assert classes.count("2D") == len(CAMERAS)  # and no diagrams
     assert {"conditions over time", "distance of arms (cm)", "contacts (N)", "verdict"} <= set(names)
