@@ -11,9 +11,19 @@ LONGEST_LINE = 4_000
 LONGEST_OUTPUT = 200_000  # of what is printed at once, of a log, and of lines of code on a page
 
 
+def visible(text: str, keep: str = "") -> str:
+    """The text with one kind of space, and what has no shape replaced: controls, marks of direction."""
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() or letter in keep else " " if letter.isspace() else MISSING
+        for letter in text
+    )
+
+
 def printable(text: object, longest: int = 300) -> str:
     """A text of somebody else on one line, without control characters, to be repeated in a message."""
-    return _visible(" ".join(str(text)[: 4 * longest].split()))[:longest]
+    return visible(" ".join(str(text)[: 4 * longest].split()))[:longest]
 
 
 def shown(text: str, longest: int = LONGEST_OUTPUT) -> str:
@@ -21,7 +31,7 @@ def shown(text: str, longest: int = LONGEST_OUTPUT) -> str:
 
     What is too long lacks its middle: an error ends with what is to be done.
     """
-    lines = _visible(_cut(text, longest), keep="\n").split("\n")
+    lines = visible(_cut(text, longest), keep="\n").split("\n")
     return "\n".join(_cut(line, LONGEST_LINE) for line in lines)
 
 
@@ -36,13 +46,3 @@ def _cut(text: str, longest: int) -> str:
     told = f" [... {len(text) - longest} characters left out ...] "
     tail = longest // 3
     return text[: longest - tail] + told + text[-tail:]
-
-
-def _visible(text: str, keep: str = "") -> str:
-    """The text with one kind of space, and what has no shape replaced: controls, marks of direction."""
-    if text.isprintable():
-        return text
-    return "".join(
-        letter if letter.isprintable() or letter in keep else " " if letter.isspace() else MISSING
-        for letter in text
-    )

@@ -36,9 +36,12 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import register_all_tasks
 from rf_exp.experiment import read_experiment
+from rf_exp.release import unpacked
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import annotation
 from tests.conftest import CONF
+from tests.policy.test_release import packed
+from tests.policy.test_release import said as released
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
@@ -101,11 +104,12 @@ def is_hydra(line: str) -> bool:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the documents speak of as there already: a mesh with its annotation, and recorded answers."""
+    """What the documents speak of as there already: an annotated mesh, recorded answers, a release."""
     made = tmp_path_factory.mktemp("there")
     trimesh.creation.box((0.25, 0.09, 0.1)).apply_translation((0, 0, 0.05)).export(made / "my_shoe.glb")
     (made / "my_shoe.yaml").write_text(annotation.write(assets.load("shoe"), "my_shoe.glb"))
     (made / "outputs/exchanges").mkdir(parents=True)
+    packed(made / "FOLDER", released())
     return made
 
 
@@ -127,6 +131,7 @@ def test_no_line_of_a_shell_is_left_out() -> None:
 def test_hydra_composes_and_the_experiment_is_read(line: str, somewhere: None) -> None:
     register_all_tasks()
     _, _, module, *said = words(line)
+    said = unpacked(said)
     overrides = [each for each in said if not each.startswith("-")]
     launchers = [each.partition("=")[2] for each in overrides if each.startswith("hydra/launcher=")]
     if any(find_spec(f"hydra_plugins.hydra_{name.split('_')[0]}_launcher") is None for name in launchers):

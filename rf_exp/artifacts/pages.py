@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.markdown import Markdown, text
-from rf_exp.texts import shown
+from rf_exp.texts import visible
 
 
 def rendered(template: Path, **values: object) -> str:
@@ -19,7 +19,7 @@ def rendered(template: Path, **values: object) -> str:
         loader=FileSystemLoader(template.parent),
         autoescape=select_autoescape(["html"]),
         undefined=StrictUndefined,
-        finalize=_words if template.suffix == ".md" else _visible,
+        finalize=_words if template.suffix == ".md" else _letters,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
@@ -27,9 +27,9 @@ def rendered(template: Path, **values: object) -> str:
     return environment.get_template(template.name).render(values)
 
 
-def _visible(value: Any) -> Any:
-    """A value on a page, without characters that cannot be shown."""
-    return shown(value) if type(value) is str else value  # what is markup has a type of its own
+def _letters(value: Any) -> Any:
+    """A value on a page, without characters that cannot be shown; whole, as a picture may be in it."""
+    return visible(value, "\n") if type(value) is str else value  # what is markup has a type of its own
 
 
 def _words(value: Any) -> Any:

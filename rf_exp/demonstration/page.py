@@ -161,7 +161,8 @@ def _judged(formula: Mapping[str, Any]) -> tuple[str, str]:
         found = cell(text.quantity(formula["robustness"], formula["unit"]))
     else:
         found = code("pip install 'rf_exp[stl]'") if formula["holds"] is None else "nothing was judged"
-    return found, {True: "holds", False: "**violated**"}.get(formula["holds"], "")
+    verdict = "" if formula["holds"] is None else "holds" if formula["holds"] else "**violated**"
+    return found, verdict
 
 
 def _stated(made: Round, constraint_set: ConstraintSet) -> tuple[tuple[Statement, Markdown], ...]:

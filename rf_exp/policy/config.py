@@ -68,7 +68,6 @@ MOST_TRAINING = {
     "eyes_shift_px": LARGEST_PX,
     "eyes_steps": 10**9,
     "draft_steps": 10**9,
-    "learning_rate": 1e3,
     "epsilon": 1.0,
     "weight_decay": 1e3,
     "warmup_steps": 10**9,

@@ -19,7 +19,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,18 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from rf_exp.artifacts import digest, expect_same, plain, read_json, restored, sweep, whole, write_json
+from rf_exp.artifacts import (
+    differing,
+    digest,
+    expect_same,
+    plain,
+    read_json,
+    restored,
+    sweep,
+    whole,
+    without,
+    write_json,
+)
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import ACTING, AFTER_EYES, BESIDE_EYES, LEARNER, PolicyConfig
 from rf_exp.policy.diffusion import DiffusionPolicy
@@ -186,6 +197,7 @@ def load_policy(
     with _faults_of(folder / CONFIG):
         view, senses = restored(View, said["view"]), restored(Senses, said["senses"])
         config = restored(PolicyConfig, said["policy"])
+        _check_whole(said, config, view, senses)
         _check_senses(config, view, senses)
         with torch.device("meta"):  # takes no memory, whatever the configuration asks for
             expected = policy_of(config, view, senses).state_dict()
@@ -234,6 +246,20 @@ def _faults_of(path: Path) -> Iterator[None]:
         raise StageError(f"{path} does not say {error}; get it again, or {ANEW}") from error
     except (ArgumentError, TypeError, ValueError, ArithmeticError, RecursionError) as error:
         raise StageError(f"{path} describes no policy: {error}; get it again, or {ANEW}") from error
+
+
+def _check_whole(said: Mapping[str, Any], config: PolicyConfig, view: View, senses: Senses) -> None:
+    """Raises ArgumentError that names a key which is not said: its value would not be that of then."""
+    meant = {"policy": config.identity, "view": view.identity, "senses": identity_of(senses)}
+    if wrong := differing({key: said[key] for key in meant}, meant):
+        raise ArgumentError(
+            f"it is not as this version of the learner writes it: {'; '.join(wrong[:LISTED])}"
+        )
+
+
+def identity_of(senses: Senses) -> dict[str, Any]:
+    """What a policy is told, as its configuration says it: without what says nothing."""
+    return without(asdict(senses), subgoals=0, names=())
 
 
 def _check_senses(config: PolicyConfig, view: View, senses: Senses) -> None:

@@ -7,7 +7,6 @@ on after an interruption needs no generator state and gives the same weights, bi
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,7 +17,7 @@ from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from rf_exp.artifacts import digest, read_json, without
+from rf_exp.artifacts import digest, read_json
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.curves import Curve, curves
@@ -36,6 +35,7 @@ from rf_exp.policy.saved import (
     device_of,
     eyes_file,
     fill,
+    identity_of,
     policy_of,
     read_tensors,
     write_tensors,
@@ -71,7 +71,7 @@ def train(
         "learner": LEARNER,
         "policy": policy_config.identity,
         "view": view.identity,
-        "senses": without(asdict(senses_of(policy_config, store, view)), subgoals=0, names=()),
+        "senses": identity_of(senses_of(policy_config, store, view)),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }

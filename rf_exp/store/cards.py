@@ -8,7 +8,7 @@ import numpy as np
 
 from rf_exp.markdown import block, cell, code, table, text
 from rf_exp.store.reader import Reader
-from rf_exp.texts import printable
+from rf_exp.texts import LONGEST_LINE, printable
 
 HEADER = """---
 license: mit
@@ -80,7 +80,10 @@ def facts(store: Reader) -> dict[str, Any]:
         "objects": ", ".join(store.objects) or "none",
         "disturbed": "yes: executed differs from action" if store.disturbed else "no",
     }
-    return {name: printable(value) if isinstance(value, str) else value for name, value in found.items()}
+    return {
+        name: printable(value, LONGEST_LINE) if isinstance(value, str) else value
+        for name, value in found.items()
+    }
 
 
 def _facts(store: Reader) -> str:

@@ -24,6 +24,13 @@ def test_what_is_markdown_already_stays_as_it_is(tmp_path: Path) -> None:
     assert rendered(template, made=Markdown("*a* `b`"), said="*a* `b`") == "*a* `b` &#42;a&#42; &#96;b&#96; 3"
 
 
+def test_a_picture_in_a_page_is_whole(tmp_path: Path) -> None:
+    template = tmp_path / "page.html"
+    template.write_text('<img src="{{ picture }}">')
+    picture = f"data:image/jpeg;base64,{'abcd' * 10**6}"
+    assert rendered(template, picture=picture) == f'<img src="{picture}">'
+
+
 @pytest.mark.parametrize("suffix", ["html", "md"])
 def test_what_has_no_shape_is_on_no_page(tmp_path: Path, suffix: str) -> None:
     template = tmp_path / f"page.{suffix}"

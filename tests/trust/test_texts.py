@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zarr
+from omegaconf import OmegaConf
 from rich.console import Console
 from rich.table import Table
 from websockets.sync.server import ServerConnection
@@ -26,15 +27,14 @@ from rf_exp.data.__main__ import main as data
 from rf_exp.datagen.brain import BadAnswer, from_json
 from rf_exp.errors import ArgumentError, RfError, StageError, WorkerDied, portable
 from rf_exp.findings import Account, Unmet
-from rf_exp.policy import pack
-from rf_exp.policy.foreign.factory import make_policy
+from rf_exp.policy import make_policy, pack
 from rf_exp.policy.foreign.remote import Remote
 from rf_exp.policy.foreign.runner import checked
 from rf_exp.progress import Progress, Screen, complaints, console
 from rf_exp.tasks import load_task
 from rf_exp.texts import LONGEST_ERROR, printable, shown
 from tests.ablation.conftest import evaluation, generation
-from tests.conftest import TASKS, read_task
+from tests.conftest import CONF, TASKS, read_task
 from tests.policy.others import server
 from tests.test_data import store_of
 from tests.test_house import HOUSE, SOURCES, named
@@ -377,6 +377,12 @@ def test_what_rows_are_called_is_a_word(tmp_path: Path, key: str, run: Run) -> N
         replace(generation("lift_barrier", "full", 1, 0)[0], **{key: ORDERS})
 
 
+def lift_barrier() -> dict[str, Any]:
+    """What its file says."""
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "lift_barrier.yaml"))
+    return node["lift_barrier"]
+
+
 @pytest.mark.parametrize("key", ["title", "description", "target_condition", "code"])
 @pytest.mark.parametrize(
     "words", [ORDERS, "\ud800", "x" * 3000, "${oc.env:HOME}", "see ${hydra:runtime.cwd}"]
@@ -384,13 +390,8 @@ def test_what_rows_are_called_is_a_word(tmp_path: Path, key: str, run: Run) -> N
 def test_a_task_whose_words_cannot_be_shown_is_refused(
     run: Run, key: str, words: str, tmp_path: Path
 ) -> None:
-    from omegaconf import OmegaConf
-
-    from tests.conftest import CONF
-
-    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "lift_barrier.yaml"))
-    node["lift_barrier"][key] = words
-    code, _, told = run(lambda: load_task("lift_barrier", node["lift_barrier"]) and None)
+    node = lift_barrier() | {key: words}
+    code, _, told = run(lambda: load_task("lift_barrier", node) and None)
     assert code == 2 and f"task 'lift_barrier': field {key} is" in told
     assert os.environ["HOME"] not in told
 
@@ -407,11 +408,7 @@ def test_no_task_is_told_by_the_environment(command: Any, tmp_path: Path, key: s
 @pytest.mark.parametrize("at", ["objects", "cameras", "success"])
 @pytest.mark.parametrize("name", [ORDERS, "../../x", "a|b", "x" * 100, 3, ""])
 def test_what_a_task_calls_its_things_is_a_name(run: Run, at: str, name: Any) -> None:
-    from omegaconf import OmegaConf
-
-    from tests.conftest import CONF
-
-    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "task" / "lift_barrier.yaml"))["lift_barrier"]
+    node = lift_barrier()
     node[at][name] = next(iter(node[at].values()))
     code, _, told = run(lambda: load_task("lift_barrier", node) and None)
     assert code == 2 and f"in field {at}; expected a name" in told
