@@ -108,6 +108,7 @@ def recorded(payload: str, folder: Path) -> str:
     return "\n\n".join(parts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [tables, data_card, demonstration, recorded])
 def test_no_reader_makes_anything_of_them(page: Callable[[str, Path], str], tmp_path: Path) -> None:
     """Neither a tag nor a link nor a cell more than of a word; but lines of code may be set as such.
