@@ -57,7 +57,8 @@ def signed(folder: Path, to: Path, said: Any = None, tensors: dict[str, Tensor] 
 def acts(folder: Path) -> Tensor:
     """(1, T, A) what the policy does where nothing is to be seen."""
     policy, view, senses = load_policy(folder, "cpu")
-    policy.unet.quick = lambda *_: None  # which takes a second to be made, and computes the same
+    # It takes a second to be made, and computes the same.
+    policy.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     frames = policy.config.observation_steps
     features = torch.zeros(1, frames, policy.encoder.features)
     proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, senses.size(view))

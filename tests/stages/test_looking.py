@@ -17,19 +17,18 @@ from rf_exp.stages import evaluate_policies, generate_data
 from rf_exp.store import Store
 from rf_exp.tasks import SuccessEvaluator
 from rf_exp.viz.frames import GAP_PX, LINE_PX
-from tests.ablation.conftest import generation
 from tests.conftest import cell_of, experiment
 from tests.policy.conftest import HEIGHT, WIDTH, block_poses, make_episode
 from tests.scenes import start_scene
 from tests.viz.recorded import Content
 
+STEPS = 6  # of a rollout
 SMALL = (
     *("arch=shared_local", "demos=1", "scenes=3", "workers=1", "wandb=disabled", "stages=[evaluate]"),
     *("policy=paper", "policy.encoder=compact", "policy.sampler=ddim", "policy.inference_diffusion_steps=4"),
     *("training.epochs=null", "training.steps=1", "training.batch_size=4", "policy.unet_channels=[16,32]"),
-    f"picture={{width: {WIDTH}, height: {HEIGHT}}}",
+    *(f"picture={{width: {WIDTH}, height: {HEIGHT}}}", f"task.lift_barrier.step_limit={STEPS}"),
 )
-STEPS = 6  # of a rollout: twice as long as the episodes of the expert, which are made up
 RRD, MP4, PNG = ".rrd", ".mp4", ".png"
 
 
@@ -41,8 +40,6 @@ def trained(tmp_path_factory) -> Experiment:
     cameras, objects = ("global", "agent1", "agent2"), tuple(block_poses(0, 2))
     with Store.create(cell.data_path, {"task": "reach"}, 2, cameras, HEIGHT, WIDTH, objects) as store:
         store.append(make_episode(0, 2))
-    for made in generation("lift_barrier", "full", 1, 0, steps=STEPS // 2, version=cell.task.version):
-        append_row(cell.generation_path, made)
     for view in cell.views:
         folder = cell.policy_path / view.name
         train(Store.open(cell.data_path), view, small.policy, replace(small.training, seed=0), folder)
