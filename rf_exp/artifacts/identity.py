@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import dacite
-import numpy as np
 
 from rf_exp.errors import ArgumentError, StageError
 
@@ -81,8 +80,8 @@ def expect_same(artifact: Path, found: object, wanted: object, remedy: str) -> N
 def _simpler(item: object) -> object:
     if is_dataclass(item) and not isinstance(item, type):
         return {each.name: getattr(item, each.name) for each in fields(item)}
-    if isinstance(item, np.generic | np.ndarray):
-        return item.tolist()
+    if hasattr(item, "tolist"):  # NumPy's scalars and arrays; help comes without the library
+        return item.tolist()  # type: ignore[attr-defined]
     if isinstance(item, Mapping):
         return dict(item)
     if isinstance(item, set | frozenset):

@@ -184,7 +184,8 @@ def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
     identity = {"task": "lift_barrier", "version": "1", "colour": "<teal>"}
     with Store.create(out / "data/lift_barrier/full/quick.zarr", identity, 2, ["global"], 6, 8) as store:
         store.append(Episode("lift_barrier", 0, zeros, zeros, zeros[..., :8], {"global": frames}))
-    (out / "data/lift_barrier/full/broken.zarr").mkdir()
+    (out / "data/lift_barrier/full/empty.zarr").mkdir()
+    (out / "data/lift_barrier/full/broken.zarr/meta/certificate").mkdir(parents=True)
 
     text = write_report(out).read_text("utf-8")
     assert "lift_barrier/full/separate_local/150-0" in text
@@ -196,6 +197,7 @@ def test_what_lies_in_the_output_folder_is_shown(out: Path) -> None:
     assert "1 episodes, 5 control steps, 1 cameras" in text
     assert "&lt;teal&gt;" in text and "<teal>" not in text
     assert "broken.zarr is damaged" in text
+    assert "empty.zarr is an empty folder; nothing is wrong with it" in text
 
 
 @pytest.mark.slow
