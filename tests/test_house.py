@@ -109,7 +109,7 @@ def test_a_package_gives_what_it_says(package: Path) -> None:
         assert public_names(package) <= defined(PACKAGES[package])
         return
     for module, each in listed(package):
-        inner = package / (module or each.name)
+        inner = package / (module or each.name).replace(".", "/")
         tree = SOURCES[inner / "__init__.py" if inner.is_dir() else inner.with_suffix(".py")]
         assert each.asname == each.name, f"{named(package)}: import {each.name} as {each.name}, or it is kept"
         assert not module or each.name in (public_names(inner) if inner.is_dir() else defined(tree))
