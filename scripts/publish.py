@@ -51,7 +51,7 @@ def publish(out: Path, results: Path, scenes: int) -> None:
 
 
 def publish_demonstrations(out: Path, results: Path, of: str) -> None:
-    """Of the `expert` the rows of all constraints below `out/results/generate`, of the `ablation` every row."""
+    """Of the `expert` the rows of `full` below `out/results/generate`, of the `ablation` all rows."""
     for path in _files(out, "generate/*"):
         task, constraints = path.parent.name, path.stem
         if of == "expert" and constraints != "full":
