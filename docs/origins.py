@@ -55,8 +55,13 @@ def published(rows: Path) -> Published[EvaluationRow]:
 @cache
 def today(recipe: str) -> Mapping[str, Any]:
     """The recipe as it is in conf/."""
+    choice = (
+        f"ablation/{recipe}"
+        if (ROOT / "conf" / "policy" / "ablation" / f"{recipe}.yaml").exists()
+        else recipe
+    )
     with initialize_config_dir(str(ROOT / "conf"), version_base=None):
-        config = compose("config", [f"policy={recipe}", f"recipe={recipe}", "profile=laptop"])
+        config = compose("config", [f"policy={choice}", f"recipe={recipe}", "profile=laptop"])
     experiment = read_experiment(OmegaConf.to_container(config, resolve=True))  # pyright: ignore
     return flat({"policy": experiment.policy.identity, "training": experiment.training.identity})
 

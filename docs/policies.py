@@ -40,7 +40,7 @@ SHIELD = (
     *("task", "demos", "scenes", "strict, without", "with"),
     *("violations, without", "with", "contacts, without", "with", "scenes in which it intervened"),
 )
-RUNG = (
+ABLATED = (
     *("recipe", "what is otherwise", "strict", "points above `fast`", "each training seed", "scenes"),
     *("rollouts with a violation", "core-minutes"),
 )
@@ -50,8 +50,8 @@ LIMIT = (
     "of them later than twice the expert's mean",
 )
 MOST = 3  # kinds of failures that are told of a policy
-START = "paper_short"  # where the ladder begins
-LADDER = ROOT / "conf" / "experiment" / "ladder.yaml"
+START = "paper_short"  # where the ablation begins
+ABLATION = ROOT / "conf" / "experiment" / "policy_ablation.yaml"
 
 WORDS = Path(__file__).with_suffix(".jinja")
 FIGURE = Path(__file__).parent / "images" / "policies.svg"
@@ -119,38 +119,49 @@ def line(row: EvaluationRow, group: list[EvaluationRow]) -> tuple[str, ...]:
 
 
 @cache
-def rungs() -> list[str]:
-    """The recipes of the ladder, `fast` first."""
-    return str(OmegaConf.load(LADDER).hydra.sweeper.params.policy).replace(",", " ").split()
+def choices() -> Mapping[str, str]:
+    """The recipes of the ablation of policies with how each is chosen, `fast` first."""
+    swept = str(OmegaConf.load(ABLATION).hydra.sweeper.params.policy).replace(",", " ").split()
+    return {choice.rpartition("/")[2]: choice for choice in swept}
+
+
+@cache
+def ablated() -> list[str]:
+    """Their names, as rows have them."""
+    return [*choices()]
 
 
 def step(recipe: str) -> str:
     """What the first line of a recipe says it does otherwise than `fast`, which says nothing so."""
-    comment = (ROOT / "conf" / "policy" / f"{recipe}.yaml").read_text("utf-8").splitlines()[1:3]
+    comment = (
+        (ROOT / "conf" / "policy" / f"{choices().get(recipe, recipe)}.yaml")
+        .read_text("utf-8")
+        .splitlines()[1:3]
+    )
     told = " ".join(line.removeprefix("# ") for line in comment if line.startswith("#"))
-    told = told.partition("): ")[2] or told
-    return "" if recipe == rungs()[0] else re.split(r"\.(?: [A-Z]|$)", told)[0]
+    told = told.removeprefix("Ablation: ")
+    return "" if recipe == ablated()[0] else re.split(r"\.(?: [A-Z]|$)", told)[0]
 
 
-def ladder(rows: Iterable[EvaluationRow]) -> list[tuple[str, str]]:
-    """What each step of the recipe gives: of each task a line a rung, all training seeds together."""
-    listed, node = [START, *rungs()], OmegaConf.load(LADDER)
+def ablation(rows: Iterable[EvaluationRow]) -> list[tuple[str, str]]:
+    """What each step of the recipe gives: of each task a line a recipe, all training seeds together."""
+    listed, node = [START, *ablated()], OmegaConf.load(ABLATION)
     found: dict[tuple[str, str], list[EvaluationRow]] = {}
     for row in rows:
         if is_baseline(row) and not row.shield and row.demos == node.demos and row.recipe in listed:
             found.setdefault((row.task, row.recipe), []).append(row)
     parts = []
     for task in paper().levels:
-        if not any((task, recipe) in found for recipe in rungs()[1:]):
+        if not any((task, recipe) in found for recipe in ablated()[1:]):
             continue
         groups = {r: list(newest(found[task, r])[0]) for r in listed if (task, r) in found}
-        lines = [rung(recipe, group, groups.get(rungs()[0], [])) for recipe, group in groups.items()]
-        parts.append((title_of(task, configured()), table(RUNG, lines)))
+        lines = [of_recipe(recipe, group, groups.get(ablated()[0], [])) for recipe, group in groups.items()]
+        parts.append((title_of(task, configured()), table(ABLATED, lines)))
     return parts
 
 
-def rung(recipe: str, group: list[EvaluationRow], first: list[EvaluationRow]) -> tuple[str, ...]:
-    """The line of a rung, beside the first one's rollouts of the same training seeds."""
+def of_recipe(recipe: str, group: list[EvaluationRow], first: list[EvaluationRow]) -> tuple[str, ...]:
+    """The line of a recipe, beside the first one's rollouts of the same training seeds."""
     seeds = sorted({row.train_seed for row in group})
     each = [fmean(row.success for row in group if row.train_seed == seed) for seed in seeds]
     same = [row for row in first if row.train_seed in seeds]
@@ -336,7 +347,7 @@ def beside(group: Sequence[EvaluationRow] | None, figure: float | None) -> str:
 
 def document(rows: Sequence[EvaluationRow]) -> str:
     """The page: its words from the template, its figures from the rows."""
-    groups = list(cells(row for row in rows if row.recipe not in rungs()[1:]))
+    groups = list(cells(row for row in rows if row.recipe not in ablated()[1:]))
     of_tables = of_fast(groups)
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
     return rendered(
@@ -351,8 +362,8 @@ def document(rows: Sequence[EvaluationRow]) -> str:
         every=table(HEADING, (line(row, group) for row, group in groups)),
         origins=table(ORIGIN, origins(row for row, _ in groups)),
         most=paper().demos[-1],
-        ladder=ladder(rows),
-        ladder_demos=OmegaConf.load(LADDER).demos,
+        ablation=ablation(rows),
+        ablation_demos=OmegaConf.load(ABLATION).demos,
         failed="\n".join(failed),
         commits=", ".join(sorted({row.commit for row in rows})),
     )

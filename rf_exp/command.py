@@ -9,7 +9,7 @@ import tempfile
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import hydra
@@ -34,6 +34,7 @@ SPARE_BYTES = 2**24  # given up where memory has run out, so that this can still
 WRONG = (ArgumentError, HydraException, OmegaConfBaseException)
 # Before Hydra makes the folder of its records.
 OmegaConf.register_new_resolver("folder", checked_folder, replace=True)
+OmegaConf.register_new_resolver("file_name", lambda choice: PurePosixPath(choice).name, replace=True)
 
 
 def register_all_tasks() -> None:
@@ -153,7 +154,10 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
 def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
-        return 2, f"wrong argument: {_unknown_key(error) or _unresolved(error) or error}"
+        return (
+            2,
+            f"wrong argument: {_unknown_key(error) or _unknown_choice(error) or _unresolved(error) or error}",
+        )
     if isinstance(error, OSError) and error.filename is not None and not disk_full(error):
         # Not of the job: Hydra makes its folder.
         why = one_line(f"cannot make {error.filename}: {error.strerror}", LONGEST_ERROR)
@@ -170,6 +174,16 @@ def _unknown_key(error: Exception) -> str | None:
     if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
         return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
     return None
+
+
+def _unknown_choice(error: Exception) -> str | None:
+    """What is said of a choice that lies in a folder of its group."""
+    if not (found := re.search(r"Could not find '(\w+)/(\w+)'", str(error))):
+        return None
+    group, name = found.groups()
+    paths = (path.relative_to(CONF).with_suffix("") for path in (CONF / group).glob(f"*/{name}.yaml"))
+    meant = [f"{group}={path.relative_to(group).as_posix()}" for path in paths]
+    return f"there is no {group}={name}; did you mean {' or '.join(sorted(meant))}?" if meant else None
 
 
 def _unresolved(error: Exception) -> str | None:

@@ -16,7 +16,9 @@ from rf_exp.types import Arch, ConstraintSet
 from tests.conftest import experiment
 
 GROUPS = {
-    group: sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+    group: sorted(
+        str(path.relative_to(CONF / group).with_suffix("")) for path in (CONF / group).rglob("*.yaml")
+    )
     for group in ("task", "arch", "constraints", "policy", "profile", "experiment", "brain")
 }
 

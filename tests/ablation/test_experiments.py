@@ -54,15 +54,17 @@ def test_ablation_draws_nothing_and_counts_seeds() -> None:
 
 
 @pytest.mark.slow
-def test_every_rung_of_the_ladder_differs_from_fast_and_says_so() -> None:
+def test_every_recipe_of_the_ablation_differs_from_fast_and_says_so() -> None:
     """In what is learned, and then not in name alone; or in how the same policies act."""
-    swept = composed("experiment=ladder")["hydra"]["sweeper"]["params"]["policy"].split(",")
-    fast, *rungs = (experiment(f"recipe={name}", f"policy={name}") for name in map(str.strip, swept))
-    for rung in rungs:
-        differs = {key for key, value in asdict(rung.policy).items() if value != getattr(fast.policy, key)}
-        learned = bool(differs - {*ACTING}) or rung.training != fast.training or rung.name != "fast"
+    swept = composed("experiment=policy_ablation")["hydra"]["sweeper"]["params"]["policy"].split(",")
+    chosen = [choice.strip() for choice in swept]
+    assert {*chosen[1:]} == {f"ablation/{path.stem}" for path in (CONF / "policy" / "ablation").iterdir()}
+    fast, *others = (experiment(f"recipe={each.rpartition('/')[2]}", f"policy={each}") for each in chosen)
+    for other in others:
+        differs = {key for key, value in asdict(other.policy).items() if value != getattr(fast.policy, key)}
+        learned = bool(differs - {*ACTING}) or other.training != fast.training or other.name != "fast"
         assert differs or learned
-        assert rung.learned_as == (rung.recipe if learned else "fast")
+        assert other.learned_as == (other.recipe if learned else "fast")
 
 
 def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:

@@ -156,8 +156,9 @@ def test_every_part_of_an_asset_is_content() -> None:
 def test_all_recipes_share_an_output_folder() -> None:
     """Whatever has one place is made of the same, by whichever recipe: a sweep over them runs to its end."""
     found: dict[Path, dict[str, Any]] = {}
-    for recipe in sorted(path.stem for path in (CONF / "policy").glob("*.yaml")):
-        made = experiment("task=pick_meat", f"policy={recipe}", f"recipe={recipe}")
+    for recipe in sorted((CONF / "policy").rglob("*.yaml")):
+        choice = recipe.relative_to(CONF / "policy").with_suffix("")
+        made = experiment("task=pick_meat", f"policy={choice}", f"recipe={recipe.stem}")
         cell = cell_of(made)
         learned = {name: each for name, each in made.policy.identity.items() if name not in ACTING}
         for path, identity in (

@@ -1,4 +1,4 @@
-"""Recipes against each other: what the ladder compares (conf/experiment/ladder.yaml)."""
+"""Recipes against each other: what conf/experiment/policy_ablation.yaml compares."""
 
 from collections.abc import Iterator, Sequence
 from itertools import chain

@@ -94,7 +94,7 @@ def test_further_recipes_have_lines_where_they_have_rows() -> None:
 
 
 def test_recipes_are_compared_where_they_learned_the_same() -> None:
-    ours, rung = (
+    ours, other = (
         [
             *evaluation("place_food", "separate_local", 50, wins, 10 - wins, recipe=recipe),
             *evaluation("lift_barrier", "separate_local", 50, wins, 10 - wins, recipe=recipe, train_seed=1),
@@ -103,7 +103,7 @@ def test_recipes_are_compared_where_they_learned_the_same() -> None:
     )
     alone = evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast")
     elsewhere = evaluation("place_food", "separate_local", 150, 1, 1, recipe="fast")
-    table = made("recipes", evaluated(rung, ours, alone, elsewhere))
+    table = made("recipes", evaluated(other, ours, alone, elsewhere))
     assert [line.key for line in table.lines] == ["fast-50", "blind-50"]  # whom a profile chooses comes first
     assert [column.key for column in table.columns if column.compared] == ["place_food", "lift_barrier"]
     assert at(table, "blind-50", "place_food").value == 0.4
