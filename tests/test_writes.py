@@ -87,8 +87,8 @@ def test_a_publication_that_is_killed_shows_rows_only_beside_what_they_were_made
             of = next(name for name, seeds in runs.items() if (seed, wins) in seeds)
             steps = 100 if alike or of == "first" else 120
             for name, said in ((f"-{seed}", {"of": wins}), ("", {"step_limit": steps})):
-                made_of = cell / f"{STEM}{name}.configuration.json"
-                if not made_of.exists() or read_json(made_of, "") != said:
+                configuration = cell / f"{STEM}{name}.configuration.json"
+                if not configuration.exists() or read_json(configuration, "") != said:
                     return f"training seed {seed} is not beside what it was made of"
         return ""
 

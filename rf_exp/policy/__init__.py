@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         device_of,
         expect_policy,
         load_policy,
-        made_of,
+        provenance,
         write_small,
     )
     from rf_exp.policy.learning.curves import Curve, cost_s
@@ -63,7 +63,7 @@ else:
                 "device_of",
                 "expect_policy",
                 "load_policy",
-                "made_of",
+                "provenance",
                 "write_small",
             ),
             "learning.curves": ("Curve", "cost_s"),
@@ -98,9 +98,9 @@ __all__ = [
     "foreign_runners",
     "load_policy",
     "load_runners",
-    "made_of",
     "make_policy",
     "pack",
+    "provenance",
     "rollout",
     "sent_on",
     "train",

@@ -45,7 +45,7 @@ def evaluate_policies(cell: Cell) -> None:
         known = read_rows(path, EvaluationRow) if path.exists() else ()
         of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
-        same_configuration(of_seed, learned.made_of, there, [path])
+        same_configuration(of_seed, learned.provenance, there, [path])
         sweep(cell.recording_path("evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
