@@ -101,7 +101,7 @@ class Account:
     unmet: tuple[Unmet, ...] = ()
     closest: Closest | None = None
     lost: tuple[Lost, ...] = ()
-    refused: Violation | None = None  # why a success is none: what a disturbed arm has knocked
+    refused: Violation | None = None  # why a success is none: what a disturbed arm has moved
     ended: str = ""  # in the words of who ended it before it was judged
 
     @property

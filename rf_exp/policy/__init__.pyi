@@ -25,7 +25,7 @@ from .learning.checkpoint import MODEL as MODEL
 from .learning.checkpoint import device_of as device_of
 from .learning.checkpoint import expect_policy as expect_policy
 from .learning.checkpoint import load_policy as load_policy
-from .learning.checkpoint import made_of as made_of
+from .learning.checkpoint import provenance as provenance
 from .learning.checkpoint import write_small as write_small
 from .learning.curves import Curve as Curve
 from .learning.curves import cost_s as cost_s

@@ -102,7 +102,7 @@ class Asset:
     parts: tuple[Part, ...]
     points: Mapping[str, InteractionPoint] = field(default_factory=dict)
     mass_kg: float = 0.1
-    heavy_kg: float | None = None  # of its heaviest make, where `Randomisation.heavy` asks for some
+    heaviest_kg: float | None = None  # of its heaviest make, where `Randomisation.heavy` asks for some
     friction: float = 1.0
     static: bool = False  # fixed to the world
     ghost: bool = False  # a mark on the table: seen, never touched
@@ -129,7 +129,7 @@ class Asset:
             name: {**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}
             for name, point in self.points.items()
         }
-        rest = ("mass_kg", "heavy_kg", "friction", "static", "ghost")
+        rest = ("mass_kg", "heaviest_kg", "friction", "static", "ghost")
         return digest({"parts": parts, "points": points, **{name: getattr(self, name) for name in rest}})
 
     @cached_property

@@ -39,7 +39,7 @@ def build(path: str) -> Asset:
             parts=_parts(said, file.parent / said.mesh),
             points=_points(said),
             mass_kg=said.mass_kg,
-            heavy_kg=said.heavy_kg,
+            heaviest_kg=said.heaviest_kg,
             friction=said.friction,
             static=said.static,
         )

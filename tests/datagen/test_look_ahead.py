@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion import onward, ways
-from rf_exp.datagen.motion.onward import EXPECTED_M
+from rf_exp.datagen.motion import branches, look_ahead
+from rf_exp.datagen.motion.look_ahead import EXPECTED_M
 from rf_exp.datagen.motion.reach import above
 from rf_exp.datagen.motion.timing import duration_s
 from rf_exp.geometry import PlanningScene
@@ -56,12 +56,12 @@ def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_
 
     def straight_up(task, scene, agent, joints):
         arm = PlanningScene(task, scene).arms[agent - 1]
-        points = ways.straight(arm, joints, above(arm.tcp(joints), EXPECTED_M), LIMITS)
+        points = branches.straight(arm, joints, above(arm.tcp(joints), EXPECTED_M), LIMITS)
         assert points is not None
         return float(duration_s(points, LIMITS)) / CONTROL_DT_S
 
     known = sum(map(altogether, range(4)))
-    monkeypatch.setattr(onward, "_lifted", lambda reach, agent, height_m, points: points[-1:])
+    monkeypatch.setattr(look_ahead, "_lifted", lambda reach, agent, height_m, points: points[-1:])
     assert known < sum(map(altogether, range(4)))
 
 
@@ -73,10 +73,10 @@ def test_the_way_back_and_to_rest_counts_where_an_arm_arrives(lift_barrier):
     start = np.array([1.2, 0.3, -0.4, -2.2, 0.2, 2.4, 0.3])
 
     def altogether_s(points):  # there, down, up again, and to rest
-        return duration_s(points, LIMITS) + ways.leaving_s(points[1], points[2], rest, LIMITS)
+        return duration_s(points, LIMITS) + branches.leaving_s(points[1], points[2], rest, LIMITS)
 
     def chosen(posture):
-        found = ways.Arrivals(arm, above(goals, 0.1), goals, posture).nearest(start)
+        found = branches.Arrivals(arm, above(goals, 0.1), goals, posture).nearest(start)
         assert found.shape == (6, 3, 7) and np.array_equal(found[:, 0], np.tile(start, (6, 1)))
         return found
 

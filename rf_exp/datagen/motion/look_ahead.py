@@ -7,11 +7,11 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.datagen.motion.branches import Arrivals, Points
 from rf_exp.datagen.motion.destination import ends
-from rf_exp.datagen.motion.reach import Onward, Reach, above, turned
+from rf_exp.datagen.motion.reach import LookAhead, Reach, above, turned
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import State, Unreachable
-from rf_exp.datagen.motion.ways import Arrivals, Points
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import Subgoal
@@ -23,7 +23,7 @@ AWAY = 0.7  # share of its way home after which an arm is in nobody's way
 _WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
 
 
-def once_grasped(request: Request, name: str, state: State) -> Onward:
+def once_grasped(request: Request, name: str, state: State) -> LookAhead:
     """What the agent does with the thing in its hand, until it has let go and is at rest."""
 
     def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float]:
@@ -33,10 +33,10 @@ def once_grasped(request: Request, name: str, state: State) -> Onward:
 
         return lambda goal, points: _takes_s(request.reach, lines(goal), points)
 
-    return Onward(after)
+    return LookAhead(after)
 
 
-def once_placed(request: Request, state: State) -> Onward:
+def once_placed(request: Request, state: State) -> LookAhead:
     """The agent draws back, and goes to rest or leaves what it has placed to the one that takes it next."""
     name, tcp_from_object = state.held[request.agent]
     taker = request.taker(name)
@@ -56,7 +56,7 @@ def once_placed(request: Request, state: State) -> Onward:
 
         return takes_s
 
-    return Onward(after, rest if taker is None else None)
+    return LookAhead(after, rest if taker is None else None)
 
 
 def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: State) -> Iterator[Line]:

@@ -13,7 +13,7 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene
 
 KEEPS_M = 0.015  # of a thing, where its plan does: it trails its commands, the more the faster they change
-KNOCKED_M = 0.005
+MOVED_M = 0.005
 
 
 def nearer(plan: Plan, disturbed: Paths) -> Iterator[tuple[int, int]]:
@@ -75,7 +75,7 @@ def _apart_m(body: Swept, still: Swept, row: int) -> float:
     return np.inf if found is None else found.distance_m
 
 
-class Knocks:
+class ObjectMotionWatch:
     """Watches the things of a plan that are not being handled: they stay where they are."""
 
     def __init__(self, plan: Plan) -> None:
@@ -83,20 +83,20 @@ class Knocks:
         self._plan = plan
         self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in plan.scene.poses.items()}
 
-    def knocked(self, scene: Scene) -> Violation | None:
-        """What has been knocked by now."""
+    def unintended(self, scene: Scene) -> Violation | None:
+        """What has moved by now that nobody handles."""
         handled = self._handled(scene)
         for name, pose in scene.poses.items():
             here = pose[:3, 3]
             if name in handled:
                 self._rest[name] = here
-            elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > KNOCKED_M:
+            elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > MOVED_M:
                 return Violation(
-                    check=CheckName.KNOCKS,
+                    check=CheckName.OBJECT_MOTION,
                     cause=Cause.CONTACT,
-                    finding=Finding.KNOCKED,
+                    finding=Finding.OBJECT_MOVED,
                     value=moved_m,
-                    bound=KNOCKED_M,
+                    bound=MOVED_M,
                     unit="m",
                     time_s=scene.step * CONTROL_DT_S,
                     measured=True,

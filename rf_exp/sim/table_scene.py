@@ -39,12 +39,12 @@ def _table() -> tuple[Asset, tuple[objects.Surface, ...]]:
     return asset, objects.surfaces(asset)
 
 
-def build_room(scene: ManiSkillScene) -> None:
+def build_table_scene(scene: ManiSkillScene) -> None:
     """Table and floor."""
     objects.build(scene, "table", *_table(), transform())
 
 
-def light_room(scene: ManiSkillScene, brightness: float) -> None:
+def light_table_scene(scene: ManiSkillScene, brightness: float) -> None:
     """A lamp, a weaker one from the other side, and light from everywhere.
 
     Nothing casts a shadow, in generation as in evaluation: on software Vulkan shadows double the
