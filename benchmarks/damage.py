@@ -1,10 +1,9 @@
-"""What one flipped byte costs, and what the small chunks cost that limit it, by the format of the store.
+"""What one flipped byte costs in a store, whose small chunks limit it, and what the store costs.
 
     python benchmarks/damage.py outputs/data/lift_barrier/full/fast.zarr [--flips 100] [--states]
 
-Writes the episodes of a store again in the format before and in today's, measures both, and flips bytes
-of them at random, each in a store that is whole otherwise; `--states` leaves the pictures out. Times are
-those of cores. The last line is JSON.
+Writes the episodes of a store again, measures that, and flips bytes of them at random, each in a store that
+is whole otherwise; `--states` leaves the pictures out. Times are those of cores. The last line is JSON.
 """
 
 import argparse
@@ -21,8 +20,6 @@ import numpy as np
 
 from rf_exp.store import Damage, Damaged, Store, empty_like
 
-FORMATS = (2, 3)
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # pyright: ignore
@@ -31,18 +28,15 @@ def main() -> None:
     parser.add_argument("--states", action="store_true", help="without pictures")
     given = parser.parse_args()
     source = Store.open(given.store)
-    result = {}
     with TemporaryDirectory(prefix="rf_exp-") as folder:
-        for store_format in FORMATS:
-            path = Path(folder) / f"{store_format}.zarr"
-            result[store_format] = costs(source, path, store_format, given.states) | lost(path, given.flips)
-    print(json.dumps(result))
+        path = Path(folder) / "again.zarr"
+        print(json.dumps(costs(source, path, given.states) | lost(path, given.flips)))
 
 
-def costs(source: Store, path: Path, store_format: int, states: bool) -> dict[str, float]:
+def costs(source: Store, path: Path, states: bool) -> dict[str, float]:
     """Bytes, and core seconds: of writing an episode, of opening the store, of reading all states."""
     shown = {"cameras": [], "depth": False, "labels": []} if states else {}
-    empty_like(path, {**source.attrs, "format": store_format, **shown})
+    empty_like(path, {**source.attrs, **shown})
     episodes = [source.episode(index) for index in range(len(source))]
     began_s = time.process_time()
     with Store.open(path, writable=True) as store:

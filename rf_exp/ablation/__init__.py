@@ -2,7 +2,6 @@
 
 from rf_exp.ablation.formats import show
 from rf_exp.ablation.plots import read_curves
-from rf_exp.ablation.published import Paper, paper
 from rf_exp.ablation.report import publish
 from rf_exp.ablation.results import (
     PUBLISHED,
@@ -25,6 +24,7 @@ from rf_exp.ablation.tables import (
     is_baseline,
     title_of,
 )
+from rf_exp.ablation.tables.published import Paper, paper
 
 __all__ = [
     "BASELINE_ARCH",

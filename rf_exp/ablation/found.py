@@ -1,13 +1,14 @@
-"""Sections of the report about what lies in the output folder: films, curves, data sets, recordings."""
+"""Sections of the report on what lies in the output folder: films, curves, data, robustness, recordings."""
 
 import base64
 import io
 import json
 import platform
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -21,8 +22,8 @@ from rf_exp.ablation.rollouts import FILM, PICTURE, learnt_from, rollout_file
 from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import title_of
-from rf_exp.artifacts import code, installed
-from rf_exp.errors import RfError
+from rf_exp.artifacts import code, installed, read_json
+from rf_exp.errors import RfError, StageError
 from rf_exp.store import Store
 from rf_exp.types import CONTROL_DT_S
 
@@ -34,6 +35,12 @@ PICTURES, CURVES, RECORDINGS = 24, 24, 40  # at most so many in one report; more
 ROLLOUTS = 32  # the same of rollouts, shared by the tasks
 PICTURE_WIDTH, FRAME_WIDTH = 720, 240  # pixels
 STRIP = 4  # frames of a demonstration
+ROBUSTNESS = ("Task", "Scene", "Constraints judged", "Least robustness", "Of the formula")
+JUDGED = (
+    "What was executed, judged in signal temporal logic: the margin left where it was least, for each unit. "
+    "Below zero it is a violation."
+)
+UNJUDGED = "needs rtamt: pip install 'rf_exp[stl]', and make the demonstration again"
 
 
 def rollouts(out: Path, results: Results, suite: Suite) -> Section:
@@ -101,6 +108,45 @@ def data(out: Path) -> Section:
         except RfError as error:
             notes.append(str(error))
     return Section("data", "Demonstrations", panels=tuple(drawn), notes=tuple(notes))
+
+
+def robustness(out: Path, suite: Suite) -> Section:
+    """Of every demonstration below `out/demonstrations`; empty where there is none.
+
+    Read from what lies beside its page, so nothing is judged again, and rtamt is not needed here.
+    """
+    lines: list[tuple[str, ...]] = []
+    notes = []
+    for path in sorted((out / "demonstrations").glob("*.json")):
+        task, _, scene = path.stem.rpartition("-")
+        try:
+            plans = read_json(path, "make the demonstration again")["stl"]
+            found = list(_least([check for plan in plans for check in plan["checks"]]))
+        except (StageError, KeyError, TypeError, OSError) as error:
+            notes.append(f"{path}: cannot be read: {error!r}")
+            continue
+        lines += [(title_of(task, suite), scene, *each) for each in found]
+    return Section(
+        "robustness",
+        "Robustness of demonstrations",
+        lead=JUDGED if lines else "",
+        texts=Texts(ROBUSTNESS, tuple(lines)) if lines else None,
+        notes=tuple(notes),
+    )
+
+
+def _least(checks: list[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
+    """For each unit how many constraints were judged, the least robustness, and the formula that has it."""
+    formulas = [(check["check"], formula) for check in checks for formula in check["formulas"]]
+    if formulas and all(formula["holds"] is None for _, formula in formulas):
+        yield "none", UNJUDGED, ""
+        return
+    judged = [(name, formula) for name, formula in formulas if formula["robustness"] is not None]
+    for unit in sorted({formula["unit"] for _, formula in judged}):
+        of_unit = [(name, formula) for name, formula in judged if formula["unit"] == unit]
+        name, least = min(of_unit, key=lambda each: each[1]["robustness"])
+        constraints = len({name for name, _ in of_unit})
+        yield str(constraints), f"{least['robustness']:.3g} {unit}", f"{name}: {least['stl']}"
 
 
 def pictures(out: Path, results: Results) -> Section:

@@ -6,12 +6,11 @@ from pathlib import Path
 from rf_exp.ablation import found, page, plots, tables
 from rf_exp.ablation.formats import write
 from rf_exp.ablation.page import Panel, Section, Texts, Tile
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results, load
-from rf_exp.ablation.robustness import robustness
 from rf_exp.ablation.rollouts import learnt_from
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
+from rf_exp.ablation.tables.published import paper
 from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
 
@@ -46,7 +45,7 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
         _failures(results, suite),
         found.curves(out),
         found.data(out),
-        robustness(out, suite),
+        found.robustness(out, suite),
         found.pictures(out, results),
         Section(compared.name, compared.title, table=page.laid(compared)),
         found.recordings(out),

@@ -4,11 +4,10 @@ An artifact made from another configuration is never reused and never overwritte
 and names what differs. Jobs that want the same artifact at the same time wait for one another.
 """
 
-from rf_exp.stages.artifacts import owned
+from rf_exp.stages.artifacts import check_folders, owned
 from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.costs import say_how_long
 from rf_exp.stages.evaluation import evaluate_policies
-from rf_exp.stages.folders import check_folders
 from rf_exp.stages.generation import generate_data, why_seeds_failed
 from rf_exp.stages.reporting import write_tables
 from rf_exp.stages.training import train_policies

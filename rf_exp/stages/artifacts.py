@@ -1,12 +1,15 @@
-"""Who may make an artifact, and whether one that is there fits the configuration."""
+"""Who may make an artifact, whether it can be written, and whether one that is there was made alike."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from rf_exp.artifacts import configuration_file, expect_same, locked, read_json, sweep, write_json
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.experiment import Experiment
+from rf_exp.stages.cell import cells
 
 
 @contextmanager
@@ -50,3 +53,40 @@ def same_configuration(
     if not record.exists():
         raise StageError(f"{artifact} is there, and {record} that says what it was made of is not; {remedy}")
     expect_same(artifact, read_json(record, remedy), configuration, remedy)
+
+
+def check_folders(experiment: Experiment) -> None:
+    """Makes the folders of the chosen stages before any work, so that none of it is lost.
+
+    Raises ArgumentError naming one that cannot be used.
+    """
+    for folder in sorted(_folders(experiment)):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise ArgumentError(
+                f"cannot write below {folder}: {error.strerror}; make way for that folder, choose "
+                f"another one with out=FOLDER{', or use wandb=disabled' if folder.name == 'wandb' else ''}"
+            ) from error
+
+
+def _folders(experiment: Experiment) -> set[Path]:
+    stages, found = set(experiment.stages), {experiment.out}
+    for cell in cells(experiment):
+        if "generate" in stages:
+            found |= {cell.data_path.parent, cell.generation_path.parent}
+        looks = {"generate": experiment.recordings, "evaluate": experiment.recordings or experiment.films}
+        if any(looks.get(stage) for stage in stages):
+            found.add(cell.recording_path("generate", 0).parent)
+        for learned in map(cell.with_arch, experiment.archs):
+            if "train" in stages:
+                found.add(learned.policy_path)
+            if "evaluate" in stages:
+                found.add(learned.evaluation_path.parent)
+    if stages & {"generate", "train", "evaluate"} and experiment.wandb != "disabled":
+        found.add(experiment.out / "wandb")
+    if "report" in stages:
+        found.add(experiment.out / "tables")
+    return found

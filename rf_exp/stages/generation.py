@@ -6,6 +6,9 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
 from rf_exp.artifacts import code, keep_text, plain, sweep, whole
@@ -15,14 +18,14 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim import close_shared_simulator, shared_simulator
+from rf_exp.sim import close_shared_simulator, hand_from_camera, shared_simulator
 from rf_exp.stages.artifacts import owned
 from rf_exp.stages.cell import Cell, cells
-from rf_exp.stages.description import described
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
-from rf_exp.store import Store, card
-from rf_exp.types import Episode, Pictures
+from rf_exp.store import Description, Store, card
+from rf_exp.tasks import Task, labels
+from rf_exp.types import CameraModel, Episode, Extras, Pictures
 
 COMMONEST = 3  # reasons that are told where seeds fail
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
@@ -140,7 +143,7 @@ def _store(cell: Cell) -> Store:
         return Store.open(path, identity, writable=True)
     cameras, (height, width) = identity["cameras"], identity["picture"]
     disturbed = experiment.disturbance_rad > 0
-    description = described(task, pictures, cameras, experiment.store)
+    description = _described(task, pictures, cameras, experiment.store)
     objects, agents = tuple(task.objects), len(task.agents)
     return Store.create(path, identity, agents, cameras, height, width, objects, disturbed, description)
 
@@ -214,3 +217,27 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
         delay_s=settings.delay_s,
         account=outcome.account,
     )
+
+
+def _described(task: Task, pictures: Pictures, cameras: Sequence[str], extras: Extras) -> Description:
+    """What a store says of demonstrations of `task` that are seen by these cameras."""
+    scene = task.start(0).scene
+    return Description(
+        language={key: getattr(task, key) for key in ("title", "description", "target_condition")},
+        conditions=tuple(task.module.conditions(scene, scene, task)),
+        world_from_base=[plain(robot.world_from_base) for robot in task.robots],
+        camera_models={name: _camera(task, pictures, name) for name in cameras},
+        depth=extras.depth,
+        labels=labels(task) if extras.segmentation else (),
+    )
+
+
+def _camera(task: Task, pictures: Pictures, name: str) -> dict[str, Any]:
+    spec, fov_y_rad = task.cameras[name], float(np.deg2rad(task.cameras[name].fov_deg))
+    wrist = spec.mount == "wrist"
+    pose = hand_from_camera() if wrist else spec.world_from_camera
+    model = CameraModel(pictures.width, pictures.height, fov_y_rad, pose)
+    return {
+        "intrinsics": plain(model.intrinsics),
+        "hand_from_camera" if wrist else "world_from_camera": plain(pose),
+    }

@@ -48,9 +48,7 @@ class Damaged:
     def _optional(self, start: int, end: int) -> dict[str, Any]:
         """What not every store keeps."""
         found: dict[str, Any] = {
-            "poses": {
-                name: self._read(f"data/pose_{name}", start, end) for name in self.attrs.get("objects", ())
-            }
+            "poses": {name: self._read(f"data/pose_{name}", start, end) for name in self.attrs["objects"]}
         }
         stored = [name.removeprefix("data/") for name in layout(self.attrs)]
         for name in ("executed", "subgoal"):

@@ -30,7 +30,7 @@ class Description:
 
     @classmethod
     def of(cls, attributes: Mapping[str, Any]) -> Self | None:
-        """That of a store; None for one from before stores said so."""
+        """That of a store; None for one that was made without it."""
         if "conditions" not in attributes:
             return None
         return cls(**{each.name: attributes[each.name] for each in fields(cls)})

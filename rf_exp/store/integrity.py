@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
 from rf_exp.store.description import Description
-from rf_exp.store.layout import READABLE, array_of, chunking, file_of, is_picture, layout, rows_a_file
+from rf_exp.store.layout import FORMAT, array_of, chunking, file_of, is_picture, layout, rows_a_file
 from rf_exp.store.other_kinds import refuse_other_kinds
+from rf_exp.texts import printable
 from rf_exp.types import CONTROL_HZ
 
-ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "height", "width", "control_hz"}
+ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "objects", "height", "width", "control_hz"}
 SIZES = {"agents": (1, 99), "height": (0, 8192), "width": (0, 8192)}  # least and most; pictures in px
 MOST_SURPLUS = 1_000_000  # rows behind the episodes, of one whose append was killed: 14 hours of motion
 REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
@@ -79,21 +80,27 @@ def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, 
 
 def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
     """Raises Damage for attributes that are missing or cannot be, StageError for those of another format."""
+    for key, readable in (("format", FORMAT), ("control_hz", CONTROL_HZ)):
+        if attributes.get(key, readable) != readable:
+            raise StageError(
+                f"{path} has {key} {attributes[key]}, made by {_maker(attributes)}; this version reads "
+                f"{readable}: generate the data again, or use that version"
+            )
     if missing := sorted(ATTRIBUTES - set(attributes)):
         raise damaged(path, f"attributes {', '.join(missing)} are missing", rescuable=False)
-    for key, possible in (("format", READABLE), ("control_hz", (CONTROL_HZ,))):
-        if attributes[key] not in possible:
-            *others, last = map(str, possible)
-            listed = f"{', '.join(others)} and {last}" if others else last
-            raise StageError(
-                f"{path} has {key} {attributes[key]}; this version reads {listed}; generate the data again"
-            )
     for key, (least, most) in SIZES.items():
         if type(value := attributes[key]) is not int or not least <= value <= most:
             raise damaged(path, f"{key} is {value!r}; expected {least} to {most}", rescuable=False)
     with blames(path, "its attributes do not say which arrays it has", rescuable=False):
         layout(attributes)
         Description.of(attributes)
+
+
+def _maker(attributes: Mapping[str, Any]) -> str:
+    """Which version has made a store, as far as it says so."""
+    versions, commit = attributes.get("versions"), printable(attributes.get("commit") or "unknown")
+    version = versions.get("rf_exp") if isinstance(versions, Mapping) else None
+    return f"rf_exp {printable(version or 'of unknown version')}, commit {commit}"
 
 
 def check_rows(
@@ -131,7 +138,7 @@ def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dic
         if array.shape[1:] != shape or array.dtype != np.dtype(dtype):
             found = f"{array.dtype} {('T', *array.shape[1:])}"
             raise damaged(path, f"{name} is {found}, expected {dtype} {('T', *shape)}")
-        chunk, shard = chunking(name, attributes)
+        chunk, shard = chunking(name)
         lies, expected = (array.chunks, array.shards), ((chunk, *shape), (shard, *shape) if shard else None)
         if lies != expected:
             raise damaged(path, f"{name} lies in chunks and files of {lies}, expected {expected}")

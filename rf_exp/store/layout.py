@@ -12,10 +12,7 @@ from zarr.codecs import ZstdCodec
 from rf_exp.artifacts import whole
 from rf_exp.store.description import COMMANDS, JOINTS, POSE, dimensions, explained
 
-FORMAT = (
-    3  # since states lie in small chunks; 2: they say what they are about, and keep the conditions of success
-)
-READABLE = (1, 2, 3)
+FORMAT = 3  # of how a store lies in files and what it says
 IMAGES = ("rgb", "depth", "segmentation")
 JUDGED = ("value", "bound", "unit", "holds")  # the arrays of the conditions of success
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
@@ -30,14 +27,13 @@ def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], An
     agents, size = attributes["agents"], (attributes["height"], attributes["width"])
     joints, commands = (agents, len(JOINTS)), (agents, len(COMMANDS))
     executed = {"data/executed": (commands, "float32")} if attributes.get("disturbed") else {}
-    subgoal = {"data/subgoal": ((agents,), "int16")} if "objects" in attributes else {}
     return {
         "data/qpos": (joints, "float32"),
         "data/qvel": (joints, "float32"),
         "data/action": (commands, "float32"),
         **executed,
-        **subgoal,
-        **{f"data/pose_{name}": ((len(POSE),), "float32") for name in attributes.get("objects", ())},
+        "data/subgoal": ((agents,), "int16"),
+        **{f"data/pose_{name}": ((len(POSE),), "float32") for name in attributes["objects"]},
         **_described(attributes, size),
         **{f"data/rgb_{camera}": ((*size, 3), "uint8") for camera in attributes["cameras"]},
         "meta/seed": ((), "int64"),
@@ -73,15 +69,13 @@ def is_picture(name: str) -> bool:
     return name.startswith(tuple(f"data/{kind}_" for kind in IMAGES))
 
 
-def chunking(name: str, attributes: Mapping[str, Any]) -> tuple[int, int | None]:
+def chunking(name: str) -> tuple[int, int | None]:
     """(rows of a chunk, which are compressed together and checked by one sum; rows of a file of such chunks).
 
-    None for a file is one that is a chunk itself. Both follow from the format of the store.
+    None for a file is one that is a chunk itself.
     """
     if is_picture(name):
         return PICTURE_CHUNK, PICTURE_SHARD
-    if attributes["format"] < 3:
-        return (META_CHUNK if name.startswith("meta/") else STATE_SHARD), None
     if name == "meta/certificate":
         return CERTIFICATE_CHUNK, CERTIFICATE_SHARD
     return (META_CHUNK, None) if name.startswith("meta/") else (STATE_CHUNK, STATE_SHARD)
@@ -95,7 +89,7 @@ def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
     with whole(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():
-            chunk, shard = chunking(name, attributes)
+            chunk, shard = chunking(name)
             group.create_array(
                 name,
                 shape=(0, *shape),

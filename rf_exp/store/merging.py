@@ -8,12 +8,11 @@ from typing import Any
 from rf_exp.artifacts import differing, whole, write_text
 from rf_exp.errors import StageError
 from rf_exp.store.cards import card
-from rf_exp.store.layout import FORMAT, empty_like
+from rf_exp.store.layout import empty_like
 from rf_exp.store.reader import Reader
 from rf_exp.store.writer import Store
 
 PROVENANCE = ("commit", "versions")  # as when episodes are appended: those of who began
-LAYOUT = ("format",)  # what else differs shows in other attributes
 
 
 def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
@@ -56,7 +55,7 @@ def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = la
     order = merge_order(stores)
     began = min(stores, key=lambda store: store.identity.get("first_seed", 0))
     with whole(to) as draft:
-        empty_like(draft, {**began.attrs, "format": FORMAT})
+        empty_like(draft, began.attrs)
         with Store.open(draft, writable=True) as store:
             for _, source, index in order:
                 store.append(source.episode(index))
@@ -67,5 +66,5 @@ def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = la
 def _compared(attributes: Mapping[str, Any]) -> dict[str, Any]:
     """What stores that are merged share."""
     identity = {name: value for name, value in attributes["identity"].items() if name != "first_seed"}
-    kept = {name: value for name, value in attributes.items() if name not in (*PROVENANCE, *LAYOUT)}
+    kept = {name: value for name, value in attributes.items() if name not in PROVENANCE}
     return {**kept, "identity": identity}

@@ -83,7 +83,7 @@ class Reader:
     @property
     def objects(self) -> tuple[str, ...]:
         """The objects whose poses are kept."""
-        return tuple(self._attrs.get("objects", ()))
+        return tuple(self._attrs["objects"])
 
     @property
     def disturbed(self) -> bool:
@@ -92,7 +92,7 @@ class Reader:
 
     @property
     def description(self) -> Description | None:
-        """What the data are about; None in a store of format 1, which does not say."""
+        """What the data are about; None in a store that was made without it."""
         return Description.of(self._attrs)
 
     @property
@@ -123,19 +123,17 @@ class Reader:
 
     @cached_property
     def poses(self) -> dict[str, NDArray[np.float32]]:
-        """Object -> (T, 7) position in m and quaternion w, x, y, z; empty in an older store."""
+        """Object -> (T, 7) position in m and quaternion w, x, y, z."""
         return {name: self._read(f"data/pose_{name}") for name in self.objects}
 
     @cached_property
     def subgoal(self) -> NDArray[np.int16]:
         """(T, N) index of what each agent is about in its texts in the certificate; -1 is not known."""
-        if "objects" not in self._attrs:
-            return np.full((self.steps, self.agents), -1, np.int16)
         return self._read("data/subgoal")
 
     @cached_property
     def judged(self) -> Judged | None:
-        """How far each condition of success was met after each action; None in an older store."""
+        """How far each condition of success was met after each action; None without a description."""
         if "conditions" not in self._attrs:
             return None
         return Judged(

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from rf_exp.ablation import configured
+from rf_exp.ablation.found import robustness
 from rf_exp.ablation.report import write_report
-from rf_exp.ablation.robustness import robustness
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.demonstration.__main__ import demonstrate

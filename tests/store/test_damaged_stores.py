@@ -122,7 +122,8 @@ def test_another_format_is_refused(tmp_path: Path) -> None:
     with Store.open(path, writable=True) as store:
         store._group.attrs["format"] = 99
     with pytest.raises(
-        StageError, match="has format 99; this version reads 1, 2 and 3; generate the data again"
+        StageError,
+        match=r"has format 99, made by rf_exp 0\.1\.0, commit .*; this version reads 3: generate",
     ):
         Store.open(path)
 

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 
-from rf_exp.store import Damage, Damaged, Store, empty_like, merge
+from rf_exp.store import Damage, Damaged, Store, merge
 from rf_exp.types import Episode
 from tests.store.episodes import AGENTS, IDENTITY, OBJECTS, assert_same
 from tests.test_data import DESCRIPTION, described
@@ -16,10 +16,9 @@ from tests.test_rescue import digest, flip
 
 SEEDS, STEPS = range(3, 13), 95  # as long as demonstrations of Lift Barrier are
 STATES_ONLY = replace(DESCRIPTION, camera_models={}, depth=False, labels=())
-COSTS = {  # of one byte, in episodes of 10, at most; by format
-    2: {"data/qpos": 10, "data/time_s": 0, "meta/certificate": 10, "meta/seed": 0, "meta/episode_ends": 0},
-    3: {"data/qpos": 3, "data/time_s": 0, "meta/certificate": 1, "meta/seed": 0, "meta/episode_ends": 0},
-}
+COSTS = {  # of one byte, in episodes of 10, at most
+    "data/qpos": 3, "data/time_s": 0, "meta/certificate": 1, "meta/seed": 0, "meta/episode_ends": 0
+}  # fmt: skip
 
 
 def episode(seed: int) -> Episode:
@@ -29,14 +28,10 @@ def episode(seed: int) -> Episode:
     return replace(made, images={}, extras={}, certificate=certificate)
 
 
-@pytest.fixture(scope="module", params=COSTS)
-def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A store as it was written at the time of a format."""
-    folder = tmp_path_factory.mktemp("written")
-    path, new = folder / "s.zarr", folder / "new.zarr"
-    Store.create(new, IDENTITY, AGENTS, (), 0, 0, OBJECTS, True, STATES_ONLY).close()
-    empty_like(path, {**Store.open(new).attrs, "format": request.param})
-    with Store.open(path, writable=True) as store:
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("written") / "s.zarr"
+    with Store.create(path, IDENTITY, AGENTS, (), 0, 0, OBJECTS, True, STATES_ONLY) as store:
         for seed in SEEDS:
             store.append(episode(seed))
     return path
@@ -62,7 +57,7 @@ def kept(path: Path) -> list[int]:
 
 @pytest.mark.slow
 def test_a_flipped_byte_costs_the_episodes_of_its_chunk_and_no_other(path: Path) -> None:
-    for name, cost in COSTS[Store.open(path).attrs["format"]].items():
+    for name, cost in COSTS.items():
         file = min(each for each in (path / name / "c").rglob("*") if each.is_file())
         whole = file.read_bytes()
         flip(file)
@@ -76,18 +71,17 @@ def test_a_flipped_byte_costs_the_episodes_of_its_chunk_and_no_other(path: Path)
 
 
 @pytest.mark.slow
-def test_stores_of_each_format_are_read_and_gone_on_with(path: Path) -> None:
+def test_a_store_is_read_and_gone_on_with(path: Path) -> None:
     with Store.open(path, IDENTITY, writable=True) as store:
         store.append(episode(99))
     store = Store.open(path)
-    array = store._array("data/qpos")
-    assert array.chunks[0] == {2: 1024, 3: 128}[store.attrs["format"]]
+    assert store._array("data/qpos").chunks[0] == 128
     for index, seed in enumerate([*SEEDS, 99]):
         assert_same(store.episode(index), episode(seed))
 
 
 @pytest.mark.slow
-def test_parts_of_different_formats_are_merged_into_one_of_today(path: Path, tmp_path: Path) -> None:
+def test_parts_are_merged_into_one_of_today(path: Path, tmp_path: Path) -> None:
     more = Store.create(tmp_path / "more.zarr", IDENTITY, AGENTS, (), 0, 0, OBJECTS, True, STATES_ONLY)
     with more:
         more.append(episode(2))

@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product
 
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.suite import Suite
@@ -11,6 +10,7 @@ from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Cell, Rate, Text, Violations
 from rf_exp.ablation.tables.counting import average, rates
 from rf_exp.ablation.tables.notes import ROLLOUT_VIOLATIONS
+from rf_exp.ablation.tables.published import paper
 from rf_exp.ablation.tables.selection import (
     BASELINE_ARCH,
     agents_of,

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import GenerationRow
 from rf_exp.ablation.suite import Suite
@@ -11,6 +10,7 @@ from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Cell, Length, Rate
 from rf_exp.ablation.tables.counting import lengths, rates
 from rf_exp.ablation.tables.notes import PROPOSAL_VIOLATIONS
+from rf_exp.ablation.tables.published import paper
 from rf_exp.ablation.tables.selection import BASELINE_BRAIN, generated, tasks_of
 from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_violations
 

@@ -2,7 +2,6 @@
 
 from collections import Counter
 
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
@@ -10,6 +9,7 @@ from rf_exp.ablation.tables.baseline import baseline_cells, demos_columns
 from rf_exp.ablation.tables.cells import Cell, Length, Text
 from rf_exp.ablation.tables.counting import length, rates
 from rf_exp.ablation.tables.notes import ROLLOUT_VIOLATIONS
+from rf_exp.ablation.tables.published import paper
 from rf_exp.ablation.tables.selection import (
     BASELINE_ARCH,
     BASELINE_BRAIN,

@@ -2,7 +2,6 @@
 
 from itertools import chain
 
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow, newest
 from rf_exp.ablation.suite import Suite
@@ -10,6 +9,7 @@ from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Rate, Text, Violations
 from rf_exp.ablation.tables.counting import rates, violations
 from rf_exp.ablation.tables.notes import ROLLOUT_VIOLATIONS
+from rf_exp.ablation.tables.published import paper
 from rf_exp.ablation.tables.selection import (
     BASELINE_ARCH,
     BASELINE_CONSTRAINTS,

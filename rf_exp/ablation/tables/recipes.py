@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from itertools import chain
 
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Rate, Text
 from rf_exp.ablation.tables.counting import rates
+from rf_exp.ablation.tables.published import paper
 from rf_exp.ablation.tables.selection import BASELINE_ARCH, is_baseline, recipes_of, tasks_of, unshielded
 from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_violations
 

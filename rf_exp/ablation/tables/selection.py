@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from statistics import fmean
 
-from rf_exp.ablation.published import paper
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.ablation.suite import Suite
+from rf_exp.ablation.tables.published import paper
 from rf_exp.types import FOREIGN
 
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
