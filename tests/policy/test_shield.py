@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
+from rf_exp.observations import Observation
 from rf_exp.policy import Decision, Shield, rollout
 from rf_exp.policy.acting.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
 from rf_exp.tasks import SuccessEvaluator, Task
@@ -34,7 +35,7 @@ def never(scene: Scene) -> Verdict:
 def to(*goals: NDArray[np.float64], gripper: float = 1.0) -> Predict:
     """Predicts the same goal all along, goal after goal, and stays at the last one."""
 
-    def predict(number: int, scene: Scene) -> NDArray[np.float64]:
+    def predict(number: int, seen: Observation) -> NDArray[np.float64]:
         goal = goals[min(number, len(goals) - 1)]
         return np.tile(np.append(goal, gripper), (CHUNK, 1))
 
@@ -130,7 +131,7 @@ def test_targets_that_were_not_given_are_kept() -> None:
     last: list[NDArray[np.float64]] = []
     path = np.column_stack([REST + 0.02 * np.arange(1, 17)[:, None], np.linspace(1, -1, 16)])
 
-    def chunks(number: int, scene: Scene) -> NDArray[np.float64]:
+    def chunks(number: int, seen: Observation) -> NDArray[np.float64]:
         return path.astype(float)[CHUNK * number :][:CHUNK]
 
     world = Puppets(ALONE)
@@ -144,10 +145,10 @@ def test_targets_that_were_not_given_are_kept() -> None:
 def test_after_its_chunk_an_arm_stands_where_it_ends() -> None:
     """The first arm predicts one step at a time; the second one, that comes for long, is not let in."""
 
-    def short(number: int, scene: Scene) -> NDArray[np.float64]:
+    def short(number: int, seen: Observation) -> NDArray[np.float64]:
         return np.append(REACHING, 1.0)[None]
 
-    def long(number: int, scene: Scene) -> NDArray[np.float64]:
+    def long(number: int, seen: Observation) -> NDArray[np.float64]:
         return np.tile(np.append(REACHING if number else REST, 1.0), (40, 1))
 
     world, told, _ = run(PAIR, [short, long], 80)
@@ -182,8 +183,8 @@ def test_who_stands_in_the_way_makes_room(came: bool) -> None:
                 self._qpos[0, :7] = REACHING
             return self._scene()
 
-    def stays(number: int, scene: Scene) -> NDArray[np.float64]:
-        goal = REACHING if came and number < 6 else scene.qpos[0, :7]
+    def stays(number: int, seen: Observation) -> NDArray[np.float64]:
+        goal = REACHING if came and number < 6 else seen.qpos[1][:7]
         return np.tile(np.append(goal, 1.0), (CHUNK, 1))
 
     runners = [Scripted(1, stays), Scripted(2, to(*[REST] * (6 * came), REACHING))]
@@ -310,7 +311,7 @@ def wild(task: Task, agent: int) -> Predict:
     others = [hand[:3, 3] for other, hand in enumerate(hands, 1) if other != agent]
     rng = np.random.default_rng([agent, 5])
 
-    def predict(number: int, scene: Scene) -> NDArray[np.float64]:
+    def predict(number: int, seen: Observation) -> NDArray[np.float64]:
         goal = None
         while goal is None:
             tcp = hands[agent - 1].copy()
@@ -371,7 +372,7 @@ def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
 
     def shown(agent: int) -> Predict:
         commands = episode.action[:, agent - 1].astype(float)
-        return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
+        return lambda number, _: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
 
     world = shared_simulator(task, NO_PICTURES)
     start = world.reset(0)

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 from websockets.sync.client import ClientConnection, connect
 
 from rf_exp.errors import StageError
-from rf_exp.observations import Observation
+from rf_exp.observations import ObservationDict
 from rf_exp.policy.foreign.wire import pack, unpack
 from rf_exp.texts import printable
 
@@ -55,7 +55,7 @@ class Remote:
         """An episode begins; the server is told with its first observation."""
         self._seed = seed
 
-    def act(self, observation: Observation) -> Any:
+    def act(self, observation: ObservationDict) -> Any:
         """The `actions` of the server for an observation."""
         begins = {} if self._seed is None else {"reset": self._seed}
         try:
