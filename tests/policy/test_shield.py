@@ -13,7 +13,7 @@ from rf_exp.constraints import PolicyMonitor
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
 from rf_exp.observations import Observation
 from rf_exp.policy import Decision, Shield, rollout
-from rf_exp.policy.acting.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
+from rf_exp.policy.acting.shield import BACK_STEPS, WAIT_LIMIT_STEPS, SLOWING_RAD_S2
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import NO_PICTURES, ConstraintSet, Rollout, RolloutStep, Scene, Verdict
@@ -114,7 +114,7 @@ def test_who_waited_goes_on_once_the_way_is_free() -> None:
     world, told, _ = run(PAIR, [to(*[REACHING] * 6, REST), to(REST, REACHING)], 100)
     assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
     assert arrived(world, 1, REST)[-1] > 60 and arrived(world, 2, REACHING)
-    assert 0 < len(withheld(told, 2)) < 3 * PATIENCE_STEPS and not withheld(told, 1)
+    assert 0 < len(withheld(told, 2)) < 3 * WAIT_LIMIT_STEPS and not withheld(told, 1)
 
 
 def test_targets_that_were_not_given_are_kept() -> None:
@@ -204,7 +204,7 @@ def test_who_has_waited_predicts_anew() -> None:
     rollout(Puppets(PAIR), never, runners, 0, 70, None, told.append, shield=Shield(PAIR))
     first = withheld(told, 2)[0]
     anew = [step.scene.step for step in told if 2 in step.predicted and step.scene.step > first]
-    assert anew[0] == first + PATIENCE_STEPS
+    assert anew[0] == first + WAIT_LIMIT_STEPS
 
 
 def test_an_arm_that_waits_slows_down_where_there_is_room() -> None:

@@ -1,4 +1,4 @@
-"""The one rollout loop: policies act in a world at the control rate, judged at every step.
+"""Rollout loop: policies act in a world at the control rate, judged at every step.
 
 A policy is handed an observation of what it declares (`rf_exp.observations`); judge, monitor and shield,
 which are no policies, see the scene. Observations have the history of training: consecutive control steps.

@@ -1,4 +1,4 @@
-"""RoboChecker between policies and arms: what was predicted is checked before it is executed.
+"""Shield: RoboChecker between policies and arms, which checks what was predicted before it is executed.
 
 Policies predict chunks of joint targets, each blind to what the others are about to do. Before every
 control step the shield takes the commands that all of them are about to give, each chunk to its end, where
@@ -14,7 +14,7 @@ Arms that hold one thing wait together.
 
 An arm that waits keeps the targets it has not been given, and goes on with them when it may. It slows down
 on its way, no faster than `SLOWING_RAD_S2`, where there is room for that, and stops at once where not. After
-`PATIENCE_STEPS` its policy predicts anew from what it sees now. After as many again one arm retracts along
+`WAIT_LIMIT_STEPS` its policy predicts anew from what it sees now. After as many again one arm retracts along
 the way that it came, and predicts anew there: the one that is waited for, where it goes nowhere itself
 (its policy waits for what the other one is about to do) and was not the last to retract, or else the one that
 waits. One that has no such way left, as it has not moved yet, draws aside a little, towards its retracted
@@ -43,7 +43,7 @@ from rf_exp.tasks import RETRACTED_QPOS, Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
 SHIELD_VERSION = "2"  # of what it decides
-PATIENCE_STEPS = 20  # of waiting, until something else is tried
+WAIT_LIMIT_STEPS = 20  # of waiting, until something else is tried
 BACK_STEPS = 20  # of its own way that an arm retracts at most
 STRIDE_RAD = 0.04  # in a control step, of an arm that draws aside without a way that it came
 ASIDE_STEPS = 6  # for which it does so
@@ -181,17 +181,17 @@ class Shield:
         waits = other is not None
         if agent in self._back:
             self._waited[agent] += waits
-            if len(self._back[agent]) and self._waited[agent] < PATIENCE_STEPS:
+            if len(self._back[agent]) and self._waited[agent] < WAIT_LIMIT_STEPS:
                 return False
             del self._back[agent]
             self._waited[agent] = 0
             return True
         self._waited[agent] = self._waited[agent] + 1 if waits else max(0, self._waited[agent] - 1)
-        if not waits or self._waited[agent] % PATIENCE_STEPS:
+        if not waits or self._waited[agent] % WAIT_LIMIT_STEPS:
             return False
         back = other if self._stands(other, lookahead) and self._last_back != other else agent
         way = self._way_back(back)
-        if self._waited[agent] % (2 * PATIENCE_STEPS) or self._back or not len(way):
+        if self._waited[agent] % (2 * WAIT_LIMIT_STEPS) or self._back or not len(way):
             return True
         self._back[back], self._last_back = way, back
         self._waited[agent] = 0

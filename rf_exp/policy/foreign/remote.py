@@ -1,4 +1,4 @@
-"""A policy on another machine, asked by openpi's protocol: msgpack over a websocket.
+"""Remote policy: one on another machine, asked by openpi's protocol: msgpack over a websocket.
 
 The server speaks first, with a map of what it likes to say of itself. Then each message is an observation,
 and each answer a map with `actions`; a text in its place is an error of the server. The first observation
