@@ -1,4 +1,4 @@
-"""Foreign runner: somebody's policy in the rollout loop, with everything it gives checked before an arm moves."""
+"""Foreign runner: somebody's policy in the rollout loop; all it gives is checked before an arm moves."""
 
 from dataclasses import replace
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""Specification of whose policy acts in the place of ours, and how: `foreign` in conf/config.yaml, checked."""
+"""Specification of a policy that acts in the place of ours: `foreign` in conf/config.yaml, checked."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
