@@ -20,7 +20,7 @@ from omegaconf import OmegaConf
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.experiment import read_experiment
-from rf_exp.policy.coordination import hesitates
+from rf_exp.policy.inputs.coordination import hesitates
 from rf_exp.types import ARM_JOINTS, CONTROL_HZ, NO_PICTURES, Episode
 
 FAST = ("policy=fast", "recipe=fast", "render=false", "stages=[generate]")

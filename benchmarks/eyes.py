@@ -17,8 +17,8 @@ from pathlib import Path
 import torch
 
 from rf_exp.policy import PolicyConfig, TrainConfig, Training, Windows, views
-from rf_exp.policy.eyes import OUT
-from rf_exp.policy.keypoints import HAND, HEADING
+from rf_exp.policy.examples.keypoints import HAND, HEADING
+from rf_exp.policy.networks.keypoint_encoder import OUT
 from rf_exp.store import Store
 from rf_exp.types import Arch
 

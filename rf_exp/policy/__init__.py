@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 from rf_exp.late import late
 
 if TYPE_CHECKING:
+    from rf_exp.policy.acting.diffusion_runner import DiffusionRunner, load_runners
+    from rf_exp.policy.acting.rollouts import rollout
+    from rf_exp.policy.acting.runner import PolicyRunner
+    from rf_exp.policy.acting.shield import SHIELD_VERSION, Decision, Shield
     from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
-    from rf_exp.policy.coordination import sent_on
-    from rf_exp.policy.curves import Curve, cost_s
-    from rf_exp.policy.dataset import Batch, Windows
-    from rf_exp.policy.diffusion import DiffusionPolicy
-    from rf_exp.policy.diffusion_runner import DiffusionRunner, load_runners
+    from rf_exp.policy.examples.windows import Batch, Windows
     from rf_exp.policy.foreign import (
         Foreign,
         foreign_policy,
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
         pack,
         unpack,
     )
-    from rf_exp.policy.rollouts import rollout
-    from rf_exp.policy.runner import PolicyRunner
-    from rf_exp.policy.saved import (
+    from rf_exp.policy.inputs.coordination import sent_on
+    from rf_exp.policy.inputs.view import Stream, View, views
+    from rf_exp.policy.learning.checkpoint import (
         CURVES,
         MODEL,
         device_of,
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
         made_of,
         write_small,
     )
-    from rf_exp.policy.shield import SHIELD_VERSION, Decision, Shield
-    from rf_exp.policy.training import Training, train
-    from rf_exp.policy.view import Stream, View, views
+    from rf_exp.policy.learning.curves import Curve, cost_s
+    from rf_exp.policy.learning.training import Training, train
+    from rf_exp.policy.networks.diffusion import DiffusionPolicy
 else:
     __getattr__ = late(
         __name__,
         {
+            "acting.diffusion_runner": ("DiffusionRunner", "load_runners"),
+            "acting.rollouts": ("rollout",),
+            "acting.runner": ("PolicyRunner",),
+            "acting.shield": ("SHIELD_VERSION", "Decision", "Shield"),
             "config": ("LEARNER", "PolicyConfig", "TrainConfig"),
-            "coordination": ("sent_on",),
-            "curves": ("Curve", "cost_s"),
-            "dataset": ("Batch", "Windows"),
-            "diffusion": ("DiffusionPolicy",),
-            "diffusion_runner": ("DiffusionRunner", "load_runners"),
+            "examples.windows": ("Batch", "Windows"),
             "foreign": (
                 "Foreign",
                 "foreign_policy",
@@ -55,9 +55,9 @@ else:
                 "pack",
                 "unpack",
             ),
-            "rollouts": ("rollout",),
-            "runner": ("PolicyRunner",),
-            "saved": (
+            "inputs.coordination": ("sent_on",),
+            "inputs.view": ("Stream", "View", "views"),
+            "learning.checkpoint": (
                 "CURVES",
                 "MODEL",
                 "device_of",
@@ -66,9 +66,9 @@ else:
                 "made_of",
                 "write_small",
             ),
-            "shield": ("SHIELD_VERSION", "Decision", "Shield"),
-            "training": ("Training", "train"),
-            "view": ("Stream", "View", "views"),
+            "learning.curves": ("Curve", "cost_s"),
+            "learning.training": ("Training", "train"),
+            "networks.diffusion": ("DiffusionPolicy",),
         },
     )
 

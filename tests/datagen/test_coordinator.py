@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rf_exp.datagen import Coordinator, EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.policy.coordination import may_go
+from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.sim import Simulator
 from rf_exp.types import ARM_JOINTS, ConstraintSet, Scene
 from tests.conftest import TASKS, read_task

@@ -13,7 +13,7 @@ from rf_exp.datagen.knocks import KNOCKED_M, Knocks, nearer
 from rf_exp.datagen.motion import ADDED, TALLEST, Disturbance
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.coordination import hesitates
+from rf_exp.policy.inputs.coordination import hesitates
 from rf_exp.robots import limits_rad
 from rf_exp.sim import shared_simulator
 from rf_exp.tasks import REST_QPOS, default_of

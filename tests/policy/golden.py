@@ -57,7 +57,7 @@ def of(recipe: str, folder: Path) -> Digests:
     import torch
 
     from rf_exp.policy import MODEL, DiffusionRunner, load_policy, train, views
-    from rf_exp.policy.saved import read_tensors
+    from rf_exp.policy.learning.checkpoint import read_tensors
     from rf_exp.store import Store
     from tests.conftest import experiment
     from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, write_store

@@ -9,9 +9,9 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, TrainConfig, View, load_policy, load_runners, rollout, train
-from rf_exp.policy.close_up import REACH, CloseUp
-from rf_exp.policy.eyes import Eyes
-from rf_exp.policy.keypoints import HAND
+from rf_exp.policy.examples.keypoints import HAND
+from rf_exp.policy.networks.crop_refinement import REACH, CloseUp
+from rf_exp.policy.networks.keypoint_encoder import Eyes
 from tests.policy.conftest import HEIGHT, WIDTH
 from tests.policy.test_rollout import Table, judge
 

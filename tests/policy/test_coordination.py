@@ -22,9 +22,9 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, told
-from rf_exp.policy.diffusion_runner import WAIT_STEPS
-from rf_exp.policy.observation import senses_of
+from rf_exp.policy.acting.diffusion_runner import WAIT_STEPS
+from rf_exp.policy.inputs.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, told
+from rf_exp.policy.inputs.observation_spec import senses_of
 from rf_exp.store import Store
 from rf_exp.types import Arch, Scene
 from tests.policy.conftest import ARCHS, REST, STEPS

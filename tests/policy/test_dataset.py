@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, View, Windows, views
-from rf_exp.policy.dataset import action_origin
-from rf_exp.policy.grippers import CHANGES
-from rf_exp.policy.observation import POSE, proprioception
-from rf_exp.policy.pictures import crop
-from rf_exp.policy.view import ACTION_SIZE
+from rf_exp.policy.examples.windows import action_origin
+from rf_exp.policy.inputs.gripper_history import CHANGES
+from rf_exp.policy.inputs.observation_spec import POSE, proprioception
+from rf_exp.policy.inputs.pictures import crop
+from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.store import Store
 from rf_exp.types import Arch
 from tests.policy.conftest import ARCHS, HEIGHT, STEPS, STILL, WIDTH, make_episode, scene_of

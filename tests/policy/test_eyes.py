@@ -23,12 +23,12 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.config import CELL
-from rf_exp.policy.coordination import may_go
-from rf_exp.policy.eyes import Eyes
-from rf_exp.policy.hands import followed, with_hands
-from rf_exp.policy.keypoints import HAND, keypoints
-from rf_exp.policy.moments import by_episode
-from rf_exp.policy.observation import Senses, senses_of, tcp_poses
+from rf_exp.policy.examples.keypoints import HAND, keypoints
+from rf_exp.policy.examples.moments import by_episode
+from rf_exp.policy.inputs.coordination import may_go
+from rf_exp.policy.inputs.observation_spec import Senses, senses_of, tcp_poses
+from rf_exp.policy.inputs.task_space import followed, with_hands
+from rf_exp.policy.networks.keypoint_encoder import Eyes
 from rf_exp.robots import limits_rad, tcp_pose
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store

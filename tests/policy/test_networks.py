@@ -5,9 +5,9 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import DiffusionPolicy, PolicyConfig
-from rf_exp.policy.encoder import SpatialSoftmax, encoder
-from rf_exp.policy.normaliser import LEAST_RANGE, Range, largest_change
-from rf_exp.policy.unet import ConditionalUNet1D
+from rf_exp.policy.networks.encoders import SpatialSoftmax, encoder
+from rf_exp.policy.networks.normaliser import LEAST_RANGE, Range, largest_change
+from rf_exp.policy.networks.unet import ConditionalUNet1D
 from tests.policy.conftest import small_policy
 
 

@@ -18,9 +18,9 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.grippers import Memory
-from rf_exp.policy.moments import moving
-from rf_exp.policy.observation import Senses, context, near, senses_of, tcp_poses
+from rf_exp.policy.examples.moments import moving
+from rf_exp.policy.inputs.gripper_history import Memory
+from rf_exp.policy.inputs.observation_spec import Senses, context, near, senses_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, scene_at, small_training

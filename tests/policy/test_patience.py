@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rf_exp.policy.patience import Patience
+from rf_exp.policy.acting.patience import Patience
 
 
 def look(go: float, *subgoals: float) -> np.ndarray:

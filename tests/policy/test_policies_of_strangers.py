@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves
 from rf_exp.artifacts import digest
 from rf_exp.errors import StageError
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
-from rf_exp.policy.saved import CONFIG, fill, read_tensors, write_tensors
+from rf_exp.policy.learning.checkpoint import CONFIG, fill, read_tensors, write_tensors
 from rf_exp.store import Store
 
 PLACE = View("agent1", (Stream("agent1", (1,)),))

@@ -22,7 +22,7 @@ from rf_exp.policy import (
     rollout,
     views,
 )
-from rf_exp.policy.observation import proprioception
+from rf_exp.policy.inputs.observation_spec import proprioception
 from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import read_task
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture

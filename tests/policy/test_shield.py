@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
 from rf_exp.policy import Decision, Shield, rollout
-from rf_exp.policy.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
+from rf_exp.policy.acting.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import NO_PICTURES, ConstraintSet, Rollout, RolloutStep, Scene, Verdict

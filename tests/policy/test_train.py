@@ -35,7 +35,7 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.saved import CONFIG, STATE, read_tensors, write_tensors
+from rf_exp.policy.learning.checkpoint import CONFIG, STATE, read_tensors, write_tensors
 from rf_exp.store import Store
 from tests.children import small_files
 from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training
@@ -318,7 +318,7 @@ def test_what_another_learner_has_made_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     train(store, LOCAL, policy_config, train_config, tmp_path)
-    monkeypatch.setattr("rf_exp.policy.saved.LEARNER", LEARNER + 1)
+    monkeypatch.setattr("rf_exp.policy.learning.checkpoint.LEARNER", LEARNER + 1)
     said = rf"is by version {LEARNER} of the learner, this is version {LEARNER + 1}; delete the folder"
     with pytest.raises(StageError, match=said):
         load_policy(tmp_path, "cpu")

@@ -11,7 +11,7 @@ import pytest
 from rf_exp.ablation import EvaluationRow, read_rows
 from rf_exp.artifacts import commit
 from rf_exp.policy import MODEL
-from rf_exp.policy.saved import CONFIG, read_tensors, write_tensors
+from rf_exp.policy.learning.checkpoint import CONFIG, read_tensors, write_tensors
 
 pytestmark = [pytest.mark.render, pytest.mark.slow]
 

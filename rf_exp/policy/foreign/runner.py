@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
 from rf_exp.observations import Eyes, Observation, Shown
+from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.foreign.factory import make_policy
 from rf_exp.policy.foreign.spec import Foreign
-from rf_exp.policy.runner import PolicyRunner
-from rf_exp.policy.view import ACTION_SIZE, Stream, View
+from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.robots import limits_rad
 from rf_exp.types import ARM_JOINTS, Scene
 

@@ -20,12 +20,10 @@ from torch import Tensor, nn
 from rf_exp.artifacts import digest, read_json
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
-from rf_exp.policy.curves import Curve, curves
-from rf_exp.policy.dataset import Windows
-from rf_exp.policy.diffusion import DiffusionPolicy
-from rf_exp.policy.interrupts import deferred_interrupt
-from rf_exp.policy.observation import senses_of
-from rf_exp.policy.saved import (
+from rf_exp.policy.examples.windows import Windows
+from rf_exp.policy.inputs.observation_spec import senses_of
+from rf_exp.policy.inputs.view import View
+from rf_exp.policy.learning.checkpoint import (
     ANEW,
     CONFIG,
     CURVES,
@@ -40,7 +38,9 @@ from rf_exp.policy.saved import (
     read_tensors,
     write_tensors,
 )
-from rf_exp.policy.view import View
+from rf_exp.policy.learning.curves import Curve, curves
+from rf_exp.policy.learning.interrupts import deferred_interrupt
+from rf_exp.policy.networks.diffusion import DiffusionPolicy
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -57,7 +57,7 @@ def train(
     progress: Callable[[Curve], None] | None = None,
     shared: Path | None = None,
 ) -> Path:
-    """Train one policy into its folder (layout: `rf_exp.policy.saved`) and return the folder.
+    """Train one policy into its folder (layout: `rf_exp.policy.learning.checkpoint`) and return the folder.
 
     Heat maps that are learned first are taken from the folder `shared` where another training has left the
     same ones, or left there. The weights are those of one that has learned them itself.

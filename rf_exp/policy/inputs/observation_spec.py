@@ -17,9 +17,9 @@ from torch import Tensor
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import numbered
-from rf_exp.policy.grippers import CHANGES, MEMORY, changes
-from rf_exp.policy.view import MOST_AGENTS, PROPRIO_SIZE, Stream, View
+from rf_exp.policy.inputs.coordination import numbered
+from rf_exp.policy.inputs.gripper_history import CHANGES, MEMORY, changes
+from rf_exp.policy.inputs.view import MOST_AGENTS, PROPRIO_SIZE, Stream, View
 from rf_exp.robots import tcp_pose
 from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import ARM_JOINTS

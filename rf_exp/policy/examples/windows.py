@@ -18,13 +18,13 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import hesitates, may_go, numbered
-from rf_exp.policy.frames import felt, marks, pictures
-from rf_exp.policy.moments import Going, by_episode, moving, shown
-from rf_exp.policy.normaliser import Normaliser, largest_change
-from rf_exp.policy.observation import of_agent, senses_of
-from rf_exp.policy.pictures import crop, with_margin
-from rf_exp.policy.view import ACTION_SIZE, PROPRIO_SIZE, View
+from rf_exp.policy.examples.frames import felt, marks, pictures
+from rf_exp.policy.examples.moments import Going, by_episode, moving, shown
+from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered
+from rf_exp.policy.inputs.observation_spec import of_agent, senses_of
+from rf_exp.policy.inputs.pictures import crop, with_margin
+from rf_exp.policy.inputs.view import ACTION_SIZE, PROPRIO_SIZE, View
+from rf_exp.policy.networks.normaliser import Normaliser, largest_change
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:

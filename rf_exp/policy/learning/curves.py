@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rf_exp.artifacts import whole
-from rf_exp.policy.saved import CURVES
+from rf_exp.policy.learning.checkpoint import CURVES
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ policy learns from all streams of its view together and acts through each of the
 | separate_local  | agent1 ..      | (agentk, agent k)                              |
 
 `separate_both` is separate_local with the pictures of the global camera beside those of the own one.
-`separate_coordinated` is separate_local, told of its subgoals while it acts (`rf_exp.policy.coordination`).
+`separate_coordinated` is separate_local, told of its subgoals while it acts
+(`rf_exp.policy.inputs.coordination`).
 """
 
 from dataclasses import asdict, dataclass

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.coordination import hesitates, sent_on
+from rf_exp.policy.inputs.coordination import hesitates, sent_on
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:

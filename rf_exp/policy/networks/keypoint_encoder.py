@@ -10,10 +10,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rf_exp.policy.close_up import CloseUp
 from rf_exp.policy.config import CELL
-from rf_exp.policy.keypoints import HAND, HEADING
-from rf_exp.policy.layers import inside_picture
+from rf_exp.policy.examples.keypoints import HAND, HEADING
+from rf_exp.policy.networks.crop_refinement import CloseUp
+from rf_exp.policy.networks.layers import inside_picture
 
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint

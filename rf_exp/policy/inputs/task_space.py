@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.observation import POSE, Senses, tcp_poses
-from rf_exp.policy.view import ACTION_SIZE, Stream
+from rf_exp.policy.inputs.observation_spec import POSE, Senses, tcp_poses
+from rf_exp.policy.inputs.view import ACTION_SIZE, Stream
 from rf_exp.robots import BRANCHES, Panda
 from rf_exp.transforms import from_axes, planar
 from rf_exp.types import ARM_JOINTS

@@ -4,7 +4,7 @@ Observations have the history of training: consecutive control steps. A predicte
 target a control step; a target further away than the demonstrations ever moved in a step is approached
 by linear interpolation in joint space (paper, supplementary "Evaluation details"), so that a jump
 between two chunks becomes a motion at the demonstrations' speed. A shield may stand between the policies
-and the arms (`rf_exp.policy.shield`).
+and the arms (`rf_exp.policy.acting.shield`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Violation
-from rf_exp.policy.coordination import Coordinate
-from rf_exp.policy.runner import PolicyRunner
-from rf_exp.policy.shield import Decision
-from rf_exp.policy.view import ACTION_SIZE
+from rf_exp.policy.acting.runner import PolicyRunner
+from rf_exp.policy.acting.shield import Decision
+from rf_exp.policy.inputs.coordination import Coordinate
+from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.tasks import Ledger
 from rf_exp.types import ARM_JOINTS, GRIPPER_OPEN, Rollout, RolloutStep, Scene, Verdict, World
 

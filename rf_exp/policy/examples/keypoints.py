@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy.grippers import changes
-from rf_exp.policy.observation import Senses, others, widths, world_from_tcp
-from rf_exp.policy.view import Stream
+from rf_exp.policy.inputs.gripper_history import changes
+from rf_exp.policy.inputs.observation_spec import Senses, others, widths, world_from_tcp
+from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import apply, inverse, placed, planar
 from rf_exp.types import ARM_JOINTS, CameraModel

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rf_exp.policy.layers import inside_picture
+from rf_exp.policy.networks.layers import inside_picture
 
 WIDE = 16  # channels
 STRIDE = 2  # pixels of the picture to a cell of a square

@@ -10,18 +10,18 @@ import torch
 from numpy.typing import NDArray
 
 from rf_exp.errors import StageError
+from rf_exp.policy.acting.patience import Patience
+from rf_exp.policy.acting.runner import PolicyRunner
+from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import told
-from rf_exp.policy.diffusion import DiffusionPolicy
-from rf_exp.policy.grippers import Memory
-from rf_exp.policy.hands import followed
-from rf_exp.policy.observation import Senses, context, others, proprioception, widths
-from rf_exp.policy.patience import Patience
-from rf_exp.policy.pictures import side_by_side
-from rf_exp.policy.runner import PolicyRunner
-from rf_exp.policy.saved import MODEL, load_policy
-from rf_exp.policy.shield import Decision
-from rf_exp.policy.view import ACTION_SIZE, Stream, View
+from rf_exp.policy.inputs.coordination import told
+from rf_exp.policy.inputs.gripper_history import Memory
+from rf_exp.policy.inputs.observation_spec import Senses, context, others, proprioception, widths
+from rf_exp.policy.inputs.pictures import side_by_side
+from rf_exp.policy.inputs.task_space import followed
+from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
+from rf_exp.policy.learning.checkpoint import MODEL, load_policy
+from rf_exp.policy.networks.diffusion import DiffusionPolicy
 from rf_exp.types import ARM_JOINTS, Scene, Sight
 
 WAIT_STEPS = 4  # after which one who waits looks again

@@ -42,9 +42,9 @@ from rf_exp.artifacts import (
 )
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy.config import ACTING, AFTER_EYES, BESIDE_EYES, LEARNER, PolicyConfig
-from rf_exp.policy.diffusion import DiffusionPolicy
-from rf_exp.policy.observation import Senses
-from rf_exp.policy.view import View
+from rf_exp.policy.inputs.observation_spec import Senses
+from rf_exp.policy.inputs.view import View
+from rf_exp.policy.networks.diffusion import DiffusionPolicy
 from rf_exp.texts import printable
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"

@@ -38,7 +38,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.outlook import LOOKAHEAD_STEPS, Commands, Outlook, Pair
+from rf_exp.policy.acting.outlook import LOOKAHEAD_STEPS, Commands, Outlook, Pair
 from rf_exp.tasks import RETRACTED_QPOS, Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 

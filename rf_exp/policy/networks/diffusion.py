@@ -14,14 +14,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.dataset import Batch, action_origin
-from rf_exp.policy.encoder import Blind, Compact, ResNet18, encoder
-from rf_exp.policy.eyes import OUT, PLACED, Eyes
-from rf_exp.policy.layers import hidden, scaled, scheduler
-from rf_exp.policy.normaliser import Normaliser
-from rf_exp.policy.observation import POSE, near, of_agent
-from rf_exp.policy.unet import ConditionalUNet1D
-from rf_exp.policy.view import ACTION_SIZE
+from rf_exp.policy.examples.windows import Batch, action_origin
+from rf_exp.policy.inputs.observation_spec import POSE, near, of_agent
+from rf_exp.policy.inputs.view import ACTION_SIZE
+from rf_exp.policy.networks.encoders import Blind, Compact, ResNet18, encoder
+from rf_exp.policy.networks.keypoint_encoder import OUT, PLACED, Eyes
+from rf_exp.policy.networks.layers import hidden, scaled, scheduler
+from rf_exp.policy.networks.normaliser import Normaliser
+from rf_exp.policy.networks.unet import ConditionalUNet1D
 from rf_exp.types import ARM_JOINTS
 
 NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.shield import Decision
-from rf_exp.policy.targets import Targets
-from rf_exp.policy.view import View
+from rf_exp.policy.acting.shield import Decision
+from rf_exp.policy.acting.targets import Targets
+from rf_exp.policy.inputs.view import View
 from rf_exp.types import Scene, Sight
 
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.coordination import told
-from rf_exp.policy.grippers import remembered
-from rf_exp.policy.hands import with_hands
-from rf_exp.policy.keypoints import keypoints
-from rf_exp.policy.observation import Senses, context, others, proprioception, widths
-from rf_exp.policy.pictures import pictures_of, side_by_side
-from rf_exp.policy.view import View
+from rf_exp.policy.examples.keypoints import keypoints
+from rf_exp.policy.inputs.coordination import told
+from rf_exp.policy.inputs.gripper_history import remembered
+from rf_exp.policy.inputs.observation_spec import Senses, context, others, proprioception, widths
+from rf_exp.policy.inputs.pictures import pictures_of, side_by_side
+from rf_exp.policy.inputs.task_space import with_hands
+from rf_exp.policy.inputs.view import View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
 

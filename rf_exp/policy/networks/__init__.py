@@ -1,0 +1,1 @@
+"""Networks: encoders of pictures, heads that give actions, and what they are put together from."""
