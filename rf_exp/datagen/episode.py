@@ -163,7 +163,9 @@ class _Making:
         strength_rad = self._settings.disturbance_rad
         if not strength_rad:
             return plan
-        disturbance = Disturbance(plan.trajectories, plan.schedule, strength_rad, self._bumps)
+        disturbance = Disturbance(
+            self._settings.task.arms, plan.trajectories, plan.schedule, strength_rad, self._bumps
+        )
         for _ in range(_CALMER):
             paths = plan.checker.paths(disturbance.trajectories(), scene)
             wrong = {*nearer(plan.checked.plan, paths)}

@@ -45,6 +45,11 @@ class Arm:
         """
         return self._solver.facing(self._base_from_world @ world_from_tcp)
 
+    def aside_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(...) rad by which the elbow is out of the upright plane at joints (..., dof); 0 without a swivel."""
+        swivel = self.robot.swivel
+        return np.zeros(joints.shape[:-1]) if swivel is None else np.abs(joints[..., swivel])
+
     def beyond(self, branch: int) -> int:
         """The branch in which an arm goes on beyond a singularity, an upright shoulder for one."""
         return int(self._solver.other[branch])

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots import urdf
-from rf_exp.types import FINGERS
 from rf_exp.transforms import from_axes
+from rf_exp.types import fingers_of
 
 if TYPE_CHECKING:
     from rf_exp.robots.robot import Inverse, Robot
@@ -113,7 +113,7 @@ class Chain:
         motions[..., range(4), range(4)] = 1.0
         _turn(motions, self._arm, qpos[..., : self.dof])
         for joint, k, finger in self._fingers if len(chain) > self.dof else ():
-            value = finger.closed + finger.per_m * qpos[..., qpos.shape[-1] - FINGERS + k]
+            value = finger.position(fingers_of(qpos)[..., k])
             axis = self._axes[self._names[joint]]
             if not axis.slides:
                 _turn(motions, joint, value)

@@ -75,6 +75,10 @@ class Finger:
     per_m: float = 1.0  # how far the joints are from `closed` for each metre that it is open
     closed: float = 0.0  # where the joints are when it is closed
 
+    def position(self, open_m: NDArray[np.float64] | float) -> NDArray[np.float64] | float:
+        """Where its joints are, rad or m, when it is so far open."""
+        return self.closed + self.per_m * open_m
+
 
 @dataclass(frozen=True)
 class Hand:
@@ -167,6 +171,11 @@ class Robot:
     def measured(self) -> tuple[str, ...]:
         """Names along a row of measured joints: the arm's, then of each finger."""
         return (*self.joints, *(finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers))
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """Names of all joints that move: the arm's, then those of the fingers."""
+        return (*self.joints, *(joint for finger in self.hand.fingers for joint in finger.joints))
 
     @property
     def told(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from rf_exp.artifacts import plain
-from rf_exp.sim import hand_from_camera
 from rf_exp.store import Description
 from rf_exp.tasks import Task, labels
 from rf_exp.types import CameraModel, Extras, Pictures
@@ -28,7 +27,7 @@ def described(task: Task, pictures: Pictures, cameras: Sequence[str], extras: Ex
 def _camera(task: Task, pictures: Pictures, name: str) -> dict[str, Any]:
     spec, fov_y_rad = task.cameras[name], float(np.deg2rad(task.cameras[name].fov_deg))
     wrist = spec.mount == "wrist"
-    pose = hand_from_camera() if wrist else spec.world_from_camera
+    pose = task.parent_from_camera(name)
     model = CameraModel(pictures.width, pictures.height, fov_y_rad, pose)
     return {
         "intrinsics": plain(model.intrinsics),

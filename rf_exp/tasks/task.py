@@ -151,6 +151,13 @@ class Task:
             "plan": self.plan_version,
         }
 
+    def parent_from_camera(self, name: str) -> Matrix:
+        """(4, 4) of a camera in the world, or in the frame of the hand that it is mounted on; OpenCV axes."""
+        camera = self.cameras[name]
+        if camera.mount == "world":
+            return camera.world_from_camera
+        return self.robots[int(name.removeprefix("agent")) - 1].model.hand.from_camera
+
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
         """Named places of this task: world_from_object (4, 4) of what is put there."""
         named = getattr(self.module, "places", None)

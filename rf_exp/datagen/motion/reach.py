@@ -14,7 +14,7 @@ from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unre
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
 from rf_exp.datagen.motion.ways import Approach, Approaches, Arrivals, Points, leaving_s, straight
 from rf_exp.findings import Cause, Finding
-from rf_exp.robots import Panda
+from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, transform
 from rf_exp.types import JointLimits
 
@@ -44,7 +44,7 @@ _NOTHING = Onward(lambda _: lambda goal, points: 0.0)
 class Reach:
     """Plans motions of single arms. `blocked` knows the obstacles that the row lets it see."""
 
-    arms: Mapping[int, Panda]
+    arms: Mapping[int, Arm]
     limits: JointLimits
     blocked: Blocked
     rng: np.random.Generator
@@ -143,7 +143,7 @@ class Reach:
         def free(points: Points) -> bool:
             return self.blocked(agent, points, state, held) is None
 
-        return find_path(start, goal, free, self.rng)
+        return find_path(start, goal, free, self.arms[agent].robot.limits_rad, self.rng)
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
         """Timed points (T, 7) to joints (7,). Raises Unreachable."""
