@@ -47,7 +47,9 @@ class Coordinator:
         self._done: tuple[Subgoal, ...] = ()
         self._plan: Planned | None = None  # that is followed; None while there is none
         self._positions = np.zeros((1, len(settings.task.agents)), np.int64)  # (T + 1, N) of its schedule
-        self._paths: list[NDArray[np.float64]] = []  # of each agent (P, dof + 1), where its hand is, and its knots
+        self._paths: list[
+            NDArray[np.float64]
+        ] = []  # of each agent (P, dof + 1), where its hand is, and its knots
         self._hands: list[NDArray[np.float64]] = []
         self._knots: list[NDArray[np.int64]] = []
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]

@@ -102,9 +102,7 @@ def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Sc
         return []
     planned = [subgoal.agent for subgoal in proposal.subgoals]
     able = [
-        agent
-        for agent in violation.agents
-        if not (_shares(agent, scene) or _has_yielded(agent, task, scene))
+        agent for agent in violation.agents if not (_shares(agent, scene) or _has_yielded(agent, task, scene))
     ]
     later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
     if violation.check is CheckName.COLLISION:

@@ -76,8 +76,8 @@ class Execution:
 class Workcell:
     """A scene of one or more arms. Agents are numbered from 1, as the environment lists its robots.
 
-    Every actor, and every link of an articulation that is no such robot, is an object. Its frame has z up and its
-    origin on its underside, as it stood when it was read. What can be picked up has the point `center` (a
+    Every actor, and every link of an articulation that is none of them, is an object. Its frame has z up and
+    its origin on its underside, as it stood when it was read. What can be picked up has the point `center` (a
     grasp from above), what is flat on top the place point `top`, what has no collision shapes (a goal, say)
     the place point `middle`. What lies below z = 0 is the table.
     """

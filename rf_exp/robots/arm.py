@@ -66,7 +66,9 @@ class Arm:
         """
         near_rad = self.joints(near_rad)
         last = near_rad[-1]
-        ranges = [([last], NEIGHBOUR_RAD), (last + _AWAY_RAD, np.inf)] if self.robot.spare else [([last], np.inf)]
+        ranges = (
+            [([last], NEIGHBOUR_RAD), (last + _AWAY_RAD, np.inf)] if self.robot.spare else [([last], np.inf)]
+        )
         for turns, farthest in ranges:
             found = self.postures(world_from_tcp, turns).reshape(-1, self.robot.dof)
             away = np.abs(found - near_rad).max(axis=1)

@@ -52,13 +52,13 @@ class Chain:
         while joint:
             self._arm.insert(0, joint)
             joint = parents[joint]
-        self.joints = tuple(names[joint] for joint in self._arm)
-        if len(self.joints) != robot.dof or any(self._axes[name].slides for name in self.joints):
+        found = tuple(names[joint] for joint in self._arm)
+        if found != robot.joints or any(self._axes[name].slides for name in found):
             raise ArgumentError(
-                f"robot {robot.name!r} has the joints {', '.join(self.joints)} between base and "
-                f"{robot.hand.tcp}; expected {robot.dof} revolute ones: rest_rad has {robot.dof} values"
+                f"robot {robot.name!r} has the joints {', '.join(found)} between its base and "
+                f"{robot.hand.tcp}; expected revolute ones: {', '.join(robot.joints)}"
             )
-        self.limits_rad = np.array([self._axes[name].limits for name in self.joints]).T
+        self.limits_rad = np.array([self._axes[name].limits for name in found]).T
         for joint in (joint for finger in robot.hand.fingers for joint in finger.joints):
             if joint not in names:
                 raise choices(f"joint of the hand of robot {robot.name!r}", joint, names[1:])

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ PACKAGED = "package://"  # and the name of a Python package: a path within it
 MARGIN_RAD = 0.02  # to the limits of joints, of postures that are planned
 
 Vector = tuple[float, float, float]
+Number = TypeVar("Number", float, NDArray[np.float64])
 
 
 class Inverse(Protocol):
@@ -75,7 +76,7 @@ class Finger:
     per_m: float = 1.0  # how far the joints are from `closed` for each metre that it is open
     closed: float = 0.0  # where the joints are when it is closed
 
-    def position(self, open_m: NDArray[np.float64] | float) -> NDArray[np.float64] | float:
+    def position(self, open_m: Number) -> Number:
         """Where its joints are, rad or m, when it is so far open."""
         return self.closed + self.per_m * open_m
 
@@ -115,6 +116,7 @@ class Robot:
     name: str  # the value of `model` in a task
     title: str  # for readers
     urdf: str | Path  # a file, or package://PACKAGE/PATH of an installed Python package
+    joints: tuple[str, ...]  # of the arm, from the base on
     hand: Hand
     rest_rad: tuple[float, ...]  # of the arm, when it has nothing to do
     aside_rad: tuple[float, ...]  # of the arm, pulled in over its own base
@@ -126,13 +128,16 @@ class Robot:
     inverse: Callable[["Robot"], Inverse] = field(default=Numeric)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if self.dof not in (6, 7):
+            raise ArgumentError(f"robot {self.name!r} has {self.dof} joints; expected an arm with 6 or 7")
         for name in ("rest_rad", "aside_rad"):
-            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
-        if self.dof not in (6, 7) or len(self.aside_rad) != self.dof:
-            raise ArgumentError(
-                f"robot {self.name!r}: rest_rad has {self.dof} values and aside_rad {len(self.aside_rad)}; "
-                "expected one for each joint of the arm, 6 or 7"
-            )
+            posture = tuple(map(float, getattr(self, name)))
+            object.__setattr__(self, name, posture)
+            if len(posture) != self.dof:
+                raise ArgumentError(
+                    f"robot {self.name!r}: {name} has {len(posture)} values; the arm has {self.dof} joints"
+                )
         object.__setattr__(self, "kind", self.kind or self.name)
 
     def __hash__(self) -> int:
@@ -143,7 +148,7 @@ class Robot:
     @property
     def dof(self) -> int:
         """Joints of the arm."""
-        return len(self.rest_rad)
+        return len(self.joints)
 
     @property
     def spare(self) -> bool:
@@ -163,14 +168,12 @@ class Robot:
         return Path(spec.submodule_search_locations[0]) / path
 
     @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the arm's joints, from the base on."""
-        return self._chain.joints
-
-    @property
     def measured(self) -> tuple[str, ...]:
         """Names along a row of measured joints: the arm's, then of each finger."""
-        return (*self.joints, *(finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers))
+        return (
+            *self.joints,
+            *(finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers),
+        )
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -237,7 +240,9 @@ class Robot:
         """base_from_tcp (..., 4, 4) for rows that begin with the joints of the arm, rad."""
         return self._chain.tcp_pose(joints)
 
-    def ik(self, base_from_tcp: NDArray[np.float64], last_rad: ArrayLike | None = None) -> NDArray[np.float64]:
+    def ik(
+        self, base_from_tcp: NDArray[np.float64], last_rad: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """All joints (..., branches, dof) rad for TCP poses (..., 4, 4), within the limits and a small margin.
 
         `last_rad` (...) is the angle of the last joint of an arm with a joint to spare; unless given, that

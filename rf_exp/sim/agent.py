@@ -37,9 +37,13 @@ class Agent(BaseAgent):
         hand = self.model.hand
         joints = [joint for finger in hand.fingers for joint in finger.joints]
         arm = PDJointPosControllerConfig(
-            list(self.model.joints), lower=None, upper=None, normalize_action=False, **_driven(self.model.drive)
+            list(self.model.joints),
+            lower=None,
+            upper=None,
+            normalize_action=False,
+            **_driven(self.model.drive),
         )
-        low, high = (hand.fingers[0].position(value) for value in (hand.pressed_m, hand.open_m))
+        low, high = sorted(hand.fingers[0].position(each) for each in (hand.pressed_m, hand.open_m))
         mimic: Any = {joint: {"joint": joints[0]} for joint in joints[1:]}
         gripper = PDJointPosMimicControllerConfig(
             joints, lower=low, upper=high, mimic=mimic, **_driven(hand.drive)

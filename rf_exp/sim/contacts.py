@@ -104,4 +104,3 @@ def _impulse(contact: physx.PhysxContact) -> Vector:
     for point in contact.points:  # np.sum takes several times as long for so few
         total += point.impulse
     return total
-

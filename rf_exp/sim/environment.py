@@ -32,6 +32,7 @@ CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
 
+
 @cache
 def _freeze_modules() -> None:
     """ManiSkill collects garbage at every reset; what is imported by now need not be searched each time."""

@@ -123,8 +123,12 @@ class Stock:
         pressed = self._contacts.between_arms(contacts, physics.timestep)
         return Scene(
             step=now,
-            qpos=np.stack([rows.qpos(each.qpos) for rows, each in zip(self._rows, self._robots, strict=True)]),
-            qvel=np.stack([rows.qvel(each.qvel) for rows, each in zip(self._rows, self._robots, strict=True)]),
+            qpos=np.stack(
+                [rows.qpos(each.qpos) for rows, each in zip(self._rows, self._robots, strict=True)]
+            ),
+            qvel=np.stack(
+                [rows.qvel(each.qvel) for rows, each in zip(self._rows, self._robots, strict=True)]
+            ),
             poses=poses,
             speeds=dict(self._speeds),
             held=held,
@@ -232,7 +236,9 @@ def _gripper(name: str, arm: Any, robot: Robot) -> _Gripper:
     spans = {part: slice(*span) for part, span in arm.controller.action_mapping.items()}
     size = int(arm.controller.single_action_space.shape[0])
     ends = float(space.low[0]), float(space.high[0])
-    return _Gripper(size, robot.dof, spans["arm"], spans["gripper"], *(ends if closed < opened else ends[::-1]))
+    return _Gripper(
+        size, robot.dof, spans["arm"], spans["gripper"], *(ends if closed < opened else ends[::-1])
+    )
 
 
 def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:

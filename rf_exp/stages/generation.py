@@ -141,8 +141,9 @@ def _store(cell: Cell) -> Store:
     cameras, (height, width) = identity["cameras"], identity["picture"]
     disturbed = experiment.disturbance_rad > 0
     description = described(task, pictures, cameras, experiment.store)
-    objects, agents = tuple(task.objects), len(task.agents)
-    return Store.create(path, identity, agents, cameras, height, width, objects, disturbed, description)
+    objects, robots = tuple(task.objects), [robot.model for robot in task.robots]
+    size = len(robots), cameras, height, width, objects, disturbed
+    return Store.create(path, identity, *size, description, robots)
 
 
 def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:

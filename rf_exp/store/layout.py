@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
 from rf_exp.artifacts import whole
-from rf_exp.store.description import COMMANDS, JOINTS, POSE, dimensions, explained
+from rf_exp.store.description import POSE, command_names, dimensions, explained, joint_names
 
 FORMAT = (
     3  # since states lie in small chunks; 2: they say what they are about, and keep the conditions of success
@@ -28,7 +28,7 @@ ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always mea
 def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Array name -> (shape of one row, dtype), the whole layout of a store."""
     agents, size = attributes["agents"], (attributes["height"], attributes["width"])
-    joints, commands = (agents, len(JOINTS)), (agents, len(COMMANDS))
+    joints, commands = ((agents, len(names(attributes))) for names in (joint_names, command_names))
     executed = {"data/executed": (commands, "float32")} if attributes.get("disturbed") else {}
     subgoal = {"data/subgoal": ((agents,), "int16")} if "objects" in attributes else {}
     return {

@@ -84,7 +84,8 @@ def let_off(
 ) -> NDArray[np.float64]:
     """Commands (K, N, A) that take some agents from the present command (N, A) to where they were measured.
 
-    `qpos` has the joints of the arms first. An arm that was kept from following its command pushes; there it no longer does.
+    `qpos` has the joints of the arms first. An arm that was kept from following its command pushes; there it
+    no longer does.
     """
     told = arm_of(command)
     motions = {

@@ -94,11 +94,13 @@ class Approaches:
         return None
 
     def _finer(self, estimate: Approach) -> Points:
-        """Ends (2, 7) of about the same motion that are sooner reached, if there are such."""
+        """Ends (2, dof) of about the same motion that are sooner reached, if there are such."""
         goal, branch = estimate.goal, estimate.branch
         begin, end = estimate.points
         first = self._arm.postures(self._pregrasps[goal], begin[-1] + FINE_RAD)[:, branch, None]
-        last = self._arm.postures(self._goals[goal], end[-1] + FINE_RAD)[:, [branch, self._arm.beyond(branch)]]
+        last = self._arm.postures(self._goals[goal], end[-1] + FINE_RAD)[
+            :, [branch, self._arm.beyond(branch)]
+        ]
         last = last.reshape(-1, last.shape[-1])
         cost = _or_infinite(self._takes_s(first, last) + self._dislike_s(first, last))
         if not np.isfinite(cost).any():
@@ -118,7 +120,7 @@ class Approaches:
 def leaving_s(
     high: NDArray[np.float64], low: NDArray[np.float64], rest: Points, limits: JointLimits
 ) -> NDArray[np.float64]:
-    """(...) s from postures `low` back up to `high` (..., dof), where an arm stops, and on to `rest` (dof,)."""
+    """(...) s from postures `low` back up to `high` (..., dof), where an arm stops, and on to `rest`."""
     return duration_s(_corners(low, high), limits) + duration_s(_corners(high, rest), limits)
 
 
@@ -139,7 +141,7 @@ def straight(arm: Arm, joints: NDArray[np.float64], goal: Matrix, limits: JointL
 def lines_to(
     arm: Arm, joints: NDArray[np.float64], goal: Matrix, turns: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Joint points (M, K, 7) of straight lines of the TCP from joints (dof,) to a pose.
+    """Joint points (M, K, dof) of straight lines of the TCP from joints (dof,) to a pose.
 
     In each the last joint turns evenly, by another angle.
     """
@@ -212,7 +214,7 @@ def _cost(arm: Arm, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[n
 
 
 def _corners(*postures: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., K, 7) of K postures (..., dof)."""
+    """(..., K, dof) of K postures (..., dof)."""
     return np.stack(np.broadcast_arrays(*postures), axis=-2)
 
 

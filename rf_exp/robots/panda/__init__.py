@@ -12,6 +12,7 @@ PANDA = Robot(
     title="Franka Panda with its gripper",
     kind="franka_panda",
     urdf="package://mani_skill/assets/robots/panda/panda_v2.urdf",
+    joints=tuple(f"panda_joint{k}" for k in range(1, 8)),
     hand=Hand(
         link="panda_hand",
         tcp="panda_hand_tcp",
