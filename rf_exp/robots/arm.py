@@ -46,7 +46,7 @@ class Arm:
         return self._solver.facing(self._base_from_world @ world_from_tcp)
 
     def aside_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(...) rad by which the elbow is out of the upright plane at joints (..., dof); 0 without a swivel."""
+        """(...) rad by which the elbow is out of the upright plane at joints (..., dof)."""
         swivel = self.robot.swivel
         return np.zeros(joints.shape[:-1]) if swivel is None else np.abs(joints[..., swivel])
 

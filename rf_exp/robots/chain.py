@@ -99,7 +99,7 @@ class Chain:
         return poses[..., self._tcp, :, :] @ self._from_joint[-1]
 
     def with_jacobian(self, joints: Floats) -> tuple[Floats, Floats]:
-        """base_from_tcp (..., 4, 4), and (..., 6, dof) m and rad of the TCP for each rad of a joint, in the base."""
+        """base_from_tcp (..., 4, 4), and (..., 6, dof) by how much it moves, m and rad, with each joint."""
         poses = self._poses(joints, self._arm)
         tcp = poses[..., self._tcp, :, :] @ self._from_joint[-1]
         arm = poses[..., self._arm, :, :]
@@ -108,7 +108,7 @@ class Chain:
         return tcp, np.swapaxes(np.concatenate([moved, axes], axis=-1), -1, -2)
 
     def _poses(self, qpos: Floats, chain: Sequence[int]) -> Floats:
-        """(..., joints + 1, 4, 4) base_from_joint of a chain; index 0 is the base. Others are not filled in."""
+        """(..., joints + 1, 4, 4) base_from_joint of a chain; 0 is the base. Others are not filled in."""
         motions = np.zeros((*qpos.shape[:-1], len(self._parents), 4, 4))
         motions[..., range(4), range(4)] = 1.0
         _turn(motions, self._arm, qpos[..., : self.dof])

@@ -1,7 +1,7 @@
 """The visual meshes of a robot with few triangles, made once and kept in a cache folder.
 
-Meshes of makers have many: the Panda's that ManiSkill ships 135 thousand an arm, which makes software rendering
-six times as slow as it need be at 320x240. Quadric decimation (fast-simplification) keeps about 8
+Meshes of makers have many: the Panda's that ManiSkill ships 135 thousand an arm, which makes software
+rendering six times as slow as it need be at 320x240. Quadric decimation (fast-simplification) keeps about 8
 thousand; the colours stay, as does the collision geometry. What is no GLB file stays as it is.
 """
 

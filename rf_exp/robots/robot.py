@@ -2,8 +2,8 @@
 
 Everything that the suite knows of a robot is asked of this value: joints and their limits, links with their
 hulls and meshes, kinematics both ways, the hand. A row of measured joints holds the arm's first, the two
-fingers last (..., D); a row of a command the arm's targets first, the gripper last (..., D - 1). Beside a robot
-with more joints, those that it lacks lie between them and are zero.
+fingers last (..., D); a row of a command the arm's targets first, the gripper last (..., D - 1). Beside a
+robot with more joints, those that it lacks lie between them and are zero.
 """
 
 import hashlib
@@ -53,7 +53,7 @@ class Inverse(Protocol):
         ...
 
     def facing(self, base_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The last joint (...) rad with which an arm is least in the way of others, at TCP poses (..., 4, 4)."""
+        """The last joint (...) rad with which it is least in the way of others, at TCP poses (..., 4, 4)."""
         ...
 
 
@@ -243,14 +243,16 @@ class Robot:
     def ik(
         self, base_from_tcp: NDArray[np.float64], last_rad: ArrayLike | None = None
     ) -> NDArray[np.float64]:
-        """All joints (..., branches, dof) rad for TCP poses (..., 4, 4), within the limits and a small margin.
+        """All joints (..., branches, dof) rad for TCP poses (..., 4, 4), a small margin within the limits.
 
         `last_rad` (...) is the angle of the last joint of an arm with a joint to spare; unless given, that
         with which it is least in the way of others. NaN where a branch has no posture.
         """
         solver = self.solver
         last_rad = solver.facing(base_from_tcp) if last_rad is None else last_rad
-        return solver.postures(base_from_tcp, last_rad, self.limits_rad + [[MARGIN_RAD], [-MARGIN_RAD]])
+        return solver.postures(
+            base_from_tcp, last_rad, self.limits_rad + np.array([[MARGIN_RAD], [-MARGIN_RAD]])
+        )
 
     @property
     def solver(self) -> Inverse:

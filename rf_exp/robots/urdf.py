@@ -86,7 +86,7 @@ def hulls(robot: "Robot") -> dict[str, trimesh.Trimesh]:
 def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
     """Index pairs into the solid links that must not touch: all that the SRDF beside the URDF excuses not.
 
-    Without one, neighbours are excused and links whose hulls overlap when the arm is at rest.
+    Without one, neighbours are excused, the links of a hand, and those whose hulls overlap at rest.
     """
     links = solid_links(robot)
     pairs = tuple(combinations(range(len(links)), 2))
@@ -99,7 +99,7 @@ def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
     poses = robot.link_poses(np.array([*robot.rest_rad, *fingers]))
     planes = [_planes(hulls(robot)[name], pose) for name, pose in zip(links, poses, strict=True)]
     parents = _solid_parents(robot)
-    near = {frozenset(pair) for pair in parents.items()}
+    near = {frozenset(pair) for pair in (*parents.items(), *combinations(robot.gripper, 2))}
     return tuple(
         (i, j)
         for i, j in pairs

@@ -24,8 +24,8 @@ class Rows:
         ours = robot.active
         if set(names) != set(ours) or not all(finger.joints for finger in fingers):
             raise ArgumentError(
-                f"robot {robot.name!r} has the joints {', '.join(names)} in simulation; expected those of its "
-                f"arm and of two fingers: {', '.join(ours)}"
+                f"robot {robot.name!r} has the joints {', '.join(names)} in simulation; expected those of "
+                f"its arm and of two fingers: {', '.join(ours)}"
             )
         self._measured = [names.index(joint) for joint in robot.measured]
         self._closed = np.array([finger.closed for finger in fingers])

@@ -27,7 +27,7 @@ class Model:
 
 
 def stated(robots: Sequence[Robot]) -> dict[str, Any]:
-    """The attribute that tells of the robots of the agents. None says of a store that all are the usual one."""
+    """The attribute that tells of the robots of the agents; without it all are the usual one."""
     if all(robot == DEFAULT for robot in robots):
         return {}
     return {"robots": [asdict(Model.of(robot)) for robot in robots]}

@@ -94,7 +94,7 @@ class Trajectory:
         return self.segments[min(int(np.searchsorted(self.knots[1:], position)), len(self.segments) - 1)]
 
     def path(self) -> NDArray[np.float64]:
-        """(len + 1, dof + 1): joint target and gripper command at each path position; 0 is the start. Read-only."""
+        """(len + 1, dof + 1): joint target and gripper at each path position; 0 is the start. Read-only."""
         return self._path
 
     @cached_property

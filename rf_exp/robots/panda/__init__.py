@@ -1,4 +1,4 @@
-"""The Franka Emika Panda with its two-finger hand, from the URDF and meshes that ManiSkill's package ships."""
+"""The Franka Emika Panda with its two-finger hand: URDF and meshes are those of ManiSkill's package."""
 
 import numpy as np
 
