@@ -35,8 +35,8 @@ from rf_exp.ablation import wilson
 from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, touching
 from rf_exp.geometry import AGENT_MARGIN_M, VOXEL_M, PlanningScene, Swept, folded, nearest, shared, voxels
 from rf_exp.processes import in_order
-from rf_exp.robots import limits_rad, self_pairs
-from rf_exp.tasks import FINGERS_OPEN_M, REST_QPOS, ObjectSpec, Task, load_task
+from rf_exp.robots import DEFAULT
+from rf_exp.tasks import ObjectSpec, Task, load_task
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import ConstraintSet, Scene, Schedule, Segment, Subgoal, Trajectory
 
@@ -90,7 +90,7 @@ class State:
     def clear_of_itself_and_table(self) -> bool:
         bodies = self.bodies()
         return not any(
-            folded(body, self_pairs()).any() or PlanningScene.below_table(body).any() for body in bodies
+            folded(body, DEFAULT.self_pairs).any() or PlanningScene.below_table(body).any() for body in bodies
         )
 
     def _arm(self, planning_scene: PlanningScene, agent: int) -> Swept:
@@ -105,7 +105,7 @@ def _empty(qpos: NDArray[np.float64]) -> Scene:
 
 
 def _still(agent: int, qpos: NDArray[np.float64], load: str | None, grip: Matrix | None) -> Trajectory:
-    joints, command = qpos[:7], 2 * qpos[7] / FINGERS_OPEN_M - 1
+    joints, command = qpos[:7], 2 * qpos[7] / DEFAULT.hand.open_m - 1
     subgoal = Subgoal(agent, "hold", load)
     segment = Segment(agent, subgoal, "move", joints[None], np.array([command]), load, grip)
     return Trajectory(agent, joints, command, (segment,))
@@ -119,11 +119,11 @@ def team(name: str) -> Task:
 
 def draw(task: Task, rng: np.random.Generator) -> State:
     """A team that leans over the table, each arm alone free of itself and of the table."""
-    low, high = limits_rad()
+    low, high = DEFAULT.limits_rad
     objects: dict[str, ObjectSpec] = {}
     arms = []
     for agent in task.agents:
-        load, grip, opening_m = None, None, rng.uniform(0, FINGERS_OPEN_M)
+        load, grip, opening_m = None, None, rng.uniform(0, DEFAULT.hand.open_m)
         if rng.random() < 0.5:
             asset, name = LOADS[rng.integers(len(LOADS))]
             load = f"{asset} of {agent}"
@@ -150,7 +150,7 @@ def _cameras(task: Task) -> dict:
 def near_contact(state: State, target_m: float) -> State | None:
     """The team drawn back towards rest until its gap is the target's; None where that does not happen."""
     rest = state.qpos.copy()
-    rest[:, :7] = REST_QPOS
+    rest[:, :7] = DEFAULT.rest_rad
 
     def drawn_back(fraction: float) -> State:
         return replace(state, qpos=state.qpos + fraction * (rest - state.qpos))

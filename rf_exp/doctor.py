@@ -208,14 +208,14 @@ def cache() -> Check:
     costs, mend = "every simulation", "set XDG_CACHE_HOME to a writable folder"
     try:
         from rf_exp.errors import StageError
-        from rf_exp.robots import cache_folder, is_made
+        from rf_exp.robots import DEFAULT, cache_folder, is_made
     except ImportError as error:
         return Check("cache", "missing", f"not tried: {error}", costs, SET_UP)
     try:
-        folder = cache_folder()
+        folder = cache_folder(DEFAULT)
     except StageError as error:
         return Check("cache", "missing", str(error).partition("; ")[0], costs, mend)
-    if is_made(folder):
+    if is_made(DEFAULT, folder):
         return Check("cache", "ok", f"meshes are in {folder}")
     _, refusal = _written(folder)
     if refusal:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp import command, doctor
-from rf_exp.robots import cache_folder
+from rf_exp.robots import DEFAULT, cache_folder
 from tests.children import read_only
 
 ROOT = Path(__file__).parents[1]
@@ -143,7 +143,7 @@ def test_results_need_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_cache_of_meshes_is_there_or_can_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    there = cache_folder()
+    there = cache_folder(DEFAULT)
     assert (doctor.cache().state, doctor.cache().found) == ("ok", f"meshes are in {there}")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "new"))
     will_be = tmp_path / "new" / "rf_exp" / there.name
@@ -154,7 +154,7 @@ def test_the_cache_of_meshes_is_there_or_can_be_made(tmp_path: Path, monkeypatch
 def test_a_cache_that_cannot_be_written_keeps_the_main_job_from_running(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name = cache_folder().name
+    name = cache_folder(DEFAULT).name
     (tmp_path / "file").touch()
     with read_only(tmp_path / "locked") as locked:
         for home in (tmp_path / "file", locked):

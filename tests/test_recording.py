@@ -12,7 +12,7 @@ from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import PlanningScene, centres_m
 from rf_exp.perception import look
 from rf_exp.recording import EpisodeRecorder, check_result, orders
-from rf_exp.robots import Panda
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim import Limited, Simulator
 from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import read_task
@@ -122,7 +122,7 @@ def test_the_first_mistake_is_in_the_log_before_anything_moves(episode):
 def test_a_violation_is_marked_at_the_hand_of_its_agent(episode):
     content, recorder, _ = episode
     task = read_task("place_food")
-    hand = Panda(task.robots[1].world_from_base).tcp(recorder.seen.qpos[1, :7])[:3, 3]
+    hand = Arm(DEFAULT, task.robots[1].world_from_base).tcp(recorder.seen.qpos[1, :7])[:3, 3]
     [mark] = content.column("/world/violations", "Points3D:positions")[-1]
     np.testing.assert_allclose(mark, hand, atol=1e-6)
     assert content.column("/world/violations", "Points3D:labels")[-1] == ["Tracking"]

@@ -9,10 +9,9 @@ from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.plan import Plan
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.timeline import doing
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene, Segment
+from rf_exp.types import CONTROL_DT_S, Scene, Segment, arm_of
 
 TRACKING_RAD = 0.15  # beyond the lag
-REFLEX_N = 20.0  # on an arm; the collision reflex of a Panda is set to 20 N in its maker's examples
 LOST_STEPS = 4  # control steps without grip before something counts as lost
 
 
@@ -47,12 +46,15 @@ class Monitor:
         def now(agent: int) -> Segment | None:
             return plan.segment_at(agent, plan.position_now(agent, scene))
 
+        reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
         hits: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
-            (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts if force_n > REFLEX_N
+            (force_n, (a, b), ())
+            for a, b, force_n in scene.arm_contacts
+            if force_n > min(reflex_n[a], reflex_n[b])
         ]
         for (agent, name), force in scene.finger_forces.items():
             force_n = float(np.linalg.norm(force))
-            if force_n > REFLEX_N and ((segment := now(agent)) is None or name not in segment.about):
+            if force_n > reflex_n[agent] and ((segment := now(agent)) is None or name not in segment.about):
                 hits.append((force_n, (agent,), (name,)))
         if not hits:
             return None
@@ -62,7 +64,7 @@ class Monitor:
             cause=Cause.CONTACT,
             finding=Finding.PUSHES if things else Finding.HIT,
             value=force_n,
-            bound=REFLEX_N,
+            bound=min(reflex_n[agent] for agent in agents),
             unit="N",
             time_s=scene.step * CONTROL_DT_S,
             agents=agents,
@@ -103,9 +105,9 @@ class Monitor:
         for trajectory in plan.trajectories:
             agent = trajectory.agent
             recent = plan.recent(agent, scene, TRAILS_STEPS)
-            path = trajectory.path()[:, :ARM_JOINTS]
+            path = arm_of(trajectory.path())
             targets = path[recent.min() : recent.max() + 1]
-            error = float(np.abs(targets - scene.qpos[agent - 1, :ARM_JOINTS]).max(axis=1).min())
+            error = float(np.abs(targets - scene.qpos[agent - 1, : path.shape[1]]).max(axis=1).min())
             if error > TRACKING_RAD:
                 return Violation(
                     check=CheckName.TRACKING,

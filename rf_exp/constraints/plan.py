@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Mask, PlanningScene, Swept, closer_than
 from rf_exp.perception import Seen, together
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, ConstraintSet, Scene, Schedule, Segment, Trajectory
+from rf_exp.types import (
+    CONTROL_DT_S,
+    ConstraintSet,
+    Scene,
+    Schedule,
+    Segment,
+    Trajectory,
+    arm_of,
+    gripper_of,
+)
 
 MEASURED_M = 0.02  # that a measured gripper may be beside the planned one
 FINER = 8  # steps of the second look in one control step
@@ -162,6 +171,6 @@ def _finer(trajectory: Trajectory) -> Trajectory:
     for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
         at = np.arange(FINER * start + 1, FINER * end + 1) / FINER
         finer = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-        segments.append(replace(segment, qpos=finer[:, :ARM_JOINTS], gripper=finer[:, ARM_JOINTS]))
+        segments.append(replace(segment, qpos=arm_of(finer), gripper=gripper_of(finer)))
         start = end
     return replace(trajectory, segments=tuple(segments))

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.robots import Panda
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Segment, Trajectory
+from rf_exp.robots import Arm
+from rf_exp.types import CONTROL_DT_S, Segment, Trajectory, arm_of, gripper_of
 
 SPARE = 1.02  # straight lines between positions in joint space are none of the gripper
 
 
-def speeds_m_s(arm: Panda, path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(P - 1,) of the tool centre point between path positions (P, 7 or more) a control step apart."""
+def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P - 1,) of the tool centre point between path positions (P, dof or more) a control step apart."""
     return np.linalg.norm(np.diff(arm.tcp(path)[:, :3, 3], axis=0), axis=1) / CONTROL_DT_S
 
 
 def slowed(
-    trajectories: Sequence[Trajectory], arms: Sequence[Panda], limits_m_s: Mapping[int, float]
+    trajectories: Sequence[Trajectory], arms: Sequence[Arm], limits_m_s: Mapping[int, float]
 ) -> tuple[Trajectory, ...]:
     """The same paths, with every segment of an agent so slow that its gripper keeps to the agent's limit.
 
@@ -48,7 +48,7 @@ def slowed(
     return tuple(found)
 
 
-def _factors(trajectory: Trajectory, arms: Sequence[Panda], limit_m_s: float) -> list[float]:
+def _factors(trajectory: Trajectory, arms: Sequence[Arm], limit_m_s: float) -> list[float]:
     path, factors = trajectory.path(), []
     for start, end in zip(trajectory.knots[:-1], trajectory.knots[1:], strict=True):
         speeds = speeds_m_s(arms[trajectory.agent - 1], path[start : end + 1])
@@ -65,5 +65,5 @@ def _stretched(segment: Segment, before: NDArray[np.float64], factor: float) -> 
     steps = int(np.ceil(len(segment) * factor))
     at = np.arange(1, steps + 1) * len(segment) / steps
     rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-    rows[:, ARM_JOINTS] = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # commands do not blend
-    return replace(segment, qpos=rows[:, :ARM_JOINTS], gripper=rows[:, ARM_JOINTS])
+    rows[:, -1] = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # commands do not blend
+    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows))

@@ -5,7 +5,7 @@ violation why there is none; `sequential` lets agents take turns.
 """
 
 from rf_exp.coordination.demands import Closing, Delays, Demands, Rule
-from rf_exp.coordination.scheduling import actions, intended, schedule, sequential, subgoal_runs
+from rf_exp.coordination.scheduling import actions, alike, intended, schedule, sequential, subgoal_runs
 
 __all__ = [
     "Closing",
@@ -13,6 +13,7 @@ __all__ = [
     "Demands",
     "Rule",
     "actions",
+    "alike",
     "intended",
     "schedule",
     "sequential",

@@ -20,7 +20,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
-from rf_exp.types import ARM_JOINTS, Schedule, Segment, Subgoal, Trajectory
+from rf_exp.types import Schedule, Segment, Subgoal, Trajectory, arm_of
 
 
 def schedule(
@@ -157,15 +157,22 @@ def len_of(segments: Iterable[Segment]) -> int:
     return sum(map(len, segments))
 
 
+def alike(paths: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Paths (P, A) of arms of different sizes: zeros for the joints that one lacks, before its gripper."""
+    size = max(path.shape[1] for path in paths)
+    lacks = (np.zeros((len(path), size - path.shape[1])) for path in paths)
+    return [np.hstack([path[:, :-1], zeros, path[:, -1:]]) for path, zeros in zip(paths, lacks, strict=True)]
+
+
 def actions(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.float64]:
-    """(T, N, 8) joint targets rad and gripper command: the action of step t leads to row t + 1."""
+    """(T, N, A) joint targets rad and gripper command: the action of step t leads to row t + 1."""
     _agents(trajectories)
-    paths = [trajectory.path() for trajectory in trajectories]
+    paths = alike([trajectory.path() for trajectory in trajectories])
     return np.stack([path[timed.positions[1:, k]] for k, path in enumerate(paths)], axis=1)
 
 
 def intended(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.float64]:
-    """(T, N, 8) as `actions`, but an agent that hesitates means to go on.
+    """(T, N, A) as `actions`, but an agent that hesitates means to go on.
 
     In the step before it does its arm is meant to be where it stands. Motion begins at rest there; from one
     position further on it would have to be half as steep again as the limits of its path to keep up with it.
@@ -173,11 +180,11 @@ def intended(trajectories: Sequence[Trajectory], timed: Schedule) -> NDArray[np.
     found = actions(trajectories, timed)
     if timed.hesitates is None:
         return found
-    for k, trajectory in enumerate(trajectories):
+    for k, path in enumerate(alike([trajectory.path() for trajectory in trajectories])):
         hesitates = timed.hesitates[1:, k]
-        found[hesitates, k] = trajectory.path()[timed.positions[1:, k][hesitates] + 1]
+        found[hesitates, k] = path[timed.positions[1:, k][hesitates] + 1]
         last = hesitates & ~np.append(hesitates[1:], False)
-        found[last, k, :ARM_JOINTS] = trajectory.path()[timed.positions[1:, k][last], :ARM_JOINTS]
+        arm_of(found)[last, k] = arm_of(path)[timed.positions[1:, k][last]]
     return found
 
 

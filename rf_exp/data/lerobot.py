@@ -1,12 +1,14 @@
 """Export as a LeRobotDataset v3.0: Parquet, PNG or lossless video, JSON; written without lerobot itself.
 
-`observation.state` (N * 9) is the measured joints of all agents, `action` (N * 8) their targets, and
+`observation.state` (N * D) is the measured joints of all agents, `action` (N * A) their targets, and
 `observation.images.<camera>` what the cameras see. Beside these, under names that no policy of lerobot takes
 for an input: `object_poses` (K * 7), `executed` where demonstrations are disturbed, `scene_seed`.
 """
 
 import json
+from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ from PIL import Image
 from rf_exp.artifacts import plain, write_json
 from rf_exp.data import statistics
 from rf_exp.data.target import Advance, by_agent, flat, last, library
-from rf_exp.store import COMMANDS, JOINTS, POSE, Store
+from rf_exp.store import POSE, Store, command_names, joint_names
 from rf_exp.types import Episode
 from rf_exp.viz import Film
 
@@ -192,9 +194,10 @@ class _Writer:
         return table.replace_schema_metadata({"pandas": json.dumps(said)})
 
     def _info(self) -> dict[str, Any]:
+        kinds = Counter(model.kind for model in self._store.models)
         return {
             "codebase_version": "v3.0",
-            "robot_type": f"{self._store.agents}x_franka_panda",
+            "robot_type": "_".join(f"{count}x_{kind}" for kind, count in kinds.items()),
             "total_episodes": len(self._store),
             "total_frames": self._store.steps,
             "total_tasks": 1,
@@ -213,12 +216,12 @@ def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
     """What the columns are, and the names of their values."""
     agents, rate = store.agents, store.attrs["control_hz"]
     size = store.attrs["height"], store.attrs["width"]
-    found = {"observation.state": _vector(by_agent(agents, JOINTS))}
-    found["action"] = _vector(by_agent(agents, COMMANDS))
+    found = {"observation.state": _vector(by_agent(agents, partial(joint_names, store.attrs)))}
+    found["action"] = _vector(by_agent(agents, partial(command_names, store.attrs)))
     if store.objects:
         found["object_poses"] = _vector([f"{name}.{axis}" for name in store.objects for axis in POSE])
     if store.disturbed:
-        found["executed"] = _vector(by_agent(agents, COMMANDS))
+        found["executed"] = _vector(by_agent(agents, partial(command_names, store.attrs)))
     for camera in store.cameras:
         found[_key(camera)] = {
             "dtype": "image",

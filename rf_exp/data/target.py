@@ -23,9 +23,9 @@ def library(name: str) -> Any:
         ) from error
 
 
-def by_agent(agents: int, names: Sequence[str]) -> list[str]:
-    """`agent1.panda_joint1`, ...: all of the first agent, then of the second."""
-    return [f"agent{agent}.{name}" for agent in range(1, agents + 1) for name in names]
+def by_agent(agents: int, names: Callable[[int], Sequence[str]]) -> list[str]:
+    """`agent1.` and the first name of the first agent, ...: all of the first agent, then of the second."""
+    return [f"agent{agent}.{name}" for agent in range(1, agents + 1) for name in names(agent)]
 
 
 def flat(values: NDArray[Any]) -> NDArray[Any]:

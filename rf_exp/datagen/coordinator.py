@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from rf_exp.datagen.brain import Question
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
-from rf_exp.robots import Panda
+from rf_exp.robots import Arm
 from rf_exp.transforms import placed
-from rf_exp.types import ARM_JOINTS, Scene, Subgoal, what_of
+from rf_exp.types import Scene, Subgoal, gripper_of, what_of
 
 COORDINATOR_VERSION = 6  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
@@ -47,7 +47,9 @@ class Coordinator:
         self._done: tuple[Subgoal, ...] = ()
         self._plan: Planned | None = None  # that is followed; None while there is none
         self._positions = np.zeros((1, len(settings.task.agents)), np.int64)  # (T + 1, N) of its schedule
-        self._paths: list[NDArray[np.float64]] = []  # of each agent (P, 8), where its hand is, and its knots
+        self._paths: list[
+            NDArray[np.float64]
+        ] = []  # of each agent (P, dof + 1), where its hand is, and its knots
         self._hands: list[NDArray[np.float64]] = []
         self._knots: list[NDArray[np.int64]] = []
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
@@ -64,9 +66,7 @@ class Coordinator:
             return
         self._plan, self._positions = made, made.schedule.positions
         self._paths = [trajectory.path() for trajectory in made.trajectories]
-        self._hands = [
-            hand(arm, path[:, :ARM_JOINTS]) for arm, path in zip(self._arms, self._paths, strict=True)
-        ]
+        self._hands = [hand(arm, path) for arm, path in zip(self._arms, self._paths, strict=True)]
         self._knots = [np.array(trajectory.knots) for trajectory in made.trajectories]
         doing = self._subgoals.of_plan(made.trajectories, made.schedule)
         self._numbers = []  # of each agent, by where it is on its path: what it does next
@@ -86,7 +86,7 @@ class Coordinator:
         """
         if self._plan is not None:
             for k in range(len(self._at)):
-                self._at[k] = self._followed(k, scene.qpos[k, :ARM_JOINTS], grippers[k + 1])
+                self._at[k] = self._followed(k, scene.qpos[k], grippers[k + 1])
         if self._plan is None:
             over = scene.step - self._asked_at >= AGAIN_STEPS
         else:
@@ -101,7 +101,7 @@ class Coordinator:
         """Where on its path an agent is now."""
         at, path, knots = int(self._at[k]), self._paths[k], self._knots[k]
         ahead = path[at : at + AHEAD_STEPS + 1]
-        alike = (ahead[:, ARM_JOINTS] > 0) == (gripper > 0)
+        alike = (gripper_of(ahead) > 0) == (gripper > 0)
         if not alike[0]:  # told earlier, or later, than the plan has it
             return at + int(np.argmax(alike))
         if not alike.all():  # a gripper has to change before its arm gets on with what is behind that
@@ -130,6 +130,6 @@ class Coordinator:
         return bool((self._at >= needed)[others].all())
 
 
-def hand(arm: Panda, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+def hand(arm: Arm, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
     """(..., 4, 3) m, in the world: the points of an arm's hand that tell where it is and how it is turned."""
     return placed(arm.tcp(qpos), HAND_M)

@@ -6,14 +6,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.coordination import actions
+from rf_exp.coordination import actions, alike
 from rf_exp.datagen.motion import come_to_rest, let_off
 from rf_exp.datagen.planning import Planned
 from rf_exp.findings import CheckName, Violation
 from rf_exp.types import JointLimits, Scene
 
-Command = NDArray[np.float64]  # (N, 8): joint targets in rad and grippers, for a control step
-Commands = NDArray[np.float64]  # (K, N, 8)
+Command = NDArray[np.float64]  # (N, A): joint targets in rad and grippers, for a control step
+Commands = NDArray[np.float64]  # (K, N, A)
 
 
 class Arms(Protocol):
@@ -40,14 +40,14 @@ class Arms(Protocol):
 
 
 def commands_of(plan: Planned) -> Commands:
-    """(T + 1, N, 8): where the arms begin, and what the plan sends them in each control step."""
+    """(T + 1, N, A): where the arms begin, and what the plan sends them in each control step."""
     return from_start(plan, actions(plan.executed, plan.schedule))
 
 
 def from_start(plan: Planned, commands: Commands) -> Commands:
-    """Commands of a plan (T, N, 8) behind a row of where its arms begin (T + 1, N, 8)."""
-    start = np.stack([trajectory.path()[0] for trajectory in plan.trajectories])
-    return np.concatenate([start[None], commands])
+    """Commands of a plan (T, N, A) behind a row of where its arms begin (T + 1, N, A)."""
+    start = alike([trajectory.path()[:1] for trajectory in plan.trajectories])
+    return np.concatenate([np.stack(start, axis=1), commands])
 
 
 def follow(arms: Arms, commands: Commands) -> None:

@@ -54,7 +54,7 @@ class EpisodeMaker:
     ) -> Outcome:
         """Runs the loop from the scene of `seed` to success or to the end of the budget.
 
-        Before that, commands (N, 8) of somebody else may `lead` to where it begins; their steps are stored as
+        Before that, commands (N, A) of somebody else may `lead` to where it begins; their steps are stored as
         nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
         """
         planner = Planner(self._settings, self._brain)
@@ -163,7 +163,9 @@ class _Making:
         strength_rad = self._settings.disturbance_rad
         if not strength_rad:
             return plan
-        disturbance = Disturbance(plan.trajectories, plan.schedule, strength_rad, self._perturbations)
+        disturbance = Disturbance(
+            self._settings.task.arms, plan.trajectories, plan.schedule, strength_rad, self._perturbations
+        )
         for _ in range(_CALMER):
             paths = plan.checker.paths(disturbance.trajectories(), scene)
             wrong = {*nearer(plan.checked.plan, paths)}
@@ -217,7 +219,7 @@ class _Making:
 
     @property
     def told(self) -> NDArray[np.float64] | None:
-        """(N, 8) what the arms were last told, if anything."""
+        """(N, A) what the arms were last told, if anything."""
         return self._log.frames[-1].executed if self._log.frames else None
 
     @property

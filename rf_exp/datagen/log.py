@@ -15,8 +15,8 @@ class Frame(NamedTuple):
     """One control step: what was seen, what was intended then, what was done, and what for."""
 
     scene: Scene
-    action: NDArray[np.float64]  # (N, 8)
-    executed: NDArray[np.float64]  # (N, 8)
+    action: NDArray[np.float64]  # (N, A)
+    executed: NDArray[np.float64]  # (N, A)
     images: Mapping[str, NDArray[np.uint8]]
     subgoal: NDArray[np.int16]  # (N,)
     extras: Mapping[str, NDArray]
@@ -61,7 +61,7 @@ class EpisodeLog:
 
 
 def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
-    """(T, 4, 4) -> (T, 7) position in m and quaternion w, x, y, z."""
+    """(T, 4, 4) -> (T, dof) position in m and quaternion w, x, y, z."""
     parts = [world_from_object[:, :3, 3], quaternion(world_from_object)]
     return np.concatenate(parts, axis=1).astype(np.float32)
 

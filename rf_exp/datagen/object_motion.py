@@ -10,7 +10,7 @@ from rf_exp.constraints import Paths, Plan
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Mask, PlanningScene, Swept, closer_than, nearest
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, arm_of
 
 KEEPS_M = 0.015  # of a thing, where its plan does: it trails its commands, the more the faster they change
 MOVED_M = 0.005
@@ -23,7 +23,7 @@ def nearer(plan: Plan, disturbed: Paths) -> Iterator[tuple[int, int]]:
     checks of a plan leave it to a gripper how it comes to what it may touch.
     """
     for agent, body in zip(plan.task.agents, disturbed.swept, strict=True):
-        paths = (each.trajectory(agent).path()[:, :ARM_JOINTS] for each in (plan.paths, disturbed))
+        paths = (arm_of(each.trajectory(agent).path()) for each in (plan.paths, disturbed))
         moved = (np.subtract(*paths) != 0).any(axis=1)
         for name in plan.task.objects:
             for pose, steps in _at_rest(plan, name):

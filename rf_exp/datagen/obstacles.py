@@ -18,10 +18,9 @@ from rf_exp.geometry import (
     nearest,
 )
 from rf_exp.perception import SEEN, Seen
-from rf_exp.robots import self_pairs
 from rf_exp.statements import Proposal
-from rf_exp.tasks import FINGERS_OPEN_M, Task
-from rf_exp.types import ConstraintSet, Scene
+from rf_exp.tasks import Task
+from rf_exp.types import ConstraintSet, Scene, fingers_of
 
 
 class Obstacles:
@@ -38,6 +37,8 @@ class Obstacles:
     def blocked(self, *, avoid_arms: bool) -> Blocked:
         """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
 
+        task = self._task
+
         def test(
             agent: int,
             points: NDArray[np.float64],
@@ -48,7 +49,7 @@ class Obstacles:
         ) -> Obstacle | None:
             planning_scene = self._planning_scene(state)
             body = self._body(planning_scene, agent, points, state, touches)
-            if folded(body, self_pairs()).any():
+            if folded(body, task.arms[agent].robot.self_pairs).any():
                 return "the arm itself"
             hit = planning_scene.below_table(body)
             for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
@@ -79,7 +80,8 @@ class Obstacles:
     def _planning_scene(self, state: State) -> PlanningScene:
         qpos = self._scene.qpos.copy()
         for agent, joints in state.qpos.items():
-            qpos[agent - 1] = [*joints, FINGERS_OPEN_M, FINGERS_OPEN_M]
+            qpos[agent - 1, : len(joints)] = joints
+            fingers_of(qpos)[agent - 1] = self._task.arms[agent].robot.hand.open_m
         held = tuple(state.held[agent][0] if agent in state.held else None for agent in self._task.agents)
         return PlanningScene(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held))
 

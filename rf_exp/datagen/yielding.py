@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rf_exp.findings import Cause, CheckName, Finding, Violation, agent_name
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, keep_clear
-from rf_exp.tasks import RETRACTED_QPOS, Task
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import holders
-from rf_exp.types import ARM_JOINTS, ConstraintSet, Scene, Subgoal
+from rf_exp.types import ConstraintSet, Scene, Subgoal
 
 Posture = Literal["home", "aside"]  # the verb that leads there: at rest, or retracted over its own base
 
@@ -25,8 +25,9 @@ _NEAR_RAD = 0.1  # from the retracted posture: an arm has yielded already
 
 
 def posture_rad(posture: Posture, task: Task, agent: int) -> NDArray[np.float64]:
-    """(7,) where an agent that yields goes."""
-    return np.array(RETRACTED_QPOS if posture == "aside" else task.robots[agent - 1].rest_rad)
+    """(dof,) where an agent that yields goes."""
+    robot = task.robots[agent - 1]
+    return np.array(robot.model.aside_rad if posture == "aside" else robot.rest_rad)
 
 
 # -- in a plan ---------------------------------------------------------------------------------------
@@ -86,7 +87,7 @@ def _once_done(proposal: Proposal, agents: Sequence[int], constraint_set: Constr
 # -- after a violation -------------------------------------------------------------------------------
 
 
-def yields_after(violation: Violation, proposal: Proposal, scene: Scene) -> list[int]:
+def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Scene) -> list[int]:
     """Who yields because of a violation, in this order; never one that carries something with another.
 
     After a hit all that were in it; first the one whose work comes later in the plan, which came to where
@@ -100,7 +101,9 @@ def yields_after(violation: Violation, proposal: Proposal, scene: Scene) -> list
     if violation.cause not in (Cause.CONTACT, Cause.SPACE) or len(violation.agents) > 2 or alone:
         return []
     planned = [subgoal.agent for subgoal in proposal.subgoals]
-    able = [agent for agent in violation.agents if not (_shares(agent, scene) or _has_yielded(agent, scene))]
+    able = [
+        agent for agent in violation.agents if not (_shares(agent, scene) or _has_yielded(agent, task, scene))
+    ]
     later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
     if violation.check is CheckName.COLLISION:
         return later
@@ -118,5 +121,6 @@ def _shares(agent: int, scene: Scene) -> bool:
     return held is not None and len(holders(scene, held)) > 1
 
 
-def _has_yielded(agent: int, scene: Scene) -> bool:
-    return bool(np.abs(scene.qpos[agent - 1, :ARM_JOINTS] - RETRACTED_QPOS).max() < _NEAR_RAD)
+def _has_yielded(agent: int, task: Task, scene: Scene) -> bool:
+    here = task.arms[agent].joints(scene.qpos[agent - 1])
+    return bool(np.abs(here - posture_rad("aside", task, agent)).max() < _NEAR_RAD)

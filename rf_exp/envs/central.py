@@ -17,9 +17,9 @@ from rf_exp.tasks import Task
 class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     """A task for one controller of all N arms; `gymnasium.make("rf_exp/<task>-v1")` makes it.
 
-    Actions (N, 8) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
-    arm, beyond their limits clipped. Observations: a dictionary as `Observations` says, with (N, 9) joints
-    in rad and m, (N, 9) velocities, (7,) positions in m and quaternions (w, x, y, z) in the world. Reward: 1
+    Actions (N, A) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
+    arm, beyond their limits clipped. Observations: a dictionary as `Observations` says, with (N, D) joints
+    in rad and m, (N, D) velocities, (7,) positions in m and quaternions (w, x, y, z) in the world. Reward: 1
     for success by the strict criterion, which ends the episode, else 0. Arguments and errors are those of
     `EpisodeCore`.
     """
@@ -39,7 +39,7 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
             task, observations, step_limit=step_limit, overlaps=overlaps, render_mode=render_mode
         )
         self.render_mode = render_mode
-        self.action_space: spaces.Box = action_space(len(self.task.agents))
+        self.action_space: spaces.Box = action_space(self.task)
         self.observation_space: spaces.Dict = space(self.core.observations, self.task)
 
     def reset(

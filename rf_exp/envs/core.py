@@ -22,7 +22,6 @@ from rf_exp.types import CONTROL_HZ, Scene
 
 RENDER_MODES = ("rgb_array",)
 METADATA: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": CONTROL_HZ}
-SIZE = 8  # of an action: joint targets and gripper
 
 
 class ResetNeeded(RfError, gymnasium.error.ResetNeeded):
@@ -61,7 +60,7 @@ class EpisodeCore:
         self._world: Simulator | None = Simulator(self.task, **size, render=draws)
         self._declared = observations.declared(self.task)
         self._monitor = _monitor(self.task, overlaps)
-        space = action_space(len(self.task.agents))
+        space = action_space(self.task)
         self._low, self._high = space.low, space.high
         self._episode: Episode | None = None  # until the first reset
 
@@ -73,7 +72,7 @@ class EpisodeCore:
         self._episode = Episode(self.task, seed, self._world.reset(seed), self._monitor)
 
     def step(self, action: ArrayLike) -> None:
-        """One control step (50 ms): (N, 8) joint targets in rad, grippers; clipped to the action space.
+        """One control step (50 ms): (N, A) joint targets in rad, grippers; clipped to the action space.
 
         Raises ArgumentError for another shape and for values that are not finite, ResetNeeded where there
         is no episode.

@@ -4,41 +4,42 @@ An agent of its own sees through `global` and through its own camera, which is c
 agent, so that all agents have one space.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from rf_exp.observations import ObservationDict, Observations
-from rf_exp.robots import limits_rad
 from rf_exp.sim import FAR_M
-from rf_exp.tasks import FINGERS_OPEN_M, Task, labels
+from rf_exp.tasks import Task, labels
 from rf_exp.transforms import position_and_quaternion
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, camera_names
+from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, Scene, camera_names, fingers_of
 
 OVERSHOOT = 0.1  # rad, m: so far beyond its limit a joint may be measured that something pushes
 
 
-def action_space(agents: int | None = None) -> spaces.Box:
-    """(8,) of one arm, or (agents, 8): joint targets within the Panda's limits in rad, gripper in [-1, 1]."""
-    low, high = limits_rad()
-    bounds = np.append(low, GRIPPER_CLOSED), np.append(high, GRIPPER_OPEN)
-    rows = () if agents is None else (agents, 1)
-    low, high = (
-        np.tile(each, rows).astype(np.float32) if rows else each.astype(np.float32) for each in bounds
-    )
+def action_space(task: Task, agent: int | None = None) -> spaces.Box:
+    """(A,) of one agent, or (agents, A): joint targets within limits in rad, gripper in [-1, 1]."""
+    bounds = np.zeros((2, len(task.agents), task.dof + 1))
+    bounds[..., -1] = [[GRIPPER_CLOSED], [GRIPPER_OPEN]]
+    for row, robot in enumerate(task.robots):
+        bounds[:, row, : robot.model.dof] = robot.model.limits_rad
+    low, high = bounds.astype(np.float32) if agent is None else bounds[:, agent - 1].astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
 
 
 def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Dict:
     """The space of what one controller of all arms sees, or one agent."""
-    rows = () if agent is not None and seen.state == "joints" else (len(task.agents),)
     cameras = camera_names(seen.cameras, 1 if agent is not None else len(task.agents))
     names = [name.replace("agent1", "local") for name in cameras] if agent is not None else cameras
     shown: dict[str, spaces.Space] = {}
     if seen.state != "none":
-        shown |= {"qpos": _qpos_space(rows), "qvel": _unbounded((*rows, 9))}
+        order = task.agents if agent is None else _own_first(task, agent)
+        joints = _qpos_space(task, order)
+        if agent is not None and seen.state == "joints":
+            joints = spaces.Box(joints.low[0], joints.high[0], dtype=np.float32)
+        shown |= {"qpos": joints, "qvel": _unbounded(joints.shape)}
     if seen.state == "full":
         shown |= {f"pose_{name}": _pose_space() for name in task.objects}
     size = (seen.height, seen.width)
@@ -56,10 +57,19 @@ def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Di
     return spaces.Dict(shown)
 
 
-def _qpos_space(rows: tuple[int, ...]) -> spaces.Box:
-    low, high = limits_rad()
-    bounds = np.append(low, [0.0, 0.0]) - OVERSHOOT, np.append(high, [FINGERS_OPEN_M] * 2) + OVERSHOOT
-    low, high = (np.broadcast_to(each, (*rows, 9)).astype(np.float32) for each in bounds)
+def _own_first(task: Task, agent: int) -> tuple[int, ...]:
+    """All agents, this one first."""
+    return (agent, *(other for other in task.agents if other != agent))
+
+
+def _qpos_space(task: Task, order: Sequence[int]) -> spaces.Box:
+    """(agents, D) of these agents, one behind the other."""
+    bounds = np.zeros((2, len(order), task.dof + FINGERS))
+    for row, agent in enumerate(order):
+        model = task.robots[agent - 1].model
+        bounds[:, row, : model.dof] = model.limits_rad
+        fingers_of(bounds)[1, row] = model.hand.open_m
+    low, high = (bounds + np.array([-OVERSHOOT, OVERSHOOT])[:, None, None]).astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
 
 
@@ -78,7 +88,7 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
     What several agents see is copied for all but the last one, which gets it as it was taken. With state
     `full` the rows of joints are the agent's own first, then the others'.
     """
-    order = np.array([agent - 1, *(other - 1 for other in task.agents if other != agent)])
+    order = np.array(_own_first(task, agent)) - 1
     local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in ("rgb", "depth", "segmentation")}
     joints = {"qpos", "qvel"} if seen.state == "joints" or len(task.agents) > 1 else set[str]()
     alone = {"language", *local} if agent < len(task.agents) else set(space(seen, task, agent))
@@ -98,11 +108,11 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
 
 
 def state_vector(scene: Scene) -> NDArray[np.float32]:
-    """All joints, their velocities and the poses of all objects, one behind the other (N * 18 + K * 7,)."""
+    """All joints, their velocities and the poses of all objects, one behind the other (2 N D + 7 K,)."""
     poses = [position_and_quaternion(pose) for pose in scene.poses.values()]
     return np.concatenate([scene.qpos.ravel(), scene.qvel.ravel(), *poses]).astype(np.float32)
 
 
 def state_space(task: Task) -> spaces.Box:
     """The space of `state_vector`."""
-    return _unbounded((18 * len(task.agents) + 7 * len(task.objects),))
+    return _unbounded((2 * (task.dof + FINGERS) * len(task.agents) + 7 * len(task.objects),))

@@ -9,7 +9,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
-from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, Face, shaped
+from rf_exp.envs.core import METADATA, EpisodeCore, Face, shaped
 from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
@@ -21,9 +21,9 @@ Of = dict[str, Any]  # agent -> something
 class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32]]):
     """A task for the agents `agent1` to `agent<N>`; `rf_exp.envs.parallel_env("<task>")` makes it.
 
-    Each acts with (8,) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open],
-    beyond their limits clipped. Each observes as `Observations` says: with state `joints` its own (9,), with
-    `full` those of all arms (N, 9), its own in the first row, and the objects; and through two cameras,
+    Each acts with (A,) float32: absolute joint targets in rad and the gripper in [-1 closed, 1 open],
+    beyond their limits clipped. Each observes as `Observations` says: with state `joints` its own (D,), with
+    `full` those of all arms (N, D), its own in the first row, and the objects; and through two cameras,
     `global` and its own, called `local`. All share the reward, 1 for success by the strict criterion, else 0,
     and end together. Arguments and errors are those of `EpisodeCore`.
     """
@@ -46,7 +46,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         seen = self.core.observations
         self.possible_agents = list(numbers)
         self.agents: list[str] = []
-        self.action_spaces: Of = {name: action_space() for name in numbers}
+        self.action_spaces: Of = {name: action_space(self.task, agent) for name, agent in numbers.items()}
         self.observation_spaces: Of = {name: space(seen, self.task, k) for name, k in numbers.items()}
         self.state_space = state_space(self.task)
         self._own = {name: of_agent(seen, self.task, agent) for name, agent in numbers.items()}
@@ -57,7 +57,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Box:
-        """Of an agent, (8,); the same for all, but each with random numbers of its own."""
+        """Of an agent, (A,), each with random numbers of its own."""
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Of, Of]:
@@ -83,7 +83,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
             self.core.step([actions[name] for name in self.agents])
         except ArgumentError:
             for name in agents:  # the one that is wrong
-                shaped(actions[name], (SIZE,), f"action of {name}")
+                shaped(actions[name], self.action_space(name).shape, f"action of {name}")
             raise
         now = self.core.episode
         if now.success or now.truncated:

@@ -43,7 +43,7 @@ class Performance:
     """A successful episode and the three moments that are shown of it."""
 
     seed: int
-    actions: NDArray[np.float64]  # (T, N, 8)
+    actions: NDArray[np.float64]  # (T, N, A)
     lines: tuple[tuple[Line, ...], ...]  # (T, N)
     stills: tuple[Still, ...]
 

@@ -17,19 +17,16 @@ from rf_exp.geometry.distance import Nearest, nearest
 from rf_exp.geometry.shapes import Piece, arm_pieces
 from rf_exp.geometry.swept import Mask, Swept
 from rf_exp.geometry.table import lowest_m
-from rf_exp.robots import LINKS, link_poses
-from rf_exp.tasks import FINGERS_OPEN_M, Task
+from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, Scene, Segment, Trajectory
+from rf_exp.types import FINGERS, Scene, Segment, Trajectory, arm_of, fingers_of, gripper_of
 
 AGENT_MARGIN_M = 0.01  # between two arms: tracking errors of both
 OBJECT_MARGIN_M = 0.003  # between an arm and what it may not touch
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
 RESTS_M = 0.005  # things this near to one another lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
-HAND = "panda_hand"
-GRIPPER = frozenset({HAND, "panda_leftfinger", "panda_rightfinger"})
 
 
 @lru_cache(maxsize=1024)  # scenes that are read bring assets of their own, each time
@@ -62,22 +59,22 @@ class PlanningScene:
         tcp_from_object: Matrix | None = None,
         touches: Iterable[str] | None = None,
     ) -> Swept:
-        """An arm at joint positions (P, 9) rad and metres, or (P, 7) with open fingers.
+        """An arm at joint positions (P, D) rad and metres, or (P, dof) with open fingers.
 
         `attached` is an object that moves with the TCP; `touches` names objects that the gripper, and the
         attached object, may touch; without it what the agent holds in the scene.
         """
-        qpos = np.atleast_2d(qpos)
-        if qpos.shape[1] == ARM_JOINTS:
-            qpos = np.hstack([qpos, np.full((len(qpos), 2), FINGERS_OPEN_M)])
+        qpos, arm = np.atleast_2d(qpos), self.arms[agent - 1]
+        if qpos.shape[1] == arm.robot.dof:
+            qpos = np.hstack([qpos, np.full((len(qpos), FINGERS), arm.robot.hand.open_m)])
         moved = {}
         if attached is not None:
             if tcp_from_object is None:
                 raise ArgumentError(
                     f"agent {agent} has {attached!r} attached, but tcp_from_object is missing"
                 )
-            moved = {attached: self.arms[agent - 1].tcp(qpos) @ tcp_from_object}
-        return self._holding(agent, self.arms[agent - 1].links(qpos), moved, touches)
+            moved = {attached: arm.tcp(qpos) @ tcp_from_object}
+        return self._holding(agent, arm.links(qpos), moved, touches)
 
     def measured(
         self, agent: int, *, attached: str | None = None, touches: Iterable[str] | None = None
@@ -95,11 +92,11 @@ class PlanningScene:
         agent, path = trajectory.agent, trajectory.path()
         arm = self.arms[agent - 1]
         segments = self._segment_of(trajectory)
-        qpos = np.hstack([path[:, :ARM_JOINTS], self._openings_m(trajectory)[:, None].repeat(2, axis=1)])
+        qpos = np.hstack([arm_of(path), self._openings_m(trajectory)[:, None].repeat(FINGERS, axis=1)])
         moved: dict[str, NDArray[np.float64]] = {}
         carried: dict[str, Mask] = {}
         names = dict.fromkeys(segment.attached for segment in trajectory.segments if segment.attached)
-        tcp = arm.tcp(path[:, :ARM_JOINTS]) if names else np.empty(0)
+        tcp = arm.tcp(path) if names else np.empty(0)
         for name in names:
             poses = np.empty((len(path), 4, 4))
             mask = np.zeros(len(path), dtype=bool)
@@ -167,10 +164,13 @@ class PlanningScene:
         return self.task.asset(name)
 
     @cached_property
-    def _links(self) -> NDArray[np.float64]:
-        """(N, L, 4, 4) world poses of the links of all arms in the scene."""
+    def _links(self) -> Sequence[NDArray[np.float64]]:
+        """World poses (L, 4, 4) of the links of each arm in the scene."""
+        first, *others = self.arms
+        if any(arm.robot != first.robot for arm in others):
+            return [arm.links(qpos) for arm, qpos in zip(self.arms, self.scene.qpos, strict=True)]
         bases = np.stack([arm.world_from_base for arm in self.arms])
-        return bases[:, None] @ link_poses(self.scene.qpos)
+        return list(bases[:, None] @ first.robot.link_poses(self.scene.qpos))
 
     def _holding(
         self,
@@ -194,13 +194,14 @@ class PlanningScene:
         moved: Mapping[str, NDArray[np.float64]],
         **masks: Mapping[str, Mask],
     ) -> Swept:
-        pieces, labels = list(arm_pieces()), list(LINKS)
+        robot = self.arms[agent - 1].robot
+        pieces, labels = list(arm_pieces(robot)), list(robot.links)
         poses = [links]
         mounted = self.task.robots[agent - 1].mounted
         for piece in asset_pieces(mounted) if mounted else ():
             pieces.append(piece)
-            labels.append(HAND)
-            poses.append(poses[0][:, [LINKS.index(HAND)]])
+            labels.append(robot.hand.link)
+            poses.append(links[:, [robot.links.index(robot.hand.link)]])
         for name, along in moved.items():
             for piece in asset_pieces(self._asset(name)):
                 pieces.append(piece)
@@ -211,7 +212,8 @@ class PlanningScene:
             tuple(labels),
             np.concatenate(poses, axis=1),
             objects=frozenset(moved),
-            gripper=GRIPPER,
+            gripper=robot.gripper,
+            base=robot.links[0],
             **masks,
         )
 
@@ -235,28 +237,28 @@ class PlanningScene:
 
     def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """(P,) of each finger. Never narrower than it really is while the fingers close."""
-        command = trajectory.path()[:, ARM_JOINTS]
-        opening = FINGERS_OPEN_M * (np.clip(command, -1.0, 1.0) + 1.0) / 2.0
+        hand = self.arms[trajectory.agent - 1].robot.hand
+        opening = hand.opening_m(gripper_of(trajectory.path()))
         for end, begin, segment in zip(
             trajectory.knots[1:], trajectory.knots[:-1], trajectory.segments, strict=True
         ):
             if segment.attached:
                 rows = slice(begin + 1, end + 1)
                 opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.attached))
-        opening[0] = max(opening[0], float(self.scene.qpos[trajectory.agent - 1, ARM_JOINTS:].max()))
+        opening[0] = max(opening[0], float(fingers_of(self.scene.qpos[trajectory.agent - 1]).max()))
         return maximum_filter1d(opening, CLOSING_STEPS + 1, origin=CLOSING_STEPS // 2, mode="nearest")
 
     def _grip_m(self, trajectory: Trajectory, name: str) -> float:
         """Half of the width between fingers that hold an object."""
         agent = trajectory.agent
         if self.scene.held[agent - 1] == name:
-            return float(self.scene.qpos[agent - 1, ARM_JOINTS:].max())
+            return float(fingers_of(self.scene.qpos[agent - 1]).max())
         points = self.task.asset(name).points
         for segment in trajectory.segments:
             point = segment.subgoal.point
             if segment.subgoal.object == name and point is not None and point in points:
                 return points[point].width_m / 2
-        return FINGERS_OPEN_M
+        return self.arms[agent - 1].robot.hand.open_m
 
     def _rests(
         self,

@@ -13,8 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from rf_exp.robots import LINKS
-from rf_exp.robots import hulls as link_hulls
+from rf_exp.robots import Robot
 
 COVER_RADIUS_M = 0.06  # spheres of a cover are split until they are smaller than this
 COVER_SPHERES = 8  # or until there are this many
@@ -131,7 +130,7 @@ def _coal(vertices: NDArray[np.float64]) -> coal.Convex:
 
 
 @cache
-def arm_pieces() -> tuple[Piece, ...]:
-    """The pieces of an arm, in the order of `LINKS`."""
-    hulls = link_hulls()
-    return tuple(Piece.of(hulls[link]) for link in LINKS)
+def arm_pieces(robot: Robot) -> tuple[Piece, ...]:
+    """The pieces of an arm, in the order of its links."""
+    hulls = robot.hulls
+    return tuple(Piece.of(hulls[link]) for link in robot.links)

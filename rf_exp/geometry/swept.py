@@ -35,6 +35,7 @@ class Swept:
     rests: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) what is carried may touch it
     holds: Mapping[str, Mask] = field(default_factory=dict)  # object -> (P,) it is in the gripper
     gripper: frozenset[str] = frozenset()  # the labels that may touch
+    base: str | None = None  # the label that is bolted to the table
 
     def __len__(self) -> int:
         return len(self.poses)

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.geometry.swept import Swept
-from rf_exp.robots import LINKS
 
 PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
 
@@ -16,7 +15,7 @@ def lowest_m(body: Swept) -> NDArray[np.float64]:
     """
     lowest = np.full(len(body), np.inf)
     for column, (piece, label) in enumerate(zip(body.pieces, body.labels, strict=True)):
-        if label == LINKS[0] or (label in body.objects and not body.carried[label].any()):
+        if label == body.base or (label in body.objects and not body.carried[label].any()):
             continue
         poses = body.poses[:, column]
         sphere = poses[:, 2, :3] @ piece.centre + poses[:, 2, 3] - piece.radius_m

@@ -1,4 +1,4 @@
-"""Planner and checker for anybody's ManiSkill scene of Pandas: read it, plan, check, schedule, execute.
+"""Planner and checker for anybody's ManiSkill scene of arms: read it, plan, check, schedule, execute.
 
 Start at `Workcell`. See docs/library.md.
 """

@@ -17,7 +17,7 @@ class Driven:
     def __init__(self, stock: Stock, frames: Mapping[str, Matrix]) -> None:
         """`frames`: object -> body_from_object (4, 4)."""
         self._stock, self._frames = stock, frames
-        self.told: NDArray[np.float64] | None = None  # (N, 8) the last command
+        self.told: NDArray[np.float64] | None = None  # (N, A) the last command
         self.last: Stepped | None = None  # what the environment said of the last step of a plan
 
     @property

@@ -14,7 +14,7 @@ class ReadRobot(RobotSpec):
     """An arm that stands anywhere, in any way."""
 
     pose: Matrix  # world_from_base (4, 4)
-    on_hand: Asset | None  # a camera, say; in the frame of panda_hand
+    on_hand: Asset | None  # a camera, say; in the frame of its link
 
     @property
     def world_from_base(self) -> Matrix:  # pyright: ignore[reportIncompatibleVariableOverride]

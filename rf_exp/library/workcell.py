@@ -1,4 +1,4 @@
-"""Pandas in a ManiSkill environment of anybody's: read, planned for, checked, scheduled and driven."""
+"""Arms in a ManiSkill environment of anybody's: read, planned for, checked, scheduled and driven."""
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -74,10 +74,10 @@ class Execution:
 
 
 class Workcell:
-    """A scene of one or more Pandas. Agents are numbered from 1, as the environment lists its robots.
+    """A scene of one or more arms. Agents are numbered from 1, as the environment lists its robots.
 
-    Every actor, and every link of an articulation that is no Panda, is an object. Its frame has z up and its
-    origin on its underside, as it stood when it was read. What can be picked up has the point `center` (a
+    Every actor, and every link of an articulation that is none of them, is an object. Its frame has z up and
+    its origin on its underside, as it stood when it was read. What can be picked up has the point `center` (a
     grasp from above), what is flat on top the place point `top`, what has no collision shapes (a goal, say)
     the place point `middle`. What lies below z = 0 is the table.
     """
@@ -201,7 +201,7 @@ def _robot(arm: Arm) -> ReadRobot:
     yaw_deg = float(np.degrees(np.arctan2(arm.world_from_base[1, 0], arm.world_from_base[0, 0])))
     parts = tuple(Part(solid, GREY) for solid in arm.mounted)
     on_hand = Asset(f"on the hand of {arm.name}", parts) if parts else None
-    return ReadRobot(x_m, y_m, yaw_deg, arm.rest_rad, pose=arm.world_from_base, on_hand=on_hand)
+    return ReadRobot(x_m, y_m, yaw_deg, arm.rest_rad, arm.robot, pose=arm.world_from_base, on_hand=on_hand)
 
 
 def _below(task: Task, scene: Scene) -> dict[str, str]:

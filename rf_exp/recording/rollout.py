@@ -12,7 +12,7 @@ from rf_exp.markdown import Markdown
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Scene, Verdict
+from rf_exp.types import CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Scene, Verdict
 from rf_exp.viz import text
 
 DISTANCES_EVERY = 2  # control steps
@@ -44,7 +44,7 @@ class RolloutRecorder(SceneRecorder):
         """One control step."""
         for agent, chunk in step.predicted.items():  # made before the step, from where the hands were
             self._recorder.predicted(agent, step.scene.step, chunk)
-            ahead = self._arms[agent - 1].tcp(chunk[:, :ARM_JOINTS])[:, :3, 3]
+            ahead = self._arms[agent - 1].tcp(chunk)[:, :3, 3]
             self._recorder.path(agent, "predicted", ahead)
         self.look(step.scene, step.action, self._world.images())
         if step.detections != self._detections:

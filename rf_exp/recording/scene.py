@@ -1,7 +1,6 @@
 """The scene as a recording shows it: poses, curves, pictures, and the voxels that everything occupies."""
 
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,10 +10,9 @@ import trimesh
 from numpy.typing import NDArray
 
 from rf_exp.geometry import PlanningScene, centres_m, voxels
-from rf_exp.robots import LINKS, light_meshes
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, Scene
+from rf_exp.types import Scene
 from rf_exp.viz import Mesh, Panels, Recorder, camera_entity, link_entity, object_entity
 
 OCCUPANCY_EVERY = 2  # control steps
@@ -38,6 +36,7 @@ class SceneRecorder:
             meshes=_meshes(task),
             moving=self._moving,
             panels=panels,
+            robots=[robot.model for robot in task.robots],
         )
         self._scene: Scene | None = None  # as seen last
 
@@ -61,7 +60,9 @@ class SceneRecorder:
         poses = {object_entity(name): pose for name, pose in scene.poses.items()}
         for agent, arm in zip(self._task.agents, self._arms, strict=True):
             links = arm.links(scene.qpos[agent - 1])
-            poses |= {link_entity(agent, link): pose for link, pose in zip(LINKS, links, strict=True)}
+            poses |= {
+                link_entity(agent, link): pose for link, pose in zip(arm.robot.links, links, strict=True)
+            }
         for name in self._moving:
             poses[camera_entity(name)] = self._world.camera_models()[name].world_from_camera
         self._recorder.step(scene.step, poses=poses, qpos=scene.qpos, action=action, pictures=pictures)
@@ -84,7 +85,7 @@ class SceneRecorder:
         if self._scene is None:
             return np.zeros((0, 3))
         qpos = self._scene.qpos
-        hands = [self._arms[agent - 1].tcp(qpos[agent - 1, :ARM_JOINTS])[:3, 3] for agent in agents]
+        hands = [self._arms[agent - 1].tcp(qpos[agent - 1])[:3, 3] for agent in agents]
         return np.array(hands).reshape(-1, 3)
 
 
@@ -92,18 +93,15 @@ def _meshes(task: Task) -> dict[str, Mesh]:
     """Every entity that is drawn: links of each arm, objects, the table."""
     meshes = {
         link_entity(agent, link): Mesh(vertices, faces, colours)
-        for agent in task.agents
-        for link, (vertices, faces, colours) in _links().items()
-        if link in LINKS
+        for agent, robot in zip(task.agents, task.robots, strict=True)
+        for link, (vertices, faces, colours) in robot.model.meshes.items()
+        if link in robot.model.links
     }
     meshes |= {object_entity(name): _object(task, name) for name in task.objects}
     slab = trimesh.creation.box(TABLE_M)
     slab.apply_translation((0.0, 0.0, -TABLE_M[2] / 2))
     meshes[object_entity("table")] = Mesh(slab.vertices, slab.faces, TABLE_COLOUR)
     return meshes
-
-
-_links = cache(light_meshes)
 
 
 def _object(task: Task, name: str) -> Mesh:

@@ -1,22 +1,5 @@
-"""The robot without a simulator."""
+"""Robots without a simulator: each a value, in a folder of its own, and what they have in common."""
 
-from rf_exp.robots.meshes import cache_folder, is_made, light_meshes, light_urdf
-from rf_exp.robots.panda import LINKS, Panda, hulls, limits_rad, link_poses, self_pairs, tcp_pose
-from rf_exp.robots.postures import BRANCHES, OTHER_SIGN, crossed
+import lazy_loader
 
-__all__ = [
-    "BRANCHES",
-    "LINKS",
-    "OTHER_SIGN",
-    "Panda",
-    "cache_folder",
-    "crossed",
-    "hulls",
-    "is_made",
-    "light_meshes",
-    "light_urdf",
-    "limits_rad",
-    "link_poses",
-    "self_pairs",
-    "tcp_pose",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,49 +1,53 @@
-"""The Panda's visual meshes with few triangles, made once and kept in a cache folder.
+"""The visual meshes of a robot with few triangles, made once and kept in a cache folder.
 
-The meshes that ManiSkill ships have 135 thousand triangles an arm, which makes software rendering
-six times as slow as it need be at 320x240. Quadric decimation (fast-simplification) keeps about 8
-thousand; the colours stay, as does the collision geometry.
+Meshes of makers have many: the Panda's that ManiSkill ships 135 thousand an arm, which makes software
+rendering six times as slow as it need be at 320x240. Quadric decimation (fast-simplification) keeps about 8
+thousand; the colours stay, as does the collision geometry. What is no GLB file stays as it is.
 """
 
 import hashlib
 import os
 import shutil
 from functools import cache
+from itertools import combinations
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 from xml.etree import ElementTree
 
 import fast_simplification
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from trimesh.visual import TextureVisuals
 
 from rf_exp.artifacts import whole
 from rf_exp.errors import StageError
-from rf_exp.robots.panda import description_folder
-from rf_exp.transforms import Matrix, apply, transform
+from rf_exp.robots.urdf import placement, root_of, shape
+from rf_exp.transforms import apply
 
-URDF = "panda_v2.urdf"
+if TYPE_CHECKING:
+    from rf_exp.robots.robot import Robot
+
 KEPT = 0.058  # share of the triangles that stays
 FEWEST = 60  # a piece with fewer triangles than this is left alone
 CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells break through black ones
 SMOOTH_RAD = np.deg2rad(20)  # edges sharper than this stay visible
 REMEDY = "set XDG_CACHE_HOME to a writable folder"
+GLB = ".glb"
+GREY = (0.5, 0.5, 0.5)  # linear, of what has no colour of its own
 LAYOUT = 2  # raise when the way of making the files changes
 
 LinkMesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]
 
 
-def cache_folder() -> Path:
-    """Where the light meshes of the installed ManiSkill live; its name depends on all inputs.
+def cache_folder(robot: "Robot") -> Path:
+    """Where the light meshes of a robot live; its name depends on all inputs.
 
     Raises StageError for a user without a home.
     """
-    folder = description_folder()
-    digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(folder))).encode())
-    for path in [folder / URDF, *sorted((folder / "franka_description/meshes/visual").glob("*.glb"))]:
+    urdf = robot.urdf_path
+    digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(urdf.parent))).encode())
+    for path in [urdf, *sorted({urdf.parent / mesh for mesh in _heavy(root_of(robot))})]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     try:
@@ -53,65 +57,103 @@ def cache_folder() -> Path:
     return Path(home) / "rf_exp" / digest.hexdigest()[:16]
 
 
-def is_made(folder: Path) -> bool:
+def is_made(robot: "Robot", folder: Path) -> bool:
     """Whether the light meshes are in a cache folder, and may be read."""
-    return os.access(folder / URDF, os.R_OK)
+    return os.access(folder / robot.urdf_path.name, os.R_OK)
 
 
 @cache
-def light_urdf() -> Path:
+def light_urdf(robot: "Robot") -> Path:
     """The path of a URDF with light visuals and the original collision meshes, made when missing.
 
     Raises StageError when the cache folder cannot be written.
     """
-    target = cache_folder()
-    if not is_made(target):
+    target = cache_folder(robot)
+    if not is_made(robot, target):
         try:
             with whole(target) as draft:
                 draft.mkdir()
-                _make(draft, target)
+                _make(robot, draft, target)
         except OSError as error:
             # Of several processes that make it the first wins, the others find it complete.
-            if not is_made(target):
+            if not is_made(robot, target):
                 raise StageError(
                     f"cannot write the mesh cache {target}: {error.strerror or error}; {REMEDY}"
                 ) from error
-    return target / URDF
+    return target / robot.urdf_path.name
 
 
-def light_meshes() -> dict[str, LinkMesh]:
-    """Link -> vertices (V, 3) in metres in the frame of the link, faces (F, 3), linear RGB (V, 3)."""
+@cache
+def light_meshes(robot: "Robot") -> dict[str, LinkMesh]:
+    """Link -> vertices (V, 3) in metres in the frame of the link, faces (F, 3), linear RGB (V, 3).
+
+    Of the links that have a visual: its meshes, and its boxes, cylinders and spheres in grey.
+    """
     meshes: dict[str, LinkMesh] = {}
-    for link in ElementTree.parse(light_urdf()).getroot().findall("link"):
-        for visual in link.findall("visual"):
-            pieces = _pieces(Path(_mesh(visual).attrib["filename"]))
-            colours = [
-                np.tile(_material(piece).baseColorFactor[:3] / 255, (len(piece.vertices), 1))
-                for piece in pieces
-            ]
-            mesh = cast(trimesh.Trimesh, trimesh.util.concatenate(pieces))
-            vertices = apply(_origin(visual), np.asarray(mesh.vertices))
-            meshes[link.attrib["name"]] = (vertices, np.asarray(mesh.faces), np.concatenate(colours))
+    for link in ElementTree.parse(light_urdf(robot)).getroot().findall("link"):
+        parts = [_drawn(visual, robot) for visual in link.findall("visual")]
+        if not parts:
+            continue
+        firsts = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts)])
+        meshes[link.attrib["name"]] = (
+            np.concatenate([vertices for vertices, _, _ in parts]),
+            np.concatenate([faces + first for (_, faces, _), first in zip(parts, firsts, strict=False)]),
+            np.concatenate([colours for _, _, colours in parts]),
+        )
     return meshes
 
 
-def _make(folder: Path, final: Path) -> None:
+def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
+    """A visual as triangles in the frame of its link."""
+    mesh = visual.find("geometry/mesh")
+    if mesh is not None and mesh.attrib["filename"].endswith(GLB):
+        pieces = _pieces(Path(mesh.attrib["filename"]))
+        colours = [_material(piece).baseColorFactor[:3] / 255 for piece in pieces]
+    else:
+        pieces = [shape(visual, robot.urdf_path.parent, robot.name)]
+        colours = [GREY]
+    each = [np.tile(colour, (len(piece.vertices), 1)) for colour, piece in zip(colours, pieces, strict=True)]
+    whole_of = cast(trimesh.Trimesh, trimesh.util.concatenate(pieces))
+    vertices = apply(placement(visual), np.asarray(whole_of.vertices))
+    return vertices, np.asarray(whole_of.faces), np.concatenate(each)
+
+
+def _heavy(root: ElementTree.Element) -> list[str]:
+    """The files of the visuals that are made lighter, as the URDF names them."""
+    named = [mesh.attrib["filename"] for mesh in root.iterfind("link/visual/geometry/mesh")]
+    return [name for name in named if name.endswith(GLB)]
+
+
+def _make(robot: "Robot", folder: Path, final: Path) -> None:
     """Write the light GLB files and the URDF that points to them once `folder` is called `final`."""
-    source = description_folder()
-    tree = ElementTree.parse(source / URDF)
-    for visual in tree.getroot().iter("visual"):
-        element = _mesh(visual)
-        heavy = source / element.attrib["filename"]
-        if not (folder / heavy.name).exists():
-            scene = trimesh.Scene([_lighter(piece) for piece in _pieces(heavy)])
-            scene.export(folder / heavy.name, include_normals=True)
-        element.set("filename", str(final / heavy.name))
-    for collision in tree.getroot().iter("collision"):
-        if (element := collision.find("geometry/mesh")) is not None:
-            element.set("filename", str(source / element.attrib["filename"]))
-    tree.write(folder / URDF)
+    urdf = robot.urdf_path
+    tree = ElementTree.parse(urdf)
+    for element in tree.getroot().iterfind("link/visual/geometry/mesh"):
+        source = urdf.parent / element.attrib["filename"]
+        light = source.suffix == GLB
+        if light and not (folder / source.name).exists():
+            scene = trimesh.Scene([_lighter(piece) for piece in _pieces(source)])
+            scene.export(folder / source.name, include_normals=True)
+        element.set("filename", str(final / source.name if light else source))
+    for element in tree.getroot().iterfind("link/collision/geometry/mesh"):
+        element.set("filename", str(urdf.parent / element.attrib["filename"]))
+    tree.write(folder / urdf.name)
     # SAPIEN reads the pairs of links that may overlap from the file of the same name beside the URDF.
-    shutil.copyfile((source / URDF).with_suffix(".srdf"), (folder / URDF).with_suffix(".srdf"))
+    _write_srdf(robot, (folder / urdf.name).with_suffix(".srdf"))
+
+
+def _write_srdf(robot: "Robot", path: Path) -> None:
+    """The file of the robot, or one of the pairs that it excuses."""
+    source = robot.urdf_path.with_suffix(".srdf")
+    if source.exists():
+        shutil.copyfile(source, path)
+        return
+    root, counted = ElementTree.Element("robot", name=robot.name), set(robot.self_pairs)
+    for i, j in combinations(range(len(robot.links)), 2):
+        if (i, j) not in counted:
+            pair = {"link1": robot.links[i], "link2": robot.links[j], "reason": "Adjacent"}
+            ElementTree.SubElement(root, "disable_collisions", pair)
+    ElementTree.ElementTree(root).write(path)
 
 
 def _pieces(path: Path) -> list[trimesh.Trimesh]:
@@ -143,19 +185,3 @@ def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
         visual=TextureVisuals(material=_material(piece)),
         process=False,
     )
-
-
-def _mesh(visual: ElementTree.Element) -> ElementTree.Element:
-    element = visual.find("geometry/mesh")
-    assert element is not None, "every visual of the Panda is a mesh"
-    return element
-
-
-def _origin(visual: ElementTree.Element) -> Matrix:
-    """The (4, 4) pose of a visual in its link; URDF angles are roll, pitch, yaw about fixed axes."""
-    origin = visual.find("origin")
-    if origin is None:
-        return transform()
-    xyz = [float(value) for value in origin.attrib["xyz"].split()]
-    rpy = [float(value) for value in origin.attrib["rpy"].split()]
-    return transform(xyz, Rotation.from_euler("xyz", rpy))

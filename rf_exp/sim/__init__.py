@@ -4,7 +4,7 @@ from rf_exp.sim.vulkan import COSTS, render_probe, select_driver
 
 select_driver()  # before SAPIEN is imported, or it would not know the software driver
 
-from rf_exp.sim.environment import FAR_M, hand_from_camera  # noqa: E402
+from rf_exp.sim.environment import FAR_M  # noqa: E402
 from rf_exp.sim.geometry import depth_and_segmentation  # noqa: E402
 from rf_exp.sim.pool import close_shared_simulator, shared_simulator  # noqa: E402
 from rf_exp.sim.simulator import Limited, Simulator  # noqa: E402
@@ -20,7 +20,6 @@ __all__ = [
     "Stock",
     "close_shared_simulator",
     "depth_and_segmentation",
-    "hand_from_camera",
     "render_probe",
     "shared_simulator",
 ]

@@ -8,7 +8,8 @@ import sapien
 from numpy.typing import NDArray
 from sapien import physx
 
-LEFT, RIGHT = "panda_leftfinger", "panda_rightfinger"
+from rf_exp.robots import Hand
+
 GRASP_FORCE_N = 0.5  # on each finger, ManiSkill's is_grasping
 GRASP_ANGLE_DEG = 85.0  # between that force and the direction the finger opens in
 
@@ -19,17 +20,27 @@ class Contacts:
     """Knows which body is a link of which arm and which is an object, for one scene."""
 
     def __init__(
-        self, robots: Sequence[physx.PhysxArticulation], objects: Mapping[str, sapien.Entity]
+        self,
+        robots: Sequence[physx.PhysxArticulation],
+        hands: Sequence[Hand],
+        objects: Mapping[str, sapien.Entity],
     ) -> None:
         # The scene hands out the same Python object for a body as long as one is kept: these maps do.
         self._agent_of: dict[physx.PhysxRigidBaseComponent, int] = {
             link: agent for agent, robot in enumerate(robots, 1) for link in robot.links
         }
         self._fingers = [
-            tuple(next(link for link in robot.links if link.name.endswith(name)) for name in (LEFT, RIGHT))
-            for robot in robots
+            tuple(
+                next(link for link in robot.links if link.name.endswith(finger.link))
+                for finger in hand.fingers
+            )
+            for robot, hand in zip(robots, hands, strict=True)
         ]
-        self._finger_of = {finger for pair in self._fingers for finger in pair}
+        self._opens = {
+            link: np.array(finger.opens)
+            for pair, hand in zip(self._fingers, hands, strict=True)
+            for link, finger in zip(pair, hand.fingers, strict=True)
+        }
         self._object_of = {
             entity.find_component_by_type(physx.PhysxRigidBaseComponent): name
             for name, entity in objects.items()
@@ -43,9 +54,9 @@ class Contacts:
         on_finger: dict[tuple, Vector] = defaultdict(lambda: np.zeros(3))  # N, world frame
         for contact in contacts:
             a, b = contact.bodies
-            if a in self._finger_of and b in self._object_of:
+            if a in self._opens and b in self._object_of:
                 on_finger[a, self._object_of[b]] += _impulse(contact) / timestep_s
-            elif b in self._finger_of and a in self._object_of:
+            elif b in self._opens and a in self._object_of:
                 on_finger[b, self._object_of[a]] -= _impulse(contact) / timestep_s
         pushes: dict[tuple[int, str], Vector] = defaultdict(lambda: np.zeros(3))
         for (finger, name), force in on_finger.items():
@@ -64,16 +75,27 @@ class Contacts:
                 forces[min(a, b), max(a, b)] += impulse / timestep_s
         return {pair: force for pair, force in forces.items() if force > 0}
 
-    @staticmethod
-    def _held(fingers: tuple, on_finger: Mapping[tuple, Vector]) -> str | None:
+    def _held(self, fingers: tuple, on_finger: Mapping[tuple, Vector]) -> str | None:
         """The object that presses both fingers of an arm apart, if any; the hardest pressed of several."""
         pinched = {}
         for (finger, name), force in on_finger.items():
             if finger is fingers[0]:
                 opposite = on_finger.get((fingers[1], name))
-                if opposite is not None and _opens(fingers[0], force, 1) and _opens(fingers[1], opposite, -1):
+                if (
+                    opposite is not None
+                    and self._opened(fingers[0], force)
+                    and self._opened(fingers[1], opposite)
+                ):
                     pinched[name] = float(np.linalg.norm(force) + np.linalg.norm(opposite))
         return max(pinched, key=pinched.__getitem__, default=None)
+
+    def _opened(self, finger: physx.PhysxArticulationLinkComponent, force_n: Vector) -> bool:
+        """Whether the force is strong enough and pushes the finger open."""
+        size = float(np.linalg.norm(force_n))
+        if size < GRASP_FORCE_N:
+            return False
+        opening = finger.entity_pose.to_transformation_matrix()[:3, :3] @ self._opens[finger]
+        return float(opening @ force_n) >= size * np.cos(np.deg2rad(GRASP_ANGLE_DEG))
 
 
 def _impulse(contact: physx.PhysxContact) -> Vector:
@@ -82,12 +104,3 @@ def _impulse(contact: physx.PhysxContact) -> Vector:
     for point in contact.points:  # np.sum takes several times as long for so few
         total += point.impulse
     return total
-
-
-def _opens(finger: physx.PhysxArticulationLinkComponent, force_n: Vector, side: int) -> bool:
-    """Whether the force is strong enough and pushes the finger open (along side times its y axis)."""
-    size = float(np.linalg.norm(force_n))
-    if size < GRASP_FORCE_N:
-        return False
-    opening = side * finger.entity_pose.to_transformation_matrix()[:3, 1]
-    return float(opening @ force_n) >= size * np.cos(np.deg2rad(GRASP_ANGLE_DEG))

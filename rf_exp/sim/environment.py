@@ -1,4 +1,4 @@
-"""The one ManiSkill environment: any number of Pandas on a table, set up by a task.
+"""The one ManiSkill environment: any number of arms on a table, set up by a task.
 
 Physics runs at 100 Hz and control at 20 Hz for every task. The scene is rebuilt at every reset:
 PhysX keeps contact caches and the order of its bodies, so only a new scene makes the same seed
@@ -20,23 +20,17 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
 from rf_exp.sim import objects
-from rf_exp.sim.agent import UID
+from rf_exp.sim.agent import uid_of
+from rf_exp.sim.rows import Rows
 from rf_exp.sim.shading import choose_formats, keep_freed_memory, shader_config
 from rf_exp.sim.table_scene import build_table_scene, light_table_scene
 from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix, from_axes
-from rf_exp.types import CONTROL_HZ
+from rf_exp.transforms import Matrix
+from rf_exp.types import CONTROL_HZ, FINGERS
 
 CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on one edge only: things swing
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
-# Hand frame: z along the fingers, y between them. The camera sits beside the hand and looks at the tips.
-WRIST_EYE_M, WRIST_TARGET_M = (0.07, 0.0, 0.02), (0.0, 0.0, 0.12)
-
-
-def hand_from_camera() -> Matrix:
-    """(4, 4) of an eye-in-hand camera in the frame of panda_hand, OpenCV axes."""
-    return from_axes(WRIST_EYE_M, z=np.subtract(WRIST_TARGET_M, WRIST_EYE_M), y=(-1, 0, 0))
 
 
 @cache
@@ -50,7 +44,7 @@ def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
     """Lets the links of one arm pass through those of the same arm only, where its SRDF excuses them.
 
     SAPIEN gives the two links of an excused pair a common bit in word 2 of their collision groups, and
-    PhysX then ignores every two shapes with a common bit and the same number in word 3. Every Panda gets
+    PhysX then ignores every two shapes with a common bit and the same number in word 3. Arms of a kind get
     the same bits, and nobody sets the number: hands of different arms would pass through one another.
     """
     for link in robot.links:
@@ -82,7 +76,7 @@ class TableEnv(BaseEnv):
             obs_mode="none",
             reward_mode="none",
             control_mode="pd_joint_pos",
-            robot_uids=tuple(UID for _ in task.robots),  # pyright: ignore[reportArgumentType]
+            robot_uids=tuple(uid_of(robot.model) for robot in task.robots),  # pyright: ignore[reportArgumentType]
             sim_backend="physx_cpu",
             render_backend=render_backend,
             reconfiguration_freq=1,
@@ -101,7 +95,7 @@ class TableEnv(BaseEnv):
         configs = []
         for name, camera in self.task.cameras.items():
             hand: Any = self.hand(int(name.removeprefix("agent"))) if camera.mount == "wrist" else None
-            pose: Any = _sapien_camera_pose(hand_from_camera() if hand else camera.world_from_camera)
+            pose: Any = _sapien_camera_pose(self.task.parent_from_camera(name))
             configs.append(
                 CameraConfig(
                     uid=name,
@@ -129,7 +123,15 @@ class TableEnv(BaseEnv):
 
     def hand(self, agent: int):
         """ManiSkill's link of the hand of an agent."""
-        return self.arms[agent - 1].robot.links_map["panda_hand"]
+        return self.arms[agent - 1].robot.links_map[self.task.robots[agent - 1].model.hand.link]
+
+    def rows(self) -> list[Rows]:
+        """How the joints of each arm are told of, in the order of the task."""
+        size = self.task.dof + FINGERS
+        return [
+            Rows(robot.model, [joint.name for joint in arm.robot.active_joints], size)
+            for robot, arm in zip(self.task.robots, self.arms, strict=True)
+        ]
 
     def _load_agent(self, options: dict, *_: object, **__: object) -> None:
         self.start = self.task.start(int(self._episode_seed[0]))
@@ -156,8 +158,9 @@ class TableEnv(BaseEnv):
         light_table_scene(self.scene, self.start.light)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
-        for arm, qpos in zip(self.arms, self.start.qpos, strict=True):
+        for arm, rows, row in zip(self.arms, self.rows(), self.start.qpos, strict=True):
             robot: physx.PhysxArticulation = arm.robot._objs[0]
+            qpos = rows.active(row)
             robot.set_qpos(qpos.astype(np.float32))
             for joint, value in zip(robot.active_joints, qpos, strict=True):
                 joint.set_drive_target(value)  # else it would start towards zero

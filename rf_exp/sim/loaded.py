@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import choices
-from rf_exp.sim.agent import GRIPPER_M
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Scene
+from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, Scene, joints_of
 
 
 class LoadedScene:
@@ -21,8 +20,11 @@ class LoadedScene:
         self.robots = [arm.robot._objs[0] for arm in env.arms]
         self._joints = [robot.active_joints for robot in self.robots]
         self.bodies = {name: actor._objs[0] for name, actor in env.actors.items()}
-        self._contacts = Contacts(self.robots, self.bodies)
-        self.command = np.hstack([env.start.qpos[:, :ARM_JOINTS], np.ones((len(self.robots), 1))])  # (N, 8)
+        self._rows = env.rows()
+        hands = [robot.model.hand for robot in env.task.robots]
+        self._contacts = Contacts(self.robots, hands, self.bodies)
+        start = joints_of(env.start.qpos)
+        self.command = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
         self._env = env
         self.physics: Any = env.scene.px
         sensors: dict[str, Any] = env._sensors if draws else {}
@@ -32,16 +34,13 @@ class LoadedScene:
         self._drawn_at, self._drawn = -1, set[str]()  # the step of the last pictures, and their cameras
 
     def step(self, action: NDArray[np.float64]) -> dict[tuple[int, int], float]:
-        """Apply (N, 8) joint targets and gripper commands for one control step.
+        """Apply (N, A) joint targets and gripper commands for one control step.
 
         Returns (agent, agent) -> the hardest push between two arms, in N.
         """
         self.command = action.copy()
-        low, high = GRIPPER_M
-        fingers = low + (np.clip(action[:, ARM_JOINTS], -1.0, 1.0) + 1) / 2 * (high - low)
-        targets = np.column_stack([action[:, :ARM_JOINTS], fingers, fingers])
-        for joints, row in zip(self._joints, targets.tolist(), strict=True):
-            for joint, value in zip(joints, row, strict=True):
+        for joints, rows, command in zip(self._joints, self._rows, action, strict=True):
+            for joint, value in zip(joints, rows.targets(command).tolist(), strict=True):
                 joint.set_drive_target(value)
         pressed: dict[tuple[int, int], float] = {}
         for _ in range(PHYSICS_HZ // CONTROL_HZ):
@@ -60,8 +59,8 @@ class LoadedScene:
         held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
         return Scene(
             step=self._step,
-            qpos=np.stack([robot.qpos for robot in self.robots]).astype(float),
-            qvel=np.stack([robot.qvel for robot in self.robots]).astype(float),
+            qpos=np.stack([rows.qpos(each.qpos) for rows, each in zip(self._rows, self.robots, strict=True)]),
+            qvel=np.stack([rows.qvel(each.qvel) for rows, each in zip(self._rows, self.robots, strict=True)]),
             poses=poses,
             # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
             speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},

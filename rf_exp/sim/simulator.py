@@ -9,11 +9,11 @@ import sapien
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.sim.environment import TableEnv, hand_from_camera
+from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CameraModel, Scene
+from rf_exp.types import CameraModel, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
 GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
@@ -52,9 +52,9 @@ class Simulator:
         return LoadedScene(self._env, draws=self._render)
 
     def step(self, action: NDArray[np.float64]) -> Scene:
-        """Apply (N, 8) joint targets in rad and gripper commands in [-1, 1] for one control step."""
+        """Apply (N, A) joint targets in rad and gripper commands in [-1, 1] for one control step."""
         action = np.asarray(action, dtype=float)
-        expected = (len(self.task.robots), ARM_JOINTS + 1)
+        expected = (len(self.task.robots), self.task.dof + 1)
         if action.shape != expected or not np.isfinite(action).all():
             raise ArgumentError(
                 f"action of shape {action.shape}"
@@ -65,7 +65,7 @@ class Simulator:
 
     @property
     def command(self) -> NDArray[np.float64]:
-        """(N, 8) what the arms were last told; at the start their own joint positions, grippers open."""
+        """(N, A) what the arms were last told; at the start their own joint positions, grippers open."""
         return self._loaded.command.copy()
 
     @property
@@ -106,11 +106,10 @@ class Simulator:
         models = {}
         for name in self.cameras:
             spec = self.task.cameras[name]
+            pose = self.task.parent_from_camera(name)
             if spec.mount == "wrist":
                 hand = self._env.hand(int(name.removeprefix("agent")))._objs[0]
-                pose = hand.entity_pose.to_transformation_matrix().astype(float) @ hand_from_camera()
-            else:
-                pose = spec.world_from_camera
+                pose = hand.entity_pose.to_transformation_matrix().astype(float) @ pose
             models[name] = CameraModel(*self._size_px, float(np.deg2rad(spec.fov_deg)), pose)
         return models
 

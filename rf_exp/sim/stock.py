@@ -1,4 +1,4 @@
-"""A ManiSkill environment that somebody else has made, read and driven as a world of Pandas and bodies."""
+"""A ManiSkill environment that somebody else has made, read and driven as a world of arms and bodies."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -14,18 +14,16 @@ from numpy.typing import NDArray
 from sapien import physx
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.robots import LINKS, link_poses
+from rf_exp.robots import Robot, known_robots
 from rf_exp.sim.contacts import Contacts
+from rf_exp.sim.rows import Rows
 from rf_exp.sim.shapes import solids
 from rf_exp.transforms import Matrix, apply, inverse
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Scene
+from rf_exp.types import CONTROL_HZ, FINGERS, Scene
 
 CONTROL_MODE = "pd_joint_pos"
-OPEN_M, CLOSED_M = 0.04, 0.0  # of each finger: what planners count on
-SAME_M = 1e-3  # between a link and where the Panda's model has it
+SAME_M = 1e-3  # between a link and where the robot's model has it
 TABLE_M = 1e-3  # what is nowhere higher is part of the table
-HAND = "panda_hand"
-JOINTS = (*(f"panda_joint{k}" for k in range(1, 8)), "panda_finger_joint1", "panda_finger_joint2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +37,13 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A Panda of the scene."""
+    """An arm of the scene."""
 
     name: str  # ManiSkill's
+    robot: Robot
     world_from_base: Matrix
-    rest_rad: tuple[float, ...]  # (7,) as it stood when it was read
-    mounted: tuple[trimesh.Trimesh, ...]  # convex, on the hand, in the frame of panda_hand
+    rest_rad: tuple[float, ...]  # (dof,) as it stood when it was read
+    mounted: tuple[trimesh.Trimesh, ...]  # convex, on the hand, in the frame of its link
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,16 @@ class Stock:
             dict(agent.agents_dict) if isinstance(agent, MultiAgent) else {agent.uid: agent}
         )
         self._single = not isinstance(agent, MultiAgent)
-        self._grippers = {name: _gripper(name, arm) for name, arm in arms.items()}
+        models = {name: _model(name, arm) for name, arm in arms.items()}
+        self._grippers = {name: _gripper(name, arm, models[name]) for name, arm in arms.items()}
         self._robots = [arm.robot._objs[0] for arm in arms.values()]
-        self.arms = tuple(_arm(name, arm) for name, arm in arms.items())
+        size = max(model.dof for model in models.values()) + FINGERS
+        self._rows = [
+            Rows(model, [joint.name for joint in arm.robot.active_joints], size)
+            for model, arm in zip(models.values(), arms.values(), strict=True)
+        ]
+        named = zip(arms.items(), models.values(), self._rows, strict=True)
+        self.arms = tuple(_arm(name, arm, model, rows) for (name, arm), model, rows in named)
         found = _components(self._base, arms)
         for name in ignore:
             if name not in found:
@@ -86,7 +92,9 @@ class Stock:
         for name in self.table:
             del self._bodies[name], read[name]
         self.bodies: Mapping[str, Body] = read
-        self._contacts = Contacts(self._robots, {name: body.entity for name, body in self._bodies.items()})
+        hands = [model.hand for model in models.values()]
+        entities = {name: body.entity for name, body in self._bodies.items()}
+        self._contacts = Contacts(self._robots, hands, entities)
         self._seed, self._read_at = self._episode(), self._now()
         self._poses, self._measured_at = self.poses(), self._read_at
         self._speeds = dict.fromkeys(self._poses, 0.0)
@@ -115,8 +123,12 @@ class Stock:
         pressed = self._contacts.between_arms(contacts, physics.timestep)
         return Scene(
             step=now,
-            qpos=np.stack([robot.qpos for robot in self._robots]).astype(float),
-            qvel=np.stack([robot.qvel for robot in self._robots]).astype(float),
+            qpos=np.stack(
+                [rows.qpos(each.qpos) for rows, each in zip(self._rows, self._robots, strict=True)]
+            ),
+            qvel=np.stack(
+                [rows.qvel(each.qvel) for rows, each in zip(self._rows, self._robots, strict=True)]
+            ),
             poses=poses,
             speeds=dict(self._speeds),
             held=held,
@@ -125,7 +137,7 @@ class Stock:
         )
 
     def step(self, command: NDArray[np.float64]) -> Stepped:
-        """One control step: (N, 8) joint targets in rad, grippers from -1 closed to 1 open."""
+        """One control step: (N, A) joint targets in rad, grippers from -1 closed to 1 open."""
         actions = {}
         for name, row in zip(self._grippers, command, strict=True):
             actions[name] = self._grippers[name].action(row)
@@ -158,6 +170,7 @@ class _Gripper:
     """How an arm is told what to do: where in its action the joints and the gripper are, and its range."""
 
     size: int
+    joints: int
     arm: slice
     gripper: slice
     closed: float
@@ -165,8 +178,8 @@ class _Gripper:
 
     def action(self, row: NDArray[np.float64]) -> NDArray[np.float32]:
         action = np.zeros(self.size, np.float32)
-        action[self.arm] = row[:ARM_JOINTS]
-        share = (np.clip(row[ARM_JOINTS], -1.0, 1.0) + 1) / 2
+        action[self.arm] = row[: self.joints]
+        share = (np.clip(row[-1], -1.0, 1.0) + 1) / 2
         action[self.gripper] = self.closed + share * (self.opened - self.closed)
         return action
 
@@ -186,18 +199,22 @@ def _checked(base: Any) -> BaseEnv:
             f"gymnasium.make(..., sim_config={{'control_freq': {CONTROL_HZ}}})"
         )
     if base.agent is None:
-        raise ArgumentError("the environment has no robot; expected one Panda or more")
+        raise ArgumentError("the environment has no robot; expected one or more")
     return base
 
 
-def _gripper(name: str, arm: Any) -> _Gripper:
+def _model(name: str, arm: Any) -> Robot:
+    """The robot that it is, by its joints. Raises ArgumentError for one that nobody knows."""
+    joints = [joint.name for joint in arm.robot.active_joints]
+    for robot in known_robots():
+        if sorted(joints) == sorted(robot.active):
+            return robot
+    possible = "; ".join(f"{robot.title}: {', '.join(robot.active)}" for robot in known_robots())
+    raise ArgumentError(f"{name} has the joints {', '.join(joints)}; expected a {possible}")
+
+
+def _gripper(name: str, arm: Any, robot: Robot) -> _Gripper:
     """Raises ArgumentError for an arm that does not take absolute joint targets and a gripper's width."""
-    joints = tuple(joint.name for joint in arm.robot.active_joints)
-    if joints != JOINTS:
-        raise ArgumentError(
-            f"{name} has the joints {', '.join(joints)}; expected a Panda with its two-finger hand: "
-            f"{', '.join(JOINTS)}"
-        )
     controllers = getattr(arm.controller, "controllers", {})
     joint, gripper = controllers.get("arm"), controllers.get("gripper")
     told = joint.config if isinstance(joint, PDJointPosController) else None
@@ -208,39 +225,47 @@ def _gripper(name: str, arm: Any) -> _Gripper:
             f"gymnasium.make(..., control_mode={CONTROL_MODE!r})"
         )
     lowest, highest = gripper._get_joint_limits()[0].tolist()
-    if abs(highest - OPEN_M) > SAME_M or lowest > CLOSED_M:
+    finger = robot.hand.fingers[0]
+    closed, opened = finger.position(0.0), finger.position(robot.hand.open_m)
+    if abs(highest - max(closed, opened)) > SAME_M or lowest > min(closed, opened):
         raise ArgumentError(
             f"the fingers of {name} are told to be at {lowest:g} to {highest:g} m; expected at most "
-            f"{CLOSED_M:g} to {OPEN_M:g} m"
+            f"{min(closed, opened):g} to {max(closed, opened):g} m"
         )
     space: Any = gripper.single_action_space
     spans = {part: slice(*span) for part, span in arm.controller.action_mapping.items()}
     size = int(arm.controller.single_action_space.shape[0])
-    return _Gripper(size, spans["arm"], spans["gripper"], float(space.low[0]), float(space.high[0]))
+    ends = float(space.low[0]), float(space.high[0])
+    return _Gripper(
+        size, robot.dof, spans["arm"], spans["gripper"], *(ends if closed < opened else ends[::-1])
+    )
 
 
-def _arm(name: str, arm: Any) -> Arm:
-    """Raises ArgumentError where its links are not where the Panda's model has them."""
+def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
+    """Raises ArgumentError where its links are not where the robot's model has them."""
     links = {link: body._objs[0] for link, body in arm.robot.links_map.items()}
-    if missing := [link for link in LINKS if link not in links]:
-        raise ArgumentError(f"{name} is no Panda: it has no link {', '.join(missing)}")
-    world_from_base, qpos = _pose(links[LINKS[0]].entity_pose), arm.robot._objs[0].qpos.astype(float)
-    for link, base_from_link in zip(LINKS, link_poses(qpos), strict=True):
+    if missing := [link for link in model.links if link not in links]:
+        raise ArgumentError(f"{name} is no {model.title}: it has no link {', '.join(missing)}")
+    world_from_base, qpos = _pose(links[model.links[0]].entity_pose), rows.qpos(arm.robot._objs[0].qpos)
+    for link, base_from_link in zip(model.links, model.link_poses(qpos), strict=True):
         off_m = float(np.abs(world_from_base @ base_from_link - _pose(links[link].entity_pose)).max())
         if off_m > SAME_M:
-            raise ArgumentError(f"{name} is no Panda: its {link} is {off_m:.4f} m from where a Panda has it")
-    hand_from_world = inverse(_pose(links[HAND].entity_pose))
+            raise ArgumentError(
+                f"{name} is no {model.title}: its {link} is {off_m:.4f} m from where that has it"
+            )
+    hand = links[model.hand.link]
+    hand_from_world = inverse(_pose(hand.entity_pose))
     mounted = []
     for link, body in links.items():
-        if link in LINKS or not body.collision_shapes:
+        if link in model.links or not body.collision_shapes:
             continue
-        if not _on_hand(body, links[HAND]):
+        if not _on_hand(body, hand):
             raise ArgumentError(
                 f"{name} has a link {link} that is not fixed to its hand, as planners expect it"
             )
         hand_from_link = hand_from_world @ _pose(body.entity_pose)
         mounted += [solid.apply_transform(hand_from_link) for solid in solids(body, f"{link} of {name}")]
-    return Arm(name, world_from_base, tuple(qpos[:ARM_JOINTS].tolist()), tuple(mounted))
+    return Arm(name, model, world_from_base, tuple(qpos[: model.dof].tolist()), tuple(mounted))
 
 
 def _on_hand(link: Any, hand: Any) -> bool:

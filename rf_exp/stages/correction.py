@@ -30,6 +30,7 @@ from rf_exp.stages.evaluation import scene_of
 from rf_exp.stages.generation import attempts, collect
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store, card
+from rf_exp.tasks import Task
 from rf_exp.types import Rollout, RolloutStep
 
 MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
@@ -64,7 +65,11 @@ def correct(cell: Cell) -> None:
     data, demos = demonstrations(before)
     source = Store.open(data).first(demos)
     path, rows_path = cell.corrected_path, cell.correction_path
-    with owned(rows_path, provenance, [path]), owned(path), _continued(path, source, provenance) as store:
+    with (
+        owned(rows_path, provenance, [path]),
+        owned(path),
+        _continued(cell.task, path, source, provenance) as store,
+    ):
         expert = partial(
             make_episode,
             cell.settings,
@@ -90,14 +95,16 @@ def correct(cell: Cell) -> None:
 
 
 @contextmanager
-def _continued(path: Path, source: Store, provenance: dict[str, Any]) -> Iterator[Store]:
+def _continued(task: Task, path: Path, source: Store, provenance: dict[str, Any]) -> Iterator[Store]:
     """A store for writing that begins with all episodes of another; what is there already stays."""
     if path.exists():
         store = Store.open(path, provenance, writable=True)
     else:
         of = source.attrs
         size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        store = Store.create(path, provenance, *size, source.description)
+        store = Store.create(
+            path, provenance, *size, source.description, [each.model for each in task.robots]
+        )
     with store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))

@@ -18,7 +18,7 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.recording import EpisodeRecorder
-from rf_exp.sim import close_shared_simulator, hand_from_camera, shared_simulator
+from rf_exp.sim import close_shared_simulator, shared_simulator
 from rf_exp.stages.artifacts import owned
 from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.logs import rate_log
@@ -144,8 +144,9 @@ def _store(cell: Cell) -> Store:
     cameras, (height, width) = identity["cameras"], identity["picture"]
     disturbed = experiment.disturbance_rad > 0
     description = _described(task, pictures, cameras, experiment.store)
-    objects, agents = tuple(task.objects), len(task.agents)
-    return Store.create(path, identity, agents, cameras, height, width, objects, disturbed, description)
+    objects, robots = tuple(task.objects), [robot.model for robot in task.robots]
+    size = len(robots), cameras, height, width, objects, disturbed
+    return Store.create(path, identity, *size, description, robots)
 
 
 def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:
@@ -235,7 +236,7 @@ def _described(task: Task, pictures: Pictures, cameras: Sequence[str], extras: E
 def _camera(task: Task, pictures: Pictures, name: str) -> dict[str, Any]:
     spec, fov_y_rad = task.cameras[name], float(np.deg2rad(task.cameras[name].fov_deg))
     wrist = spec.mount == "wrist"
-    pose = hand_from_camera() if wrist else spec.world_from_camera
+    pose = task.parent_from_camera(name)
     model = CameraModel(pictures.width, pictures.height, fov_y_rad, pose)
     return {
         "intrinsics": plain(model.intrinsics),

@@ -1,9 +1,9 @@
 """The replay buffer: one Zarr 3 folder of demonstrations, written episode by episode.
 
-    data/qpos (T, N, 9) f32      measured joints: rad for the arm, metres for the two fingers
-    data/qvel (T, N, 9) f32      their velocities
-    data/action (T, N, 8) f32    joint targets in rad + gripper command, as intended
-    data/executed (T, N, 8) f32  what the arms were told, in a store of disturbed demonstrations
+    data/qpos (T, N, D) f32      measured joints: rad for the arm, metres for the two fingers
+    data/qvel (T, N, D) f32      their velocities
+    data/action (T, N, A) f32    joint targets in rad + gripper command, as intended
+    data/executed (T, N, A) f32  what the arms were told, in a store of disturbed demonstrations
     data/rgb_<camera> (T, H, W, 3) u8
     data/depth_<camera> (T, H, W) u16         mm along the viewing direction, 0 is nothing; if asked for
     data/segmentation_<camera> (T, H, W) u8   index of the attribute `labels`; if asked for
@@ -30,7 +30,7 @@ the conditions of success, cameras and robots (`Description`), and what made it.
 
 from rf_exp.store.cards import card, facts
 from rf_exp.store.damaged import Damaged
-from rf_exp.store.description import COMMANDS, JOINTS, POSE, Description
+from rf_exp.store.description import POSE, Description, Model, command_names, joint_names
 from rf_exp.store.integrity import Damage
 from rf_exp.store.layout import empty_like
 from rf_exp.store.merging import merge, merge_order
@@ -39,16 +39,17 @@ from rf_exp.store.validation import problems
 from rf_exp.store.writer import Store
 
 __all__ = [
-    "COMMANDS",
-    "JOINTS",
     "POSE",
     "Damage",
     "Damaged",
     "Description",
+    "Model",
     "Store",
     "card",
+    "command_names",
     "empty_like",
     "facts",
+    "joint_names",
     "merge",
     "merge_order",
     "problems",

@@ -1,6 +1,7 @@
 """The card of a data set: what its reader wants to know, from what the store says of itself."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
@@ -67,7 +68,7 @@ def facts(store: Reader) -> dict[str, Any]:
     found = {
         "task": store.attrs["task"],
         "constraints": row.get("name", "not known"),
-        "robots": f"{store.agents} x Franka Panda with its gripper, in simulation (ManiSkill 3, SAPIEN)",
+        "robots": f"{_robots(store)}, in simulation (ManiSkill 3, SAPIEN)",
         "episodes": len(store),
         "steps": store.steps,
         "steps an episode": f"{lengths.min()} to {lengths.max()}" if len(store) else "none",
@@ -84,6 +85,11 @@ def facts(store: Reader) -> dict[str, Any]:
         name: printable(value, LONGEST_LINE) if isinstance(value, str) else value
         for name, value in found.items()
     }
+
+
+def _robots(store: Reader) -> str:
+    counted = Counter(model.title for model in store.models)
+    return ", ".join(f"{count} x {title}" for title, count in counted.items())
 
 
 def _facts(store: Reader) -> str:

@@ -5,12 +5,71 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Self
 
 from rf_exp.artifacts import plain
-from rf_exp.types import UNITS
+from rf_exp.robots import DEFAULT, Robot
+from rf_exp.types import FINGERS, UNITS
 
-ARM = tuple(f"panda_joint{k}" for k in range(1, 8))
-JOINTS = (*ARM, "panda_finger_joint1", "panda_finger_joint2")  # of qpos and qvel
-COMMANDS = (*ARM, "gripper")  # of action and executed
+MOST_JOINTS = 16  # of an arm with its hand
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a store says of the robot of an agent."""
+
+    title: str
+    kind: str  # as others call it
+    joints: tuple[str, ...]  # along its part of qpos and qvel: of the arm, then of the two fingers
+    commands: tuple[str, ...]  # along its part of action and executed
+
+    @staticmethod
+    def of(robot: Robot) -> "Model":
+        return Model(robot.title, robot.kind, robot.measured, robot.told)
+
+
+def stated(robots: Sequence[Robot]) -> dict[str, Any]:
+    """The attribute that tells of the robots of the agents; without it all are the usual one."""
+    if all(robot == DEFAULT for robot in robots):
+        return {}
+    return {"robots": [asdict(Model.of(robot)) for robot in robots]}
+
+
+def models(attributes: Mapping[str, Any]) -> tuple[Model, ...]:
+    """Of every agent. Raises ValueError for an attribute that cannot be."""
+    agents = attributes["agents"]
+    said = attributes.get("robots", [asdict(Model.of(DEFAULT))] * agents)
+    found = tuple(
+        Model(
+            str(each["title"]),
+            str(each["kind"]),
+            *(tuple(map(str, each[key])) for key in ("joints", "commands")),
+        )
+        for each in said
+    )
+    sizes = {len(each.joints) for each in found} | {len(each.commands) + 1 for each in found}
+    if len(found) != agents or not all(FINGERS < size <= MOST_JOINTS for size in sizes):
+        raise ValueError(f"{len(found)} robots with {sorted(sizes)} joints, of {agents} agents")
+    return found
+
+
+def joint_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
+    """Names along qpos and qvel, of one agent or of all. See `rf_exp.types.joints_of` for what lies where."""
+    return _names([model.joints for model in models(attributes)], FINGERS, "finger", agent)
+
+
+def command_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
+    """Names along action and executed, of one agent or of all."""
+    return _names([model.commands for model in models(attributes)], 1, "gripper", agent)
+
+
+def _names(each: Sequence[tuple[str, ...]], hand: int, last: str, agent: int | None) -> tuple[str, ...]:
+    """Padded to the longest: between arm and hand. Of several that differ, the numbers of the joints."""
+    size = max(map(len, each))
+    if agent is None and len(set(each)) > 1:
+        fingers = [last] if hand == 1 else [f"{last}{k}" for k in range(1, hand + 1)]
+        return (*(f"joint{k}" for k in range(1, size - hand + 1)), *fingers)
+    names = each[0 if agent is None else agent - 1]
+    unused = (f"unused{k}" for k in range(len(names) - hand + 1, size - hand + 1))
+    return (*names[:-hand], *unused, *names[-hand:])
 
 
 @dataclass(frozen=True)
@@ -61,22 +120,23 @@ def explained(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes of an array: what it holds, the names along its last dimension, units, frame."""
     what = name.partition("/")[2]
     kind = what if what.startswith("condition_") else what.partition("_")[0]
-    rad = ["rad"] * len(ARM)
+    joints, commands = joint_names(attributes), command_names(attributes)
+    rad = ["rad"] * (len(commands) - 1)
     conditions = list(attributes.get("conditions", ()))
     found: dict[str, dict[str, Any]] = {
-        "qpos": {"names": JOINTS, "units": [*rad, "m", "m"], "about": "measured joints before the action"},
+        "qpos": {"names": joints, "units": [*rad, "m", "m"], "about": "measured joints before the action"},
         "qvel": {
-            "names": JOINTS,
-            "units": [*["rad/s"] * len(ARM), "m/s", "m/s"],
+            "names": joints,
+            "units": [*["rad/s"] * len(rad), "m/s", "m/s"],
             "about": "measured joint velocities before the action",
         },
         "action": {
-            "names": COMMANDS,
+            "names": commands,
             "units": [*rad, "1"],
             "about": "joint targets of the next control step; gripper from -1 closed to 1 open",
         },
         "executed": {
-            "names": COMMANDS,
+            "names": commands,
             "units": [*rad, "1"],
             "about": "what the arms were told; `action` is what was meant",
         },

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
 from rf_exp.artifacts import whole
-from rf_exp.store.description import COMMANDS, JOINTS, POSE, dimensions, explained
+from rf_exp.store.description import POSE, command_names, dimensions, explained, joint_names
 
 FORMAT = 3  # of how a store lies in files and what it says
 IMAGES = ("rgb", "depth", "segmentation")
@@ -25,7 +25,7 @@ ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always mea
 def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Array name -> (shape of one row, dtype), the whole layout of a store."""
     agents, size = attributes["agents"], (attributes["height"], attributes["width"])
-    joints, commands = (agents, len(JOINTS)), (agents, len(COMMANDS))
+    joints, commands = ((agents, len(names(attributes))) for names in (joint_names, command_names))
     executed = {"data/executed": (commands, "float32")} if attributes.get("disturbed") else {}
     return {
         "data/qpos": (joints, "float32"),

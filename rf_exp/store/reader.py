@@ -12,7 +12,7 @@ import zarr
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.store.description import Description
+from rf_exp.store.description import Description, Model, models
 from rf_exp.store.integrity import blames
 from rf_exp.store.layout import JUDGED, PICTURE_SHARD, array_of, extra_names, view
 from rf_exp.types import NO_EXTRAS, Episode, Extras, Judged
@@ -77,6 +77,11 @@ class Reader:
         return self._attrs["agents"]
 
     @property
+    def models(self) -> tuple[Model, ...]:
+        """What is known of the robot of each agent."""
+        return models(self._attrs)
+
+    @property
     def cameras(self) -> tuple[str, ...]:
         return tuple(self._attrs["cameras"])
 
@@ -103,22 +108,22 @@ class Reader:
 
     @cached_property
     def qpos(self) -> NDArray[np.float32]:
-        """(T, N, 9) measured joints, rad and metres."""
+        """(T, N, D) measured joints, rad and metres."""
         return self._read("data/qpos")
 
     @cached_property
     def qvel(self) -> NDArray[np.float32]:
-        """(T, N, 9) measured joint velocities, rad/s and m/s."""
+        """(T, N, D) measured joint velocities, rad/s and m/s."""
         return self._read("data/qvel")
 
     @cached_property
     def action(self) -> NDArray[np.float32]:
-        """(T, N, 8) joint targets, rad, and gripper command."""
+        """(T, N, A) joint targets, rad, and gripper command."""
         return self._read("data/action")
 
     @cached_property
     def executed(self) -> NDArray[np.float32]:
-        """(T, N, 8) what the arms were told: `action`, unless the demonstrations were disturbed."""
+        """(T, N, A) what the arms were told: `action`, unless the demonstrations were disturbed."""
         return self._read("data/executed") if self.disturbed else self.action
 
     @cached_property

@@ -11,9 +11,10 @@ import numpy as np
 
 from rf_exp.artifacts import code, disk_full, expect_same, hold_folder, installed, plain
 from rf_exp.errors import ArgumentError, StageError
+from rf_exp.robots import Robot
 from rf_exp.store import layout
 from rf_exp.store.additions import additions
-from rf_exp.store.description import Description
+from rf_exp.store.description import Description, stated
 from rf_exp.store.integrity import check_rows, opened
 from rf_exp.store.reader import Reader
 from rf_exp.types import CONTROL_HZ, Episode
@@ -39,6 +40,7 @@ class Store(Reader):
         objects: Sequence[str] = (),
         disturbed: bool = False,
         description: Description | None = None,
+        robots: Sequence[Robot] = (),
     ) -> Self:
         """A new, empty store, opened for writing.
 
@@ -47,7 +49,8 @@ class Store(Reader):
         their own, beside the commit of the code. Pictures are (height, width, 3); without cameras
         both may be 0. `disturbed` demonstrations were executed otherwise than intended. With a
         `description` the store also holds times, the values of the conditions of success, and the
-        depth and segmentation that it speaks of.
+        depth and segmentation that it speaks of. `robots` are those of the agents; without them all are
+        the usual one.
 
         Raises StageError when `path` exists or the disk is full, ArgumentError when nothing can be
         created there.
@@ -57,6 +60,7 @@ class Store(Reader):
             raise StageError(f"{path} exists already; open it, delete it, or choose another `out`")
         size = {"agents": agents, "cameras": list(cameras), "height": height, "width": width}
         attributes = {**_provenance(identity), **size, "objects": list(objects), "disturbed": disturbed}
+        attributes |= stated(robots)
         described = description.attributes() if description else {}
         _create(path, {**attributes, **described, "versions": installed(PACKAGES)})
         return cls.open(path, writable=True)

@@ -7,17 +7,14 @@ from rf_exp.tasks import assets, predicates
 from rf_exp.tasks.account import Ledger
 from rf_exp.tasks.configuration import CONFIGURED, check_words, default_of, load_task, read_task, stored_task
 from rf_exp.tasks.labels import labelled, labels
-from rf_exp.tasks.specs import REST_QPOS, RETRACTED_QPOS, CameraSpec, ObjectSpec, Randomisation, RobotSpec
-from rf_exp.tasks.start import FINGERS_OPEN_M, Start
+from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec
+from rf_exp.tasks.start import Start
 from rf_exp.tasks.success import SuccessEvaluator
 from rf_exp.tasks.table import TABLE_CENTRE_M, TABLE_M
 from rf_exp.tasks.task import Task
 
 __all__ = [
     "CONFIGURED",
-    "FINGERS_OPEN_M",
-    "REST_QPOS",
-    "RETRACTED_QPOS",
     "TABLE_CENTRE_M",
     "TABLE_M",
     "CameraSpec",

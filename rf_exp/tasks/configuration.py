@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.installed import CONF
+from rf_exp.robots import DEFAULT, Robot, known_robots, robot_named
 from rf_exp.tasks.specs import Randomisation
 from rf_exp.tasks.start import beyond_table
 from rf_exp.tasks.task import Task
@@ -40,7 +42,9 @@ def _range(value: object) -> object:
     return [float(value), float(value)] if isinstance(value, int | float) else value
 
 
-_CONFIG = dacite.Config(cast=[tuple], strict=True, type_hooks={tuple[float, float]: _range})
+_CONFIG = dacite.Config(
+    cast=[tuple], strict=True, type_hooks={tuple[float, float]: _range, Robot: robot_named}
+)
 
 
 def check_words(name: str, node: object, key: str = "") -> None:
@@ -74,16 +78,26 @@ def check_words(name: str, node: object, key: str = "") -> None:
             check_words(name, value, f"{key}[{index}]")
 
 
+def _find_robots(node: Mapping) -> None:
+    """Imports the code of a task that names a robot of its own: that is where it is added."""
+    known = {robot.name for robot in known_robots()}
+    robots, code = node.get("robots", ()), node.get("code")
+    named = {robot.get("model", DEFAULT.name) for robot in robots if isinstance(robot, Mapping)}
+    if isinstance(code, str) and not named <= known:
+        import_module(code)
+
+
 def load_task(name: str, node: Mapping) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
     What it does not say of randomisation is as in conf/config.yaml.
-    Raises ArgumentError naming the field for what is missing, unknown, or of another type, for an
+    Raises ArgumentError naming the field for what is missing, unknown, or of another type, for a robot or an
     asset that does not exist, for an object that stands on one not listed before it, and for one that may
     start beyond the table's edge.
     """
     check_words(name, node)
     try:
+        _find_robots(node)
         drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
         task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
     except dacite.UnexpectedDataError as error:

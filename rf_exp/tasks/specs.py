@@ -8,27 +8,26 @@ from typing import Any
 import numpy as np
 
 from rf_exp.errors import ArgumentError
+from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix, from_axes, planar
-from rf_exp.types import ARM_JOINTS
-
-REST_QPOS = (0.0, np.pi / 8, 0.0, -5 * np.pi / 8, 0.0, 3 * np.pi / 4, np.pi / 4)  # rad
-RETRACTED_QPOS = (0.0, -0.6, 0.0, -2.5, 0.0, 1.9, np.pi / 4)  # rad, pulled in over its own base
 
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """Where an arm is bolted to the table, and how it stands when it has nothing to do."""
+    """Which robot is bolted to the table, where, and how it stands when it has nothing to do."""
 
     x_m: float
     y_m: float
     yaw_deg: float
-    rest_rad: tuple[float, ...] = REST_QPOS  # (7,)
+    rest_rad: tuple[float, ...] = ()  # (dof,); that of the robot unless given
+    model: Robot = DEFAULT
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rest_rad", tuple(map(float, self.rest_rad)))
-        if len(self.rest_rad) != ARM_JOINTS:
-            raise ArgumentError(f"rest_rad has {len(self.rest_rad)} values; an arm has {ARM_JOINTS} joints")
+        rest_rad, joints = self.rest_rad or self.model.rest_rad, self.model.dof
+        object.__setattr__(self, "rest_rad", tuple(map(float, rest_rad)))
+        if len(self.rest_rad) != joints:
+            raise ArgumentError(f"rest_rad has {len(self.rest_rad)} values; an arm has {joints} joints")
 
     @cached_property
     def world_from_base(self) -> Matrix:
@@ -36,8 +35,14 @@ class RobotSpec:
 
     @property
     def mounted(self) -> Asset | None:
-        """What is screwed to the hand and can hit things, in the frame of panda_hand."""
+        """What is screwed to the hand and can hit things, in the frame of its link."""
         return None
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What decides where it stands and how it moves. What most tasks have is not told."""
+        placed = {"x_m": self.x_m, "y_m": self.y_m, "yaw_deg": self.yaw_deg, "rest_rad": self.rest_rad}
+        return placed if self.model == DEFAULT else {**placed, "model": self.model.identity}
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,11 @@ from shapely.geometry.base import BaseGeometry
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks.table import beyond_edge
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Scene
+from rf_exp.types import FINGERS, Scene, fingers_of, joints_of
 
 if TYPE_CHECKING:
     from rf_exp.tasks.task import Task
 
-FINGERS_OPEN_M = 0.04
 GAP_M = 0.005  # between objects at the start
 _DRAWS = 1000
 
@@ -28,7 +27,7 @@ class Start:
     """What an episode begins with."""
 
     seed: int
-    qpos: NDArray[np.float64]  # (N, 9) rad, metres
+    qpos: NDArray[np.float64]  # (N, D) rad, metres
     poses: Mapping[str, Matrix]  # object -> world_from_object
     light: float  # relative brightness
     tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
@@ -65,14 +64,16 @@ def start_of(task: "Task", seed: int) -> Start:
                 f"task {task.name!r}, seed {seed}: {name} would start {1000 * beyond_m:.0f} mm beyond the "
                 f"table's edge at {edge} and fall; move its range, or what it is relative to"
             )
-    rest = np.array([robot.rest_rad for robot in task.robots])
-    noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, rest.shape)
-    fingers = np.full((len(task.robots), 2), FINGERS_OPEN_M)
+    qpos = np.zeros((len(task.robots), task.dof + FINGERS))
+    noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, joints_of(qpos).shape)
+    for row, robot, off in zip(qpos, task.robots, noise, strict=True):
+        row[: robot.model.dof] = robot.rest_rad + off[: robot.model.dof]
+        fingers_of(row)[:] = robot.model.hand.open_m
     light = 1.0 + rng.uniform(-task.randomisation.light, task.randomisation.light)
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
     masses_kg = {name: _mass_kg(task, name, rng.uniform()) for name in task.objects}
-    return Start(seed, np.hstack([rest + noise, fingers]), poses, light, tints, masses_kg)
+    return Start(seed, qpos, poses, light, tints, masses_kg)
 
 
 def _mass_kg(task: "Task", name: str, draw: float) -> float:

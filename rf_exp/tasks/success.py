@@ -6,7 +6,6 @@ from math import hypot
 from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Measured, Scene, Verdict
 
-REACH_M = 0.855  # of a Panda from its base (its data sheet)
 OFF_M = 0.05  # below the top of the table
 DROP_M = 0.05  # that a thing falls after it was let go; what is set down sinks by millimetres
 
@@ -16,7 +15,8 @@ class SuccessEvaluator:
 
     def __init__(self, task: Task, start: Scene) -> None:
         self._task, self._start, self._steps = task, start, 0
-        self._module, self._bases = task.module, [(robot.x_m, robot.y_m) for robot in task.robots]
+        self._module = task.module
+        self._reaches_m = [(robot.x_m, robot.y_m, robot.model.reach_m) for robot in task.robots]
         self._hold_steps = int(task.success["hold_steps"])
         self._let_go_m: dict[str, float] = {}  # object -> its height when it was held last
         places = {name: start.poses[name][:2, 3].tolist() for name in task.objects}
@@ -50,4 +50,4 @@ class SuccessEvaluator:
         return lost
 
     def _in_reach(self, x_m: float, y_m: float) -> bool:
-        return any([hypot(x_m - base_x, y_m - base_y) < REACH_M for base_x, base_y in self._bases])
+        return any([hypot(x_m - base_x, y_m - base_y) < reach for base_x, base_y, reach in self._reaches_m])

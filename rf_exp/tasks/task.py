@@ -16,20 +16,18 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import import_module
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rf_exp.errors import ArgumentError
+from rf_exp.robots import Arm
 from rf_exp.statements import Vocabulary
 from rf_exp.tasks import assets
 from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
 from rf_exp.tasks.start import Start, start_of
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Scene
-
-if TYPE_CHECKING:
-    from rf_exp.robots import Panda
 
 APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
 
@@ -68,6 +66,11 @@ class Task:
         return tuple(range(1, len(self.robots) + 1))
 
     @property
+    def dof(self) -> int:
+        """Joints of the arm that has the most: rows of measured joints and of commands are for that one."""
+        return max(robot.model.dof for robot in self.robots)
+
+    @property
     def module(self) -> ModuleType:
         return import_module(self.code or f"rf_exp.tasks.{self.name}")
 
@@ -87,12 +90,11 @@ class Task:
         return assets.load(spec.asset, spec.options)
 
     @cached_property
-    def arms(self) -> "Mapping[int, Panda]":
+    def arms(self) -> Mapping[int, Arm]:
         """Agent -> its arm, where that is bolted to the table."""
-        from rf_exp.robots import Panda  # a task is read without kinematics
-
         return {
-            agent: Panda(robot.world_from_base) for agent, robot in zip(self.agents, self.robots, strict=True)
+            agent: Arm(robot.model, robot.world_from_base)
+            for agent, robot in zip(self.agents, self.robots, strict=True)
         }
 
     @cached_property
@@ -132,20 +134,29 @@ class Task:
 
         Assets by their content, code by its versions. Titles and descriptions decide nothing.
         """
-        said = asdict(self)
         objects = {
-            name: {**spec, "asset": f"{self.asset(name).name} {self.asset(name).content}"}
-            for name, spec in said["objects"].items()
+            name: {**asdict(spec), "asset": f"{self.asset(name).name} {self.asset(name).content}"}
+            for name, spec in self.objects.items()
         }
         for spec in objects.values():
             del spec["options"]  # the content tells them
         return {
-            **{key: said[key] for key in ("robots", "cameras", "success", "randomisation")},
+            "robots": tuple(robot.identity for robot in self.robots),
+            "cameras": {name: asdict(camera) for name, camera in self.cameras.items()},
+            "success": dict(self.success),
+            "randomisation": asdict(self.randomisation),
             "objects": objects,
             "order": list(objects),  # in which they are drawn
             "criteria": self.version,
             "plan": self.plan_version,
         }
+
+    def parent_from_camera(self, name: str) -> Matrix:
+        """(4, 4) of a camera in the world, or in the frame of the hand that it is mounted on; OpenCV axes."""
+        camera = self.cameras[name]
+        if camera.mount == "world":
+            return camera.world_from_camera
+        return self.robots[int(name.removeprefix("agent")) - 1].model.hand.from_camera
 
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
         """Named places of this task: world_from_object (4, 4) of what is put there."""

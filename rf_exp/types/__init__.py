@@ -22,6 +22,7 @@ from rf_exp.types.choices import (
 )
 from rf_exp.types.episode import Episode, KeypointDetection, Rollout, RolloutStep
 from rf_exp.types.motion import Schedule, Segment, Subgoal, Trajectory, what_of
+from rf_exp.types.rows import FINGERS, arm_of, fingers_of, gripper_of, joints_of
 from rf_exp.types.scene import (
     ARM_JOINTS,
     CONTROL_DT_S,
@@ -39,6 +40,7 @@ __all__ = [
     "ARM_JOINTS",
     "CONTROL_DT_S",
     "CONTROL_HZ",
+    "FINGERS",
     "FOREIGN",
     "GRIPPER_CLOSED",
     "GRIPPER_OPEN",
@@ -71,6 +73,10 @@ __all__ = [
     "Trajectory",
     "Verdict",
     "World",
+    "arm_of",
     "camera_names",
+    "fingers_of",
+    "gripper_of",
+    "joints_of",
     "what_of",
 ]

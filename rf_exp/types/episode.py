@@ -17,12 +17,12 @@ class Episode:
 
     task: str
     seed: int
-    qpos: NDArray[np.float32]  # (T, N, 9) measured
-    qvel: NDArray[np.float32]  # (T, N, 9)
-    action: NDArray[np.float32]  # (T, N, 8) joint targets rad + gripper command, as intended
+    qpos: NDArray[np.float32]  # (T, N, D) measured
+    qvel: NDArray[np.float32]  # (T, N, D)
+    action: NDArray[np.float32]  # (T, N, A) joint targets rad + gripper command, as intended
     images: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
     certificate: Mapping[str, object] = field(default_factory=dict)  # JSON: checks and results, subgoals
-    executed: NDArray[np.float32] | None = None  # (T, N, 8) what the arms were told; None: `action`
+    executed: NDArray[np.float32] | None = None  # (T, N, A) what the arms were told; None: `action`
     poses: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     # object -> (T, 7) position in m and quaternion w, x, y, z, world frame
     subgoal: NDArray[np.int16] | None = None  # (T, N) each agent's, an index of certificate["subgoals"]
@@ -32,7 +32,7 @@ class Episode:
 
     @property
     def commanded(self) -> NDArray[np.float32]:
-        """(T, N, 8) what the arms were told: played again from the seed, it gives this episode again."""
+        """(T, N, A) what the arms were told: played again from the seed, it gives this episode again."""
         return self.action if self.executed is None else self.executed
 
 
@@ -52,10 +52,10 @@ class RolloutStep:
     """One control step of a rollout, as its observers are told of it."""
 
     scene: Scene  # after the step
-    action: NDArray[np.float64]  # (N, 8) as commanded: joint targets rad + gripper command
+    action: NDArray[np.float64]  # (N, A) as commanded: joint targets rad + gripper command
     predicted: Mapping[
         int, NDArray[np.float64]
-    ]  # agent -> (T, 8) targets from this step on, where it predicted
+    ]  # agent -> (T, A) targets from this step on, where it predicted
     verdict: Verdict
     violation: Violation | None  # seen by the monitor
     withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one

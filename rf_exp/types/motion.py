@@ -54,7 +54,7 @@ class Segment:
     agent: int
     subgoal: Subgoal
     primitive: str  # move approach close lift carry lower open retreat press strike
-    qpos: NDArray[np.float64]  # (T, 7) rad: the target at each control step; the start is not in it
+    qpos: NDArray[np.float64]  # (T, dof) rad: the target at each control step; the start is not in it
     gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
     attached: str | None = None  # object that moves with the gripper
     tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of the attached object
@@ -75,7 +75,7 @@ class Trajectory:
     """All segments of one agent for one proposal, from where it stands now."""
 
     agent: int
-    start_qpos: NDArray[np.float64]  # (7,) rad
+    start_qpos: NDArray[np.float64]  # (dof,) rad
     start_gripper: float
     segments: tuple[Segment, ...]
 
@@ -94,7 +94,7 @@ class Trajectory:
         return self.segments[min(int(np.searchsorted(self.knots[1:], position)), len(self.segments) - 1)]
 
     def path(self) -> NDArray[np.float64]:
-        """(len + 1, 8): joint target and gripper command at each path position; 0 is the start. Read-only."""
+        """(len + 1, dof + 1): joint target and gripper at each path position; 0 is the start. Read-only."""
         return self._path
 
     @cached_property

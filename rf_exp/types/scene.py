@@ -11,7 +11,7 @@ from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
 CONTROL_DT_S = 1.0 / CONTROL_HZ
-ARM_JOINTS = 7
+ARM_JOINTS = 7  # that policies take; everybody else asks the robots of a task
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
 
 
@@ -20,8 +20,8 @@ class Scene:
     """Everything measured at one control step. The world model of planners and checkers."""
 
     step: int
-    qpos: NDArray[np.float64]  # (N, 9) rad for the arm, metres for the two fingers
-    qvel: NDArray[np.float64]  # (N, 9)
+    qpos: NDArray[np.float64]  # (N, D) rad for the arm, metres for the two fingers, which are the last
+    qvel: NDArray[np.float64]  # (N, D)
     poses: Mapping[str, NDArray[np.float64]]  # object -> world_from_object (4, 4)
     speeds: Mapping[str, float]  # object -> linear speed, m/s
     held: tuple[str | None, ...]  # (N,) object pinched between the fingers of each agent
@@ -58,7 +58,7 @@ class World(Protocol):
     def reset(self, seed: int) -> Scene: ...
 
     def step(self, action: NDArray[np.float64]) -> Scene:
-        """Apply (N, 8) joint targets + gripper command for one control step."""
+        """Apply (N, A) joint targets + gripper command for one control step."""
         ...
 
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from rerun.components import FillMode, MarkerShape
 
 from rf_exp.errors import ArgumentError
+from rf_exp.robots import Robot
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, GRIPPER_CLOSED, GRIPPER_OPEN, CameraModel
+from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, CameraModel
 from rf_exp.viz.layout import Rgb, shade
 from rf_exp.viz.shading import creased, srgb
 
 JPEG_QUALITY = 80
-OPEN_MM = 80.0  # between the Panda's fingers when fully open
 FRUSTUM_M = 0.07  # length of the drawn cameras
 VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
 VOXEL_EDGE_M = 0.0004
@@ -67,9 +67,10 @@ def expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | N
         raise ArgumentError(f"{name} holds {array[~np.isfinite(array)][0]}; expected finite numbers")
 
 
-def opening_mm(target: NDArray[np.floating]) -> float:
-    """Between the fingers, for a commanded target (8,)."""
-    return OPEN_MM * float(target[ARM_JOINTS] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
+def opening_mm(robot: Robot, target: NDArray[np.floating]) -> float:
+    """Between the fingers, for a commanded target (A,)."""
+    open_mm = 1000.0 * FINGERS * robot.hand.open_m
+    return open_mm * float(target[-1] - GRIPPER_CLOSED) / (GRIPPER_OPEN - GRIPPER_CLOSED)
 
 
 def lane(code: str) -> str:

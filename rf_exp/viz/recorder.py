@@ -11,15 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from rf_exp.findings import Violation
 from rf_exp.markdown import Markdown
 from rf_exp.markdown import text as words
+from rf_exp.robots import Robot
 from rf_exp.statements import Proposal
 from rf_exp.transforms import Matrix
-from rf_exp.types import (
-    ARM_JOINTS,
-    CameraModel,
-    KeypointDetection,
-    Schedule,
-    Trajectory,
-)
+from rf_exp.types import CameraModel, KeypointDetection, Schedule, Trajectory, fingers_of
 from rf_exp.viz import text
 from rf_exp.viz.elements import Mesh, compressed, dots, expect, lane, opening_mm, placed, voxels
 from rf_exp.viz.figures import Coordination, Mask, Pair, coordination
@@ -63,7 +58,8 @@ class Recorder(Stream):
     each step is told under `camera_entity(name)`. `meshes`: entity path (`link_entity`,
     `object_entity`) -> Mesh; an entity that never gets a pose stands in the world frame. An existing
     file at `path` is replaced, missing folders are made. `panels`: whether the layout shows plans and
-    their checks, or what a policy predicted and how it was judged.
+    their checks, or what a policy predicted and how it was judged. `robots`: of the agents, the usual
+    one unless given.
 
     Raises ArgumentError for a value of the wrong shape, type or name, naming it; StageError when
     the file cannot be written or was closed.
@@ -80,6 +76,7 @@ class Recorder(Stream):
         meshes: Mapping[str, Mesh],
         moving: Collection[str] = (),
         panels: Panels = "plan",
+        robots: Sequence[Robot] = (),
     ) -> None:
         super().__init__(
             path,
@@ -90,6 +87,7 @@ class Recorder(Stream):
             meshes=meshes,
             moving=moving,
             panels=panels,
+            robots=robots,
         )
         self._motions: list[dict[str, Rgb]] = [{} for _ in range(agents)]  # states of each agent's lane
         self._checks: dict[str, bool] = {}  # lanes seen -> they have a state now
@@ -109,7 +107,7 @@ class Recorder(Stream):
         """Record one control step; everything recorded until the next call belongs to it.
 
         `poses`: entity path -> world_from_entity (4, 4) of links, objects and moving cameras; who is
-        left out stays. `qpos` (N, 9) rad and metres; `action` (N, 8) rad and gripper command, None
+        left out stays. `qpos` (N, D) rad and metres; `action` (N, A) rad and gripper command, None
         when nothing is commanded any more. `pictures`: camera -> (H, W, 3) sRGB. Steps do not go back.
         """
         self._check_step(step, poses, qpos, action, pictures or {})
@@ -120,13 +118,13 @@ class Recorder(Stream):
         for entity, pose in poses.items():
             self._log(entity, placed(pose))
         for agent in range(1, self._agents + 1):
-            row = qpos[agent - 1]
-            self._log(f"joints/agent{agent}/measured", rr.Scalars(row[:ARM_JOINTS]))
-            self._log(f"gripper/agent{agent}/measured", rr.Scalars(1000.0 * row[ARM_JOINTS:].sum()))
+            row, robot = qpos[agent - 1], self._robots[agent - 1]
+            self._log(f"joints/agent{agent}/measured", rr.Scalars(row[: robot.dof]))
+            self._log(f"gripper/agent{agent}/measured", rr.Scalars(1000.0 * fingers_of(row).sum()))
             if action is not None:
                 target = action[agent - 1]
-                self._log(f"joints/agent{agent}/target", rr.Scalars(target[:ARM_JOINTS]))
-                self._log(f"gripper/agent{agent}/target", rr.Scalars(opening_mm(target)))
+                self._log(f"joints/agent{agent}/target", rr.Scalars(target[: robot.dof]))
+                self._log(f"gripper/agent{agent}/target", rr.Scalars(opening_mm(robot, target)))
         for name, picture in (pictures or {}).items():
             self._log(camera_entity(name), compressed(picture))
 
@@ -224,21 +222,22 @@ class Recorder(Stream):
     # -- what a policy does and how it is judged ---------------------------------------------------
 
     def predicted(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
-        """What a policy predicts for an agent from step `first` on: (T, 8) rad and gripper command."""
+        """What a policy predicts for an agent from step `first` on: (T, A) rad and gripper command."""
         self._colour(f"agent{agent}")
-        expect("targets", targets, (len(targets), ARM_JOINTS + 1))
+        robot = self._robots[agent - 1]
+        expect("targets", targets, (len(targets), self._dof + 1))
         entity, colour = f"joints/agent{agent}/predicted", agent_colour(agent)
         if entity not in self._styled:
             self._styled.add(entity)
-            opaque = [(*each, 255) for each in JOINT_COLOURS]
-            self._log(entity, dots(opaque, ["predicted"] * ARM_JOINTS), static=True)
+            opaque = [(*each, 255) for each in JOINT_COLOURS[: robot.dof]]
+            self._log(entity, dots(opaque, ["predicted"] * robot.dof), static=True)
             gripper = dots([(*colour, 255)], [f"agent {agent} predicted"])
             self._log(f"gripper/agent{agent}/predicted", gripper, static=True)
         now = self._step
         for step, target in enumerate(targets, start=first):
             self._set_time(step)
-            self._log(entity, rr.Scalars(target[:ARM_JOINTS]))
-            self._log(f"gripper/agent{agent}/predicted", rr.Scalars(opening_mm(target)))
+            self._log(entity, rr.Scalars(target[: robot.dof]))
+            self._log(f"gripper/agent{agent}/predicted", rr.Scalars(opening_mm(robot, target)))
         self._set_time(now)
 
     def detections(self, keypoints: Sequence[KeypointDetection]) -> None:

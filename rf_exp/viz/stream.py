@@ -1,6 +1,6 @@
 """One recording as a file that is written while things happen: its time, its documents, its styles."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.markdown import Markdown
+from rf_exp.robots import DEFAULT, Robot
 from rf_exp.transforms import Matrix
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, CameraModel
+from rf_exp.types import CONTROL_DT_S, FINGERS, CameraModel
 from rf_exp.viz.elements import Mesh, expect, lines, mesh3d, pinhole, placed
 from rf_exp.viz.figures import coordination_size_px
 from rf_exp.viz.layout import (
@@ -46,12 +47,15 @@ class Stream:
         meshes: Mapping[str, Mesh],
         moving: Collection[str] = (),
         panels: Panels = "plan",
+        robots: Sequence[Robot] = (),
     ) -> None:
         if path.suffix != ".rrd":
             raise ArgumentError(f"recording {path}: the viewer opens only names that end in .rrd")
         if agents < 1:
             raise ArgumentError(f"recording of {agents} agents; expected at least 1")
         self._path, self._agents, self._cameras, self._step = path, agents, dict(cameras), 0
+        self._robots = tuple(robots) or (DEFAULT,) * agents
+        self._dof = max(robot.dof for robot in self._robots)
         for name in moving:
             if name not in cameras:
                 raise choices("moving camera", name, cameras)
@@ -114,9 +118,9 @@ class Stream:
             if entity not in self._posed:
                 raise choices("entity in poses", entity, self._posed)
             expect(f"poses[{entity!r}]", pose, (4, 4))
-        expect("qpos", qpos, (self._agents, ARM_JOINTS + 2))
+        expect("qpos", qpos, (self._agents, self._dof + FINGERS))
         if action is not None:
-            expect("action", action, (self._agents, ARM_JOINTS + 1))
+            expect("action", action, (self._agents, self._dof + 1))
         for name, picture in pictures.items():
             if name not in self._cameras:
                 raise choices("camera in pictures", name, self._cameras)
@@ -160,13 +164,13 @@ class Stream:
                 self._log(camera_entity(name), placed(camera.world_from_camera), static=True)
         for entity, mesh in meshes.items():
             self._log(entity, mesh3d(entity, mesh, self._colour(entity.split("/")[1])), static=True)
-        faint = [(*colour, FAINT) for colour in JOINT_COLOURS]
-        names = [f"q{joint}" for joint in range(1, ARM_JOINTS + 1)]
-        for agent in range(1, self._agents + 1):
-            colour, name = agent_colour(agent), f"agent {agent}"
-            self._log(f"joints/agent{agent}/measured", lines(JOINT_COLOURS, names, 2), static=True)
+        for agent, robot in enumerate(self._robots, start=1):
+            colour, name, colours = agent_colour(agent), f"agent {agent}", JOINT_COLOURS[: robot.dof]
+            names = [f"q{joint}" for joint in range(1, robot.dof + 1)]
+            self._log(f"joints/agent{agent}/measured", lines(colours, names, 2), static=True)
+            faint = [(*colour, FAINT) for colour in colours]
             # One name for all targets: one line in the legend.
-            self._log(f"joints/agent{agent}/target", lines(faint, ["target"] * ARM_JOINTS, 1), static=True)
+            self._log(f"joints/agent{agent}/target", lines(faint, ["target"] * robot.dof, 1), static=True)
             self._log(f"gripper/agent{agent}/measured", lines([colour], [name], 2), static=True)
             target = lines([(*colour, FAINT)], [f"{name} target"], 1)
             self._log(f"gripper/agent{agent}/target", target, static=True)

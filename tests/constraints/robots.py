@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from rf_exp.geometry import PlanningScene
-from rf_exp.robots import Panda
-from rf_exp.tasks import REST_QPOS, CameraSpec, Randomisation, RobotSpec, Task, default_of, load_task
+from rf_exp.robots import DEFAULT, Arm
+from rf_exp.tasks import CameraSpec, Randomisation, RobotSpec, Task, default_of, load_task
 from rf_exp.transforms import Matrix, interpolate, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Scene, Segment, Subgoal, Trajectory
 
 CONF = Path(__file__).parents[2] / "conf" / "task"
 BASES = ((0.0, -0.5, 90.0), (0.0, 0.5, -90.0), (0.6, 0.0, 180.0), (-0.6, 0.0, 0.0))
-REST = np.array(REST_QPOS)
+REST = np.array(DEFAULT.rest_rad)
 # With the tool 0.3 m above the middle of the table of two facing arms: clear of one at rest, not of two.
 REACHING = np.array([0.2, 0.34, -0.22, -1.69, 0.08, 2.02, 2.3])
 
@@ -86,7 +86,7 @@ class Hand:
 
     def __init__(self, task: Task, scene: Scene, agent: int) -> None:
         self.task, self.scene, self.agent = task, scene, agent
-        self.arm = Panda(task.robots[agent - 1].world_from_base)
+        self.arm = Arm(DEFAULT, task.robots[agent - 1].world_from_base)
         self.start = scene.qpos[agent - 1, :7]
         self.qpos = self.start
         self.segments: list[Segment] = []

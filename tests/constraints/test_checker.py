@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import CheckCode, Monitor, RoboChecker, compile
-from rf_exp.constraints.monitor import LOST_STEPS, REFLEX_N, TRACKING_RAD
+from rf_exp.constraints.monitor import LOST_STEPS, TRACKING_RAD
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
+from rf_exp.robots import DEFAULT
 from rf_exp.statements import (
     AvoidAgents,
     AvoidObjects,
@@ -272,9 +273,9 @@ def test_arms_that_hit_each_other_stop_whatever_is_checked(food):
     scene, trajectories, proposal = food
     blind = RoboChecker(FOOD, proposal, LOGICAL)
     monitor = monitored(blind, trajectories, scene)
-    violation = monitor(replace(scene, arm_contacts=((1, 2, REFLEX_N + 1.0),)))
+    violation = monitor(replace(scene, arm_contacts=((1, 2, DEFAULT.reflex_n + 1.0),)))
     assert violation is not None
-    assert (violation.check, violation.agents, violation.bound) == ("Collision", (1, 2), REFLEX_N)
+    assert (violation.check, violation.agents, violation.bound) == ("Collision", (1, 2), DEFAULT.reflex_n)
     assert violation.sentence == (
         "Agent_1, to grasp steak at center (move), and Agent_2, to grasp lid at knob (move), "
         "hit each other with 21 N (arms stop at 20 N)"
@@ -285,7 +286,7 @@ def test_an_arm_that_pushes_what_it_is_not_about_stops_whatever_is_checked(food)
     scene, trajectories, proposal = food
     blind = RoboChecker(FOOD, proposal, LOGICAL)
     monitor = monitored(blind, trajectories, scene)
-    hard = np.array([0.0, 0.0, -REFLEX_N - 1.0])
+    hard = np.array([0.0, 0.0, -DEFAULT.reflex_n - 1.0])
     assert monitor(replace(scene, finger_forces={(1, "steak"): hard, (2, "pot"): 0.9 * hard})) is None
     violation = monitor(replace(scene, finger_forces={(1, "steak"): 2 * hard, (2, "pot"): hard}))
     assert violation is not None and (violation.check, violation.agents) == ("Collision", (2,))

@@ -11,11 +11,10 @@ from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedBrain, ScriptedSpec, from_json, to_json
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
-from rf_exp.robots import Panda
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Before, Deadline, KeepLevel, Proposal, Step, Together
-from rf_exp.tasks import RETRACTED_QPOS
 from rf_exp.transforms import transform
-from rf_exp.types import ARM_JOINTS, ConstraintSet, Subgoal, Trajectory
+from rf_exp.types import ConstraintSet, Subgoal, Trajectory
 from tests.conftest import read_task
 from tests.scenes import start_scene
 
@@ -101,12 +100,12 @@ def test_what_no_arm_in_the_way_explains_moves_nobody(proposal, cause, agents):
 
 def reaching(scene, agent, point, shift_m):
     """The scene with the fingers of an agent beside a point of the camera."""
-    arm = Panda(PHOTO.robots[agent - 1].world_from_base)
+    arm = Arm(DEFAULT, PHOTO.robots[agent - 1].world_from_base)
     tcp = scene.poses["camera"] @ PHOTO.asset("camera").points[point].object_from_tcp
-    joints = arm.solve(transform(shift_m) @ tcp, scene.qpos[agent - 1, :ARM_JOINTS])
+    joints = arm.solve(transform(shift_m) @ tcp, scene.qpos[agent - 1, :-2])
     assert joints is not None
     qpos = scene.qpos.copy()
-    qpos[agent - 1, :ARM_JOINTS] = joints
+    qpos[agent - 1, :-2] = joints
     return replace(scene, qpos=qpos)
 
 
@@ -168,7 +167,7 @@ def test_a_refusal_says_which_part_by_how_much_and_what_was_tried():
         "then round the other arms, with Agent_2, Agent_3 retracted first, each retracted once done"
     )
     stuck = planned(only(Subgoal(4, "home")), IN_THE_CAMERA)
-    fingers = PlanningScene(PHOTO, IN_THE_CAMERA).arm(4, IN_THE_CAMERA.qpos[3, :ARM_JOINTS], touches=())
+    fingers = PlanningScene(PHOTO, IN_THE_CAMERA).arm(4, IN_THE_CAMERA.qpos[3, :-2], touches=())
     gap = nearest(fingers, PlanningScene(PHOTO, IN_THE_CAMERA).standing(["camera"]))
     assert gap is not None and (stuck.value, stuck.parts) == (gap.distance_m, (gap.a, "camera"))
     assert f"no free path (where it stands its {gap.a} comes within" in stuck.sentence
@@ -182,6 +181,6 @@ def test_who_carries_something_with_another_stays_and_so_does_who_is_aside_alrea
     carrying = replace(scene, held=("camera", "camera", None, None))
     assert leaving(PHOTO, carrying, hit(PHOTO, carrying, 1, 4)) == [4]
     qpos = scene.qpos.copy()
-    qpos[3, :7] = np.array(RETRACTED_QPOS) + 0.05
+    qpos[3, :7] = np.array(DEFAULT.aside_rad) + 0.05
     aside = replace(carrying, qpos=qpos)
     assert leaving(PHOTO, aside, hit(PHOTO, aside, 1, 4)) == []

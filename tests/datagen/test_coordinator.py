@@ -11,7 +11,7 @@ from rf_exp.datagen import Coordinator, EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.sim import Simulator
-from rf_exp.types import ARM_JOINTS, ConstraintSet, Scene
+from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import TASKS, read_task
 
 
@@ -48,7 +48,7 @@ def test_it_says_what_demonstrations_say(name: str, delay_s: float, alike: float
     assert made is not None and made.subgoal is not None and made.executed is not None
     coordinator = Coordinator(replace(settings, disturbance_rad=0.0), made.seed, watching.scenes[0])
     numbers, free = [], []
-    grippers_of = made.executed[..., ARM_JOINTS]
+    grippers_of = made.executed[..., -1]
     commands = np.concatenate([np.ones_like(grippers_of[:1]), grippers_of[:-1]])
     for scene, grippers in zip(watching.scenes, commands, strict=True):
         at, go = coordinator(scene, dict(enumerate(grippers, start=1)))

@@ -14,12 +14,11 @@ from rf_exp.datagen.object_motion import MOVED_M, ObjectMotionWatch, nearer
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.coordination import hesitates
-from rf_exp.robots import limits_rad
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim import shared_simulator
-from rf_exp.tasks import REST_QPOS, default_of
+from rf_exp.tasks import default_of
 from rf_exp.transforms import transform
 from rf_exp.types import (
-    ARM_JOINTS,
     CONTROL_DT_S,
     NO_PICTURES,
     ConstraintSet,
@@ -66,23 +65,23 @@ def episode(request) -> Episode:
 
 def test_the_plan_is_learned_and_something_else_was_done(episode: Episode) -> None:
     assert episode.executed is not None
-    off_rad = np.abs(episode.executed - episode.action)[..., :ARM_JOINTS]
+    off_rad = np.abs(episode.executed - episode.action)[..., :-1]
     assert 0 < off_rad.max() < 5 * STRENGTH_RAD
     late = hesitates(episode.action, episode.executed)
-    np.testing.assert_array_equal(episode.executed[~late, ARM_JOINTS], episode.action[~late, ARM_JOINTS])
+    np.testing.assert_array_equal(episode.executed[~late, -1], episode.action[~late, -1])
     assert late.any() == (late.shape[1] > 1)  # an arm alone does not pause
     assert not late[-1].any()
     # Where fingers are sent, the arm is where it should be.
-    changes = np.argwhere(np.diff(episode.action[..., ARM_JOINTS], axis=0))
+    changes = np.argwhere(np.diff(episode.action[..., -1], axis=0))
     assert len(changes) and max(off_rad[step + 1, agent].max() for step, agent in changes) < 1e-6
-    low, high = limits_rad()
-    arms = episode.executed[..., :ARM_JOINTS]
+    low, high = DEFAULT.limits_rad
+    arms = episode.executed[..., :-1]
     assert (arms >= low.astype(np.float32)).all() and (arms <= high.astype(np.float32)).all()
 
 
 def steepest(commands: NDArray[np.floating]) -> tuple[float, float]:
     """The largest velocity rad/s and acceleration rad/s2 of any joint in commands (T, N, 8) on the grid."""
-    velocity = np.diff(commands[..., :ARM_JOINTS].astype(float), axis=0) / CONTROL_DT_S
+    velocity = np.diff(commands[..., :-1].astype(float), axis=0) / CONTROL_DT_S
     acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
     return float(np.abs(velocity).max()), float(np.abs(acceleration).max())
 
@@ -96,7 +95,7 @@ def test_what_is_meant_keeps_the_limits_of_the_joints(episode: Episode) -> None:
     velocity, acceleration = steepest(episode.executed)
     assert velocity <= 1.002 * LIMITS.velocity_rad_s + ADDED.velocity_rad_s
     assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + ADDED.acceleration_rad_s2 + 4e-4
-    off_rad = np.abs(episode.executed - episode.action)[..., :ARM_JOINTS]
+    off_rad = np.abs(episode.executed - episode.action)[..., :-1]
     step_rad = LIMITS.acceleration_rad_s2 * CONTROL_DT_S**2  # who hesitates means to go on as far
     assert off_rad.max() <= TALLEST * STRENGTH_RAD + step_rad
 
@@ -158,12 +157,12 @@ GRASP, LIFT = Subgoal(1, "grasp", "cube", "top"), Subgoal(1, "lift", "cube", hei
 
 
 def segment(subgoal: Subgoal, primitive: str, steps: int, **more: object) -> Segment:
-    return Segment(1, subgoal, primitive, np.tile(REST_QPOS, (steps, 1)), np.ones(steps), **more)  # pyright: ignore
+    return Segment(1, subgoal, primitive, np.tile(DEFAULT.rest_rad, (steps, 1)), np.ones(steps), **more)  # pyright: ignore
 
 
 TWO_GOALS = Trajectory(
     1,
-    np.array(REST_QPOS),
+    np.array(DEFAULT.rest_rad),
     1.0,
     (
         segment(GRASP, "approach", 30, touches=frozenset({"cube"})),
@@ -171,6 +170,7 @@ TWO_GOALS = Trajectory(
         segment(LIFT, "lift", 30, attached="cube", touches=frozenset({"cube"})),
     ),
 )
+ARMS: dict[int, Arm] = {agent: Arm(DEFAULT, np.eye(4)) for agent in (1, 2)}
 RESTING = Trajectory(2, np.zeros(7), 1.0, ())
 
 
@@ -178,12 +178,12 @@ AT_ONCE = Schedule(np.stack([np.arange(69), np.zeros(69, int)], axis=1), 0)
 
 
 def disturbance(seed: int, strength_rad: float = 1e-3, schedule: Schedule = AT_ONCE) -> Disturbance:
-    return Disturbance((TWO_GOALS, RESTING), schedule, strength_rad, np.random.default_rng(seed))
+    return Disturbance(ARMS, (TWO_GOALS, RESTING), schedule, strength_rad, np.random.default_rng(seed))
 
 
 def off_rad(disturbed: Disturbance) -> NDArray[np.float64]:
     """(P, 7) of the first agent at each path position."""
-    return disturbed.trajectories()[0].path()[:, :ARM_JOINTS] - REST_QPOS
+    return disturbed.trajectories()[0].path()[:, :-1] - DEFAULT.rest_rad
 
 
 @pytest.mark.parametrize("waits_at", [None, 12])
@@ -195,12 +195,12 @@ def test_perturbations_add_no_more_than_they_may(waits_at: int | None) -> None:
         positions = np.insert(positions, waits_at, np.full(9, waits_at))
     schedule, reached = Schedule(positions[:, None], 0), np.zeros(2)
     for seed in range(100):
-        made = Disturbance((trajectory,), schedule, 0.2, np.random.default_rng(seed))
+        made = Disturbance(ARMS, (trajectory,), schedule, 0.2, np.random.default_rng(seed))
         moved = made.trajectories()[0].path()[positions]
-        assert np.abs(moved[:, :ARM_JOINTS] - REST_QPOS).max() <= TALLEST * 0.2
+        assert np.abs(moved[:, :-1] - DEFAULT.rest_rad).max() <= TALLEST * 0.2
         reached = np.maximum(reached, steepest(moved[:, None]))
-        low, high = limits_rad()
-        assert (moved[:, :ARM_JOINTS] >= low).all() and (moved[:, :ARM_JOINTS] <= high).all()
+        low, high = DEFAULT.limits_rad
+        assert (moved[:, :-1] >= low).all() and (moved[:, :-1] <= high).all()
     assert 0.9 * ADDED.acceleration_rad_s2 < reached[1] <= ADDED.acceleration_rad_s2 + 1e-9
     assert reached[0] <= ADDED.velocity_rad_s + 1e-9
 

@@ -11,8 +11,9 @@ from rf_exp.datagen.motion.look_ahead import EXPECTED_M
 from rf_exp.datagen.motion.reach import above
 from rf_exp.datagen.motion.timing import duration_s
 from rf_exp.geometry import PlanningScene
+from rf_exp.robots import DEFAULT
 from rf_exp.statements import Proposal
-from rf_exp.tasks import REST_QPOS, default_of
+from rf_exp.tasks import default_of
 from rf_exp.transforms import planar, transform
 from rf_exp.types import CONTROL_DT_S, JointLimits, Subgoal
 from tests.conftest import read_task
@@ -66,7 +67,7 @@ def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_
 
 
 def test_the_way_back_and_to_rest_counts_where_an_arm_arrives(lift_barrier):
-    arm, rest = lift_barrier.arms[1], np.array(REST_QPOS)
+    arm, rest = lift_barrier.arms[1], np.array(DEFAULT.rest_rad)
     down = transform(rotation=Rotation.from_euler("x", np.pi))
     goals = np.stack([arm.world_from_base @ planar(0.5, -0.3, angle) @ down for angle in range(6)])
     goals[:, 2, 3] = 0.1

@@ -11,9 +11,9 @@ from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.datagen.yielding import Yielding, ways
-from rf_exp.robots import Panda, limits_rad
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
-from rf_exp.tasks import REST_QPOS, RETRACTED_QPOS, default_of
+from rf_exp.tasks import default_of
 from rf_exp.transforms import planar
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, ConstraintSet, JointLimits, Subgoal
 from tests.scenes import start_scene
@@ -41,7 +41,7 @@ def plan(task, proposal, scene, *, row=None, avoid_arms=False, lockstep=(), yiel
 def test_planned_motion_is_continuous_and_keeps_the_limits(task, seed):
     scene = start_scene(task, seed)
     trajectories, _ = plan(task, task.module.plan(scene, task), scene)
-    low, high = limits_rad()
+    low, high = DEFAULT.limits_rad
     assert [trajectory.agent for trajectory in trajectories] == list(task.agents)
     for trajectory in filter(len, trajectories):
         joints = trajectory.path()[:, :7]
@@ -66,7 +66,7 @@ def test_who_has_nothing_to_do_yields_first_unless_it_holds_something(place_food
         segments = trajectories[1].segments
         assert [(each.subgoal.verb, each.primitive) for each in segments] == [("aside", "move")] * length
         for segment in segments:
-            np.testing.assert_allclose(segment.qpos[-1], RETRACTED_QPOS, atol=1e-9)
+            np.testing.assert_allclose(segment.qpos[-1], DEFAULT.aside_rad, atol=1e-9)
     assert not plan(place_food, proposal, scene)[0][1].segments
 
 
@@ -85,7 +85,7 @@ def test_a_grasp_ends_at_the_annotated_point_with_fingers_closed(lift_barrier):
     assert (approach.primitive, close.primitive) == ("approach", "close")
     assert len(close) == GRIPPER_STEPS and (close.gripper == GRIPPER_CLOSED).all()
     assert (approach.gripper == GRIPPER_OPEN).all() and approach.touches == {"barrier"}
-    tcp = Panda(lift_barrier.robots[0].world_from_base).tcp(approach.qpos[-1])
+    tcp = Arm(DEFAULT, lift_barrier.robots[0].world_from_base).tcp(approach.qpos[-1])
     expected = scene.poses["barrier"] @ lift_barrier.asset("barrier").points["left"].object_from_tcp
     np.testing.assert_allclose(tcp[:3, 3], expected[:3, 3], atol=5e-4)
     assert abs(tcp[:3, 1] @ expected[:3, 1]) > 0.9999  # either way round: the fingers are alike
@@ -102,7 +102,7 @@ def test_a_joint_lift_keeps_both_grippers_level(lift_barrier):
     segments = [trajectory.segments[-1] for trajectory in trajectories]
     assert {segment.joined for segment in segments} == {"lift barrier"}
     heights = [
-        Panda(robot.world_from_base).tcp(segment.qpos)[:, 2, 3]
+        Arm(DEFAULT, robot.world_from_base).tcp(segment.qpos)[:, 2, 3]
         for robot, segment in zip(lift_barrier.robots, segments, strict=True)
     ]
     assert len(heights[0]) == len(heights[1])
@@ -148,10 +148,10 @@ def test_unreachable_says_why(place_food, subgoals, message):
 def test_a_seeing_planner_does_not_go_through_an_arm_that_a_blind_one_does_not_see(place_food):
     scene = start_scene(place_food, 0)
     # The other arm is parked with its fingers just above the knob that agent 1 is to grasp.
-    other = Panda(place_food.robots[1].world_from_base)
+    other = Arm(DEFAULT, place_food.robots[1].world_from_base)
     above = scene.poses["lid"] @ place_food.asset("lid").points["knob"].object_from_tcp
     above[2, 3] += 0.06
-    parked = other.solve(above, np.array(REST_QPOS))
+    parked = other.solve(above, np.array(DEFAULT.rest_rad))
     assert parked is not None
     qpos = scene.qpos.copy()
     qpos[1, :7] = parked
@@ -169,7 +169,7 @@ def test_rrt_goes_round_a_wall():
         return not ((np.abs(points[:, 0] - 0.5) < 0.1) & (points[:, 1] < 0.8)).any()
 
     start, goal = np.zeros(7), np.eye(7)[0]
-    path = find_path(start, goal, free, np.random.default_rng(0))
+    path = find_path(start, goal, free, DEFAULT.limits_rad, np.random.default_rng(0))
     assert path is not None and len(path) > 2
     np.testing.assert_array_equal(path[0], start)
     np.testing.assert_array_equal(path[-1], goal)
@@ -178,6 +178,7 @@ def test_rrt_goes_round_a_wall():
             start,
             goal,
             lambda p: not (np.abs(p[:, 0] - 0.5) < 0.1).any(),
+            DEFAULT.limits_rad,
             np.random.default_rng(0),
             iterations=50,
         )
@@ -186,4 +187,4 @@ def test_rrt_goes_round_a_wall():
 
 
 def test_arms_turned_to_the_table_reach_it():
-    assert Panda(planar(0.0, -0.75, np.pi / 2)).tcp(np.array(REST_QPOS))[1, 3] > -0.2
+    assert Arm(DEFAULT, planar(0.0, -0.75, np.pi / 2)).tcp(np.array(DEFAULT.rest_rad))[1, 3] > -0.2

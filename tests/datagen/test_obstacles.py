@@ -9,15 +9,15 @@ from rf_exp.datagen.motion.planner import present_state
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.geometry import OBJECT_MARGIN_M, VOXEL_M, PlanningScene, closer_than, voxels
 from rf_exp.perception import SEEN
+from rf_exp.robots import DEFAULT
 from rf_exp.statements import Proposal
-from rf_exp.tasks import REST_QPOS
 from rf_exp.transforms import transform
 from rf_exp.types import ConstraintSet, Subgoal
 from tests.conftest import read_task
 from tests.scenes import start_scene
 
 FULL, LOGICAL = ConstraintSet("full"), ConstraintSet("logical", spatial=False, temporal=False)
-REST = np.array(REST_QPOS)
+REST = np.array(DEFAULT.rest_rad)
 
 
 def in_the_way(task, scene, points, row=FULL, proposal=None):

@@ -53,7 +53,7 @@ def test_a_place_on_which_something_stands_is_refused_before_planning() -> None:
         "move one of them"
     )
     assert 0.001 < -found.value < 0.05
-    assert yields_after(found, Proposal(LID_OFF, ()), scene) == []
+    assert yields_after(found, Proposal(LID_OFF, ()), task, scene) == []
 
 
 def test_two_things_that_are_put_on_one_place_overlap() -> None:

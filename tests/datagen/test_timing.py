@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from rf_exp.datagen.motion.branches import Approaches
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks import REST_QPOS, default_of
+from rf_exp.robots import DEFAULT
+from rf_exp.tasks import default_of
 from rf_exp.transforms import transform
 from rf_exp.types import CONTROL_DT_S, JointLimits
 
@@ -45,8 +46,8 @@ def test_durations_of_approaches_are_estimated_without_bias(lift_barrier):
     arm, rng = lift_barrier.arms[1], np.random.default_rng(0)
     off_s = []
     for _ in range(20):
-        goals = np.stack([arm.tcp(np.array(REST_QPOS) + rng.uniform(-0.4, 0.4, 7))])
-        start = np.array(REST_QPOS) + rng.uniform(-0.4, 0.4, 7)
+        goals = np.stack([arm.tcp(np.array(DEFAULT.rest_rad) + rng.uniform(-0.4, 0.4, 7))])
+        start = np.array(DEFAULT.rest_rad) + rng.uniform(-0.4, 0.4, 7)
         ways = Approaches(arm, LIMITS, goals @ transform((0.0, 0.0, -0.1)), goals, start[None])
         for exact in filter(None, map(ways.exact, ways.estimated())):
             corners = densify(np.concatenate([start[None], exact.points]))

@@ -16,7 +16,7 @@ from rf_exp.envs import Observations, environment_id, parallel_env, register
 from rf_exp.envs.central import CentralEnv
 from rf_exp.envs.core import EpisodeCore
 from rf_exp.experiment import EVALUATION_SEED
-from rf_exp.robots import limits_rad
+from rf_exp.robots import DEFAULT
 from rf_exp.tasks import CONFIGURED, Task
 from rf_exp.types import NO_PICTURES, ConstraintSet
 from tests.conftest import TASKS, experiment, read_task
@@ -126,7 +126,7 @@ def test_an_episode_is_cut_off_after_the_step_limit() -> None:
 
 def test_actions_are_the_panda_s_joints_and_what_is_beyond_is_clipped() -> None:
     env = CentralEnv("lift_barrier")
-    low, high = limits_rad()
+    low, high = DEFAULT.limits_rad
     assert env.action_space.shape == (2, 8) and env.action_space.dtype == np.float32
     np.testing.assert_allclose(env.action_space.low, [[*low, -1]] * 2, rtol=1e-6)
     np.testing.assert_allclose(env.action_space.high, [[*high, 1]] * 2, rtol=1e-6)

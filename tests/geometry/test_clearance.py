@@ -9,7 +9,7 @@ import trimesh
 
 from rf_exp.geometry import Piece, PlanningScene, Swept, closer_than, distance, folded, nearest, overlap
 from rf_exp.geometry.clearance import DOUBT, SLACK_M
-from rf_exp.robots import self_pairs
+from rf_exp.robots import DEFAULT
 from rf_exp.transforms import transform
 from tests.constraints.robots import REST, arms, random_qpos, scene_of, team
 
@@ -205,7 +205,7 @@ def test_false_alarms_of_the_planning_margin_are_rare():
 def test_an_arm_that_folds_into_itself_is_found():
     folded_up = np.array([0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0])  # the hand inside the shoulder
     body = PlanningScene(TWO, scene_of(TWO)).arm(1, np.stack([REST, folded_up]))
-    assert folded(body, self_pairs()).tolist() == [False, True]
+    assert folded(body, DEFAULT.self_pairs).tolist() == [False, True]
 
 
 @pytest.mark.slow

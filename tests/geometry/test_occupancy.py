@@ -8,6 +8,7 @@ from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, beside, centres_m, ne
 from rf_exp.geometry.occupancy import fill
 from rf_exp.geometry.shapes import arm_pieces
 from rf_exp.perception.obstacles import boxes
+from rf_exp.robots import DEFAULT
 from rf_exp.transforms import apply
 from tests.constraints.robots import random_qpos, scene_of, team
 
@@ -40,7 +41,7 @@ def test_voxels_are_nearly_tight():
     samples = np.concatenate(
         [
             apply(pose, inside(piece, 6000, np.random.default_rng(2)))
-            for piece, pose in zip(arm_pieces(), body.poses[0], strict=True)
+            for piece, pose in zip(arm_pieces(DEFAULT), body.poses[0], strict=True)
         ]
     )
     centres = centres_m(voxels(body))

@@ -8,11 +8,11 @@ from scipy.spatial import ConvexHull
 from rf_exp.geometry import Piece
 from rf_exp.geometry.planning_scene import asset_pieces
 from rf_exp.geometry.shapes import CORE_SPHERES, COVER_SPHERES, arm_pieces, enclosing_sphere
-from rf_exp.robots import LINKS
+from rf_exp.robots import DEFAULT
 from rf_exp.tasks import assets
 
 PIECES: list[tuple[str, Piece]] = [
-    *zip(LINKS, arm_pieces(), strict=True),
+    *zip(DEFAULT.links, arm_pieces(DEFAULT), strict=True),
     *(
         (f"{name}{k}", piece)
         for name in assets.available()
@@ -86,6 +86,6 @@ def test_the_enclosing_sphere_of_a_cube_is_nearly_the_smallest():
 
 
 def test_a_piece_keeps_the_volume_of_its_mesh():
-    for piece in arm_pieces():
+    for piece in arm_pieces(DEFAULT):
         low, high = piece.corners.min(axis=0), piece.corners.max(axis=0)
         assert 0.2 * np.prod(high - low) < ConvexHull(piece.vertices).volume <= np.prod(high - low)

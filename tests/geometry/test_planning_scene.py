@@ -7,7 +7,7 @@ import pytest
 
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import PlanningScene, closer_than, lowest_m, nearest
-from rf_exp.tasks import FINGERS_OPEN_M
+from rf_exp.robots import DEFAULT
 from rf_exp.transforms import transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal, Trajectory
 from tests.constraints.robots import REST, Hand, idle, motion, real, scene_of, team, walk
@@ -90,7 +90,7 @@ def test_fingers_are_as_wide_as_they_may_be():
     body = planning_scene.along(hand.trajectory)
     left, right = (body.labels.index(f"panda_{side}finger") for side in ("left", "right"))
     width = np.linalg.norm(body.poses[:, left, :3, 3] - body.poses[:, right, :3, 3], axis=1)
-    assert width[: hand.trajectory.knots[2] + 1] == pytest.approx(2 * FINGERS_OPEN_M)
+    assert width[: hand.trajectory.knots[2] + 1] == pytest.approx(2 * DEFAULT.hand.open_m)
     assert width[-1] == pytest.approx(FOOD.asset("steak").points["center"].width_m)
 
 

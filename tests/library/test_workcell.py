@@ -22,7 +22,7 @@ from rf_exp.library import (
     Workcell,
     transform,
 )
-from rf_exp.robots import LINKS
+from rf_exp.robots import DEFAULT
 from rf_exp.transforms import apply, inverse
 from tests.library.yard import BASES, STANDS, Yard
 
@@ -84,9 +84,9 @@ def test_what_sits_on_a_hand_is_kept_clear_too(cell: Workcell) -> None:
     camera = next(link for link in links if link.name.endswith("camera_link"))
     shape = camera.collision_shapes[0]
     pose = (camera.entity_pose * shape.local_pose).to_transformation_matrix()
-    piece, placed = body.pieces[len(LINKS)], body.poses[0, len(LINKS)]
+    piece, placed = body.pieces[len(DEFAULT.links)], body.poses[0, len(DEFAULT.links)]
     inside = apply(inverse(pose), apply(placed, piece.vertices))
-    assert len(body.pieces) == len(LINKS) + 1
+    assert len(body.pieces) == len(DEFAULT.links) + 1
     np.testing.assert_allclose(np.abs(inside), np.tile(shape.half_size, (8, 1)), atol=1e-5)
 
 
@@ -94,7 +94,7 @@ def test_bases_and_bodies_of_every_kind_are_where_they_are(crowd: Workcell, yard
     arms, scene = PlanningScene(crowd.task, crowd.scene()).arms, crowd.scene()
     for arm, qpos, robot in zip(arms, scene.qpos, yard.agent.agents, strict=True):  # pyright: ignore
         hand = robot.robot.links_map["panda_hand"]._objs[0].entity_pose.to_transformation_matrix()
-        np.testing.assert_allclose(arm.links(qpos)[LINKS.index("panda_hand")], hand, atol=1e-4)
+        np.testing.assert_allclose(arm.links(qpos)[DEFAULT.links.index("panda_hand")], hand, atol=1e-4)
     assert len(arms) == len(BASES)
     assert set(crowd.task.objects) == {name.replace(" ", "_").replace("-", "_") for name in STANDS}
     sizes_m = {name: np.ptp(crowd.task.asset(name).bounds_m, axis=0) for name in crowd.task.objects}
@@ -263,13 +263,13 @@ def test_names_that_the_scene_does_not_have_are_refused(
         ("TwoRobotPickCube-v1", {"control_mode": None}, "'pd_joint_delta_pos'; expected absolute joint"),
         ("TwoRobotPickCube-v1", {"control_mode": "pd_ee_delta_pose"}, "control_mode='pd_joint_pos'"),
         ("TwoRobotPickCube-v1", {"sim_config": {"control_freq": 10}}, "at 10 Hz; expected 20"),
-        ("PickCube-v1", {"robot_uids": "fetch"}, "fetch has the joints .*; expected a Panda"),
+        ("PickCube-v1", {"robot_uids": "fetch"}, "fetch has the joints .*; expected a Franka Panda"),
         (
             "DrawTriangle-v1",
             {"reward_mode": None},
-            "panda_stick has the joints .*; expected a Panda",
+            "panda_stick has the joints .*; expected a Franka Panda",
         ),
-        ("MS-CartpoleBalance-v1", {"control_mode": None}, "expected a Panda"),
+        ("MS-CartpoleBalance-v1", {"control_mode": None}, "expected a Franka Panda"),
     ],
 )
 def test_environments_that_are_not_supported_say_why(name: str, options: dict[str, Any], says: str) -> None:

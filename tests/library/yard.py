@@ -12,7 +12,7 @@ from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.utils.building.ground import build_ground
 from scipy.spatial.transform import Rotation
 
-from rf_exp.tasks import REST_QPOS
+from rf_exp.robots import DEFAULT
 
 BASES = {  # position in m, yaw and pitch in degrees
     "south": ((0.0, -0.7, 0.0), 90.0, 0.0),
@@ -72,7 +72,7 @@ class Yard(BaseEnv):
 
     def _initialize_episode(self, env_idx: Any, options: dict) -> None:
         for arm in self.agent.agents:  # pyright: ignore[reportAttributeAccessIssue]
-            arm.reset(np.array([*REST_QPOS, 0.04, 0.04]))
+            arm.reset(np.array([*DEFAULT.rest_rad, 0.04, 0.04]))
 
 
 def _posed(position_m: tuple[float, ...], yaw_deg: float, pitch_deg: float = 0.0) -> sapien.Pose:

@@ -9,7 +9,7 @@ from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, nearest, voxel
 from rf_exp.perception import SEEN, Seen, down_to_table, look
 from rf_exp.perception.depth import FEWEST, NOISE_M, points, within
 from rf_exp.perception.obstacles import boxes
-from rf_exp.robots import Panda
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
 from rf_exp.transforms import apply, from_axes, inverse
 from rf_exp.types import CameraModel, ConstraintSet, Schedule
@@ -81,7 +81,7 @@ def test_where_nothing_is_measured_nothing_is_seen(nothing):
 def test_points_on_an_arm_and_on_what_it_holds_are_theirs():
     rng = np.random.default_rng(0)
     scene = scene_of(FOOD)
-    grip = Panda(FOOD.robots[0].world_from_base).tcp(scene.qpos[0])
+    grip = Arm(DEFAULT, FOOD.robots[0].world_from_base).tcp(scene.qpos[0])
     scene = scene_of(FOOD, held=("steak", None), poses={**scene.poses, "steak": grip})
     planning_scene = PlanningScene(FOOD, scene)
     for body in (planning_scene.arm(1, scene.qpos[0]), planning_scene.standing(["steak"])):
@@ -165,7 +165,7 @@ def test_an_arm_does_not_mind_the_voxels_it_stands_in():
 
 def test_a_box_that_only_the_cameras_know_is_a_violation():
     alone = team(1)
-    there = Panda(alone.robots[0].world_from_base).tcp(REACHING)[:3, 3]
+    there = Arm(DEFAULT, alone.robots[0].world_from_base).tcp(REACHING)[:3, 3]
     corner = np.floor(there / VOXEL_M).astype(int)
     box = block(corner - [1, 1, 0], corner + np.array([2, 2, 1]))
     trajectories = (walk(1, [REST, REACHING, REST], 20),)

@@ -29,7 +29,7 @@ from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.policy.inputs.observation_spec import Senses, senses_of, tcp_poses
 from rf_exp.policy.inputs.task_space import followed, with_hands
 from rf_exp.policy.networks.keypoint_encoder import Eyes
-from rf_exp.robots import limits_rad, tcp_pose
+from rf_exp.robots import DEFAULT
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
 from rf_exp.tasks import CameraSpec
@@ -98,7 +98,9 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
                     if at == closed and frame > closed and agent in stream.agents and column % 2 == 0:
                         assert np.isnan(found.points[frame, mine]).all()  # it is past
                         continue
-                    world = apply(bases[agent - 1] @ tcp_pose(store.qpos[at, agent - 1]), np.array(point))
+                    world = apply(
+                        bases[agent - 1] @ DEFAULT.tcp_pose(store.qpos[at, agent - 1]), np.array(point)
+                    )
                     local = apply(inverse(bases[stream.agents[0] - 1]), world)
                     np.testing.assert_allclose(found.points[frame, mine], local, atol=1e-6)
                     seen = camera.intrinsics @ apply(inverse(camera.world_from_camera), world)
@@ -315,7 +317,7 @@ def test_joints_follow_the_hands() -> None:
     senses = Senses(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
     stream = Stream("global", (1, 2))
     action = np.concatenate([REST + rng.normal(0, 0.2, (12, 2, 7)), rng.choice([-1.0, 1.0], (12, 2, 1))], 2)
-    action[..., :7] = np.clip(action[..., :7], limits_rad()[0] + 0.1, limits_rad()[1] - 0.1)
+    action[..., :7] = np.clip(action[..., :7], DEFAULT.limits_rad[0] + 0.1, DEFAULT.limits_rad[1] - 0.1)
     chunk = with_hands(senses, stream, action).astype(float)
     chunk[:, :16] += np.tile(np.append(rng.normal(0, 0.01, 7), 0.0), 2)
     found = followed(senses, stream, chunk)

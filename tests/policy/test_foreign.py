@@ -23,7 +23,7 @@ from rf_exp.observations import Observations
 from rf_exp.policy import Foreign, foreign_runners, make_policy, pack, rollout, unpack
 from rf_exp.policy.foreign.remote import Remote
 from rf_exp.policy.foreign.runner import ForeignRunner
-from rf_exp.robots import limits_rad
+from rf_exp.robots import DEFAULT
 from rf_exp.tasks import Task
 from rf_exp.types import Scene, Verdict
 from tests.conftest import experiment, read_task
@@ -95,7 +95,7 @@ def test_as_many_steps_of_a_chunk_are_executed_as_is_asked() -> None:
 
 
 def test_targets_are_clipped_and_approached_at_the_speed_of_the_expert() -> None:
-    _, high = limits_rad()
+    _, high = DEFAULT.limits_rad
     told = commands(lambda seen: np.full((200, 2, 8), 99), steps=200)
     assert np.allclose(told[-1, :, :7], high) and (told[..., 7] == 1).all()
     assert np.abs(np.diff(told[..., :7], axis=0)).max() <= FASTEST_RAD + 1e-9

@@ -4,31 +4,31 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from rf_exp.robots import LINKS, Panda, hulls, limits_rad, link_poses, self_pairs, tcp_pose
-from rf_exp.robots.panda import TCP, description_folder
-from rf_exp.tasks import REST_QPOS
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.transforms import planar, rotation_angle_rad
 
 
 def random_qpos(rng, count):
-    low, high = limits_rad()
+    low, high = DEFAULT.limits_rad
     return np.hstack([rng.uniform(low, high, (count, 7)), rng.uniform(0, 0.04, (count, 2))])
 
 
 def test_vectorised_kinematics_equal_pinocchio():
-    model = pin.buildModelFromUrdf(str(description_folder() / "panda_v2.urdf"))
+    model = pin.buildModelFromUrdf(str(DEFAULT.urdf_path))
     data = model.createData()
     qpos = random_qpos(np.random.default_rng(0), 20)
-    links, tcps = link_poses(qpos), tcp_pose(qpos[:, :7])
+    links, tcps = DEFAULT.link_poses(qpos), DEFAULT.tcp_pose(qpos[:, :7])
     for i, q in enumerate(qpos):
         pin.framesForwardKinematics(model, data, q)
-        for j, name in enumerate(LINKS):
+        for j, name in enumerate(DEFAULT.links):
             np.testing.assert_allclose(links[i, j], data.oMf[model.getFrameId(name)].homogeneous, atol=1e-12)
-        np.testing.assert_allclose(tcps[i], data.oMf[model.getFrameId(TCP)].homogeneous, atol=1e-12)
+        np.testing.assert_allclose(
+            tcps[i], data.oMf[model.getFrameId(DEFAULT.hand.tcp)].homogeneous, atol=1e-12
+        )
 
 
 def test_solve_puts_the_tcp_where_it_was_asked_for():
-    arm = Panda(planar(0.3, -0.75, np.pi / 2))
+    arm = Arm(DEFAULT, planar(0.3, -0.75, np.pi / 2))
     rng = np.random.default_rng(1)
     solved = 0
     for q in random_qpos(rng, 100)[:, :7] * 0.9:
@@ -39,22 +39,22 @@ def test_solve_puts_the_tcp_where_it_was_asked_for():
         solved += 1
         assert np.linalg.norm(arm.tcp(found)[:3, 3] - goal[:3, 3]) < 2e-4
         assert rotation_angle_rad(arm.tcp(found), goal) < 2e-4
-        low, high = limits_rad()
+        low, high = DEFAULT.limits_rad
         assert (found > low).all() and (found < high).all()
     assert solved > 60
 
 
 def test_solve_says_none_where_no_arm_reaches():
-    assert Panda(np.eye(4)).solve(planar(2.0, 0.0, 0.0, 0.3), np.array(REST_QPOS)) is None
+    assert Arm(DEFAULT, np.eye(4)).solve(planar(2.0, 0.0, 0.0, 0.3), np.array(DEFAULT.rest_rad)) is None
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", DEFAULT.links)
 def test_hulls_are_convex_and_of_the_size_of_a_link(link):
-    hull = hulls()[link]
+    hull = DEFAULT.hulls[link]
     assert hull.is_convex and hull.is_watertight
     assert 0.02 < hull.extents.max() < 0.4
 
 
 def test_neighbours_are_no_self_collision():
-    assert (0, 1) not in self_pairs()
-    assert (2, LINKS.index("panda_hand")) in self_pairs()
+    assert (0, 1) not in DEFAULT.self_pairs
+    assert (2, DEFAULT.links.index("panda_hand")) in DEFAULT.self_pairs

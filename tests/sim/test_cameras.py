@@ -10,9 +10,8 @@ from mani_skill.agents.robots.panda import Panda as StockPanda
 from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.gallery.performance import play
-from rf_exp.geometry.planning_scene import GRIPPER
-from rf_exp.robots import Panda
-from rf_exp.sim import Limited, Simulator, agent, hand_from_camera
+from rf_exp.robots import DEFAULT, Arm
+from rf_exp.sim import Limited, Simulator, agent
 from rf_exp.tasks import TABLE_CENTRE_M, CameraSpec, Task
 from rf_exp.transforms import apply, inverse
 from rf_exp.types import ConstraintSet
@@ -116,10 +115,10 @@ def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator:
     reached = {step for step in moments.found if step <= len(actions)}
     assert {agent for step in reached for agent, _ in moments.found[step]} == set(simulator.task.agents)
     fingers = [
-        [link.entity.per_scene_id for link in robot.links if link.name.endswith(tuple(GRIPPER))]
+        [link.entity.per_scene_id for link in robot.links if link.name.endswith(tuple(DEFAULT.gripper))]
         for robot in simulator._loaded.robots
     ]
-    assert all(len(links) == len(GRIPPER) for links in fingers)
+    assert all(len(links) == len(DEFAULT.gripper) for links in fingers)
     hidden = []
     for step, _ in play(simulator, seed, actions, reached):
         images, bodies = simulator.segmentation(), simulator.bodies()
@@ -153,7 +152,7 @@ def test_a_wrist_camera_rides_on_its_hand(lift_barrier: Task) -> None:
         before, picture = simulator.camera_models(), simulator.images()["agent1"]
         fingers = simulator.segmentation()["agent1"]
         assert np.isin(fingers, simulator.bodies()["agent1"]).sum() > 500
-        tcp = Panda(lift_barrier.robots[0].world_from_base).tcp(start.qpos[0])
+        tcp = Arm(DEFAULT, lift_barrier.robots[0].world_from_base).tcp(start.qpos[0])
         seen = apply(inverse(before["agent1"].world_from_camera), tcp[:3, 3])
         column, row, _ = before["agent1"].intrinsics @ seen / seen[2]
         assert 60 < column < 260 and 40 < row < 200  # the finger tips are well within the picture
@@ -174,15 +173,15 @@ def test_camera_axes_are_right_down_forward() -> None:
     np.testing.assert_allclose(pose[:3, :3], [[0, 0, -1], [1, 0, 0], [0, -1, 0]], atol=1e-12)
     straight_down = CameraSpec((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)).world_from_camera
     np.testing.assert_allclose(straight_down[:3, 2], [0, 0, -1], atol=1e-12)
-    assert hand_from_camera()[2, 2] > 0  # along the fingers
+    assert DEFAULT.hand.from_camera[2, 2] > 0  # along the fingers
 
 
 def test_light_meshes_look_practically_like_the_full_ones(
     lift_barrier: Task, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures = []
-    for urdf in (agent.light_urdf(), StockPanda.urdf_path):
-        monkeypatch.setattr(agent, "light_urdf", lambda urdf=urdf: urdf)
+    for urdf in (agent.light_urdf(DEFAULT), StockPanda.urdf_path):
+        monkeypatch.setattr(agent, "light_urdf", lambda robot, urdf=urdf: urdf)
         with Simulator(lift_barrier) as simulator:
             simulator.reset(0)
             pictures.append(simulator.images())

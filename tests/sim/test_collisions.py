@@ -10,7 +10,7 @@ import sapien
 from sapien import physx
 
 from rf_exp.geometry import PlanningScene
-from rf_exp.robots import LINKS, hulls
+from rf_exp.robots import DEFAULT
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from tests.conftest import TASKS, read_task
@@ -31,7 +31,7 @@ def link_of(robot: physx.PhysxArticulation, name: str) -> physx.PhysxArticulatio
 def middle_m(link: physx.PhysxArticulationLinkComponent, name: str) -> np.ndarray:
     """(3,) centre of mass of the hull of a link, world frame."""
     pose = link.entity_pose.to_transformation_matrix()
-    return pose[:3, :3] @ hulls()[name].center_mass + pose[:3, 3]
+    return pose[:3, :3] @ DEFAULT.hulls[name].center_mass + pose[:3, 3]
 
 
 def collide(simulator: Simulator, agent: int, shift_m: np.ndarray, bodies: set) -> bool:
@@ -57,8 +57,8 @@ def test_every_two_links_of_two_arms_collide(simulator: Simulator) -> None:
     through = []
     for a, b in combinations(range(len(simulator.task.robots)), 2):
         simulator.reset(0)
-        for name, other in product(LINKS, LINKS):
-            if (name, other) == (LINKS[0], LINKS[0]):
+        for name, other in product(DEFAULT.links, DEFAULT.links):
+            if (name, other) == (DEFAULT.links[0], DEFAULT.links[0]):
                 continue
             robots = simulator._loaded.robots
             fixed, moved = link_of(robots[a], name), link_of(robots[b], other)

@@ -13,11 +13,11 @@ import pytest
 from sapien import physx
 
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, nearest
-from rf_exp.robots import Panda
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim import Simulator
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
-from rf_exp.types import ARM_JOINTS, Scene
+from rf_exp.types import Scene
 from tests.conftest import TASKS, read_task
 from tests.scenes import start_scene
 
@@ -48,7 +48,7 @@ def test_a_hundred_seeds_give_a_hundred_starts(task: Task) -> None:
     assert different(np.stack(list(start.poses.values())) for start in starts) == 100
     assert different(start.light for start in starts) == 100
     for agent in task.agents:
-        assert different(start.qpos[agent - 1, :ARM_JOINTS] for start in starts) == 100
+        assert different(start.qpos[agent - 1, :-2] for start in starts) == 100
     for name in task.objects:
         assert different(start.tints[name] for start in starts) == 100
 
@@ -118,9 +118,9 @@ def test_random_actions_never_succeed(simulator: Simulator) -> None:
         judge, action = SuccessEvaluator(simulator.task, start), simulator.command
         reach = towards_things(simulator.task, start, rng) / RANDOM_STEPS
         for step in range(RANDOM_STEPS):
-            action[:, :ARM_JOINTS] += reach + rng.normal(0.0, 0.015, reach.shape)
+            action[:, :-1] += reach + rng.normal(0.0, 0.015, reach.shape)
             if step % 10 == 0:
-                action[:, ARM_JOINTS] = rng.choice([-1.0, 1.0], len(action))
+                action[:, -1] = rng.choice([-1.0, 1.0], len(action))
             scene = simulator.step(action)
             verdict = judge(scene)
             assert not verdict.success and not verdict.success_paper, (seed, step)
@@ -130,14 +130,14 @@ def test_random_actions_never_succeed(simulator: Simulator) -> None:
 
 def towards_things(task: Task, scene: Scene, rng: np.random.Generator) -> np.ndarray:
     """(N, 7) rad: each arm goes for a place near a thing, from above; where it cannot reach, anywhere."""
-    change = rng.normal(0.0, 0.3, (len(task.robots), ARM_JOINTS))
+    change = rng.normal(0.0, 0.3, (len(task.robots), task.dof))
     for row, robot in enumerate(task.robots):
         place_m = scene.poses[rng.choice(loose(task))][:3, 3] + rng.normal(0.0, NEAR_M, 3)
         turn = rng.uniform(0.0, np.pi)
         pose = from_axes(place_m, z=(0, 0, -1), y=(np.cos(turn), np.sin(turn), 0))
-        qpos = Panda(robot.world_from_base).solve(pose, scene.qpos[row, :ARM_JOINTS])
+        qpos = Arm(DEFAULT, robot.world_from_base).solve(pose, scene.qpos[row, :-2])
         if qpos is not None:
-            change[row] = qpos - scene.qpos[row, :ARM_JOINTS]
+            change[row] = qpos - scene.qpos[row, :-2]
     return change
 
 

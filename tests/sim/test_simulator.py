@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.robots import Panda
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, RobotSpec, Task
 from rf_exp.transforms import transform
@@ -119,7 +119,7 @@ def reach(simulator: Simulator, scene: Scene, above_m: float, *, agents: tuple[i
     action = simulator.command
     points = simulator.task.asset("barrier").points.values()
     for agent in agents:
-        arm = Panda(simulator.task.robots[agent - 1].world_from_base)
+        arm = Arm(DEFAULT, simulator.task.robots[agent - 1].world_from_base)
         grips = [scene.poses["barrier"] @ point.object_from_tcp for point in points]
         grip = min(grips, key=lambda pose: np.linalg.norm(pose[:3, 3] - arm.world_from_base[:3, 3]))
         solutions = [
@@ -172,7 +172,7 @@ def test_arms_that_meet_are_reported_with_a_force(lift_barrier: Task) -> None:
         both = reach(simulator, start, 0.25)
         one = simulator.command
         for row, agent in enumerate((1, 2)):
-            arm = Panda(lift_barrier.robots[row].world_from_base)
+            arm = Arm(DEFAULT, lift_barrier.robots[row].world_from_base)
             pose = arm.tcp(both[row, :7])
             pose[:2, 3] = 0.0  # both hands at the same place
             qpos = arm.solve(pose, both[row, :7])

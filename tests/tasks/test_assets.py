@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import Piece
 from rf_exp.geometry.planning_scene import asset_pieces
-from rf_exp.robots import panda
+from rf_exp.robots import DEFAULT
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of
 from rf_exp.tasks.assets import Asset, InteractionPoint, camera, lid, pot, steak
@@ -56,10 +56,10 @@ def grasp(name: str, point: str) -> tuple[Asset, InteractionPoint, np.ndarray]:
 def gripper(world_from_tcp: Matrix, opening_m: float) -> list[tuple[Piece, Matrix]]:
     """Hand and fingers of a Panda, each finger `opening_m` from the middle, with their world poses."""
     qpos = np.concatenate([np.zeros(7), [opening_m, opening_m]])
-    poses, tcp_from_base = panda.link_poses(qpos), inverse(panda.tcp_pose(qpos))
+    poses, tcp_from_base = DEFAULT.link_poses(qpos), inverse(DEFAULT.tcp_pose(qpos))
     names = ("panda_hand", "panda_leftfinger", "panda_rightfinger")
     return [
-        (Piece.of(panda.hulls()[name]), world_from_tcp @ tcp_from_base @ poses[panda.LINKS.index(name)])
+        (Piece.of(DEFAULT.hulls[name]), world_from_tcp @ tcp_from_base @ poses[DEFAULT.links.index(name)])
         for name in names
     ]
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import interp1d
 
 from rf_exp.datagen.motion import branches as motion
-from rf_exp.robots import Panda
+from rf_exp.robots import Arm
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of
 from rf_exp.tasks.predicates import tilt_deg
@@ -48,7 +48,7 @@ class Arms:
             self.scene = self.simulator.step(command)
 
 
-def _facing(arm: Panda, goal: Matrix) -> np.ndarray:
+def _facing(arm: Arm, goal: Matrix) -> np.ndarray:
     at = (inverse(arm.world_from_base) @ goal)[:2, 3]
     joints = arm.solve(goal, np.array([np.arctan2(at[1], at[0]), *REST_RAD[1:-1], arm.facing(goal)]))
     assert joints is not None, f"{goal[:3, 3]} is out of reach"

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
+from rf_exp.robots import DEFAULT
 from rf_exp.stages import Cell
 from rf_exp.store import Store
-from rf_exp.tasks import FINGERS_OPEN_M, REST_QPOS, TABLE_CENTRE_M, TABLE_M
+from rf_exp.tasks import TABLE_CENTRE_M, TABLE_M
 from rf_exp.types import ConstraintSet
 from tests.conftest import TASKS, experiment, read_task
 
@@ -61,7 +62,7 @@ def test_the_figures_of_the_document_are_those_of_the_code() -> None:
     text = (ROOT / "docs/adding_a_task.md").read_text("utf-8").replace("\n  ", " ")
     (x, y, _), (cx, cy) = TABLE_M, TABLE_CENTRE_M
     across = f"from x = {cx - x / 2:g} to {cx + x / 2:g} m and from y = {cy - y / 2:g} to {cy + y / 2:g} m"
-    rest = ", ".join(f"{angle:.3f}".removesuffix(".000") for angle in REST_QPOS)
+    rest = ", ".join(f"{angle:.3f}".removesuffix(".000") for angle in DEFAULT.rest_rad)
     tasks = [read_task(name) for name in TASKS]
     nearest_m = min(
         np.hypot(one.x_m - other.x_m, one.y_m - other.y_m)
@@ -74,7 +75,7 @@ def test_the_figures_of_the_document_are_those_of_the_code() -> None:
         f"two arms must be more than {100 * AGENT_MARGIN_M:g} cm apart",
         f"an arm more than {1000 * OBJECT_MARGIN_M:g} mm from every object",
         f"no two bases are nearer than {nearest_m:g} m",
-        f"Fingers open to {200 * FINGERS_OPEN_M:g} cm",
+        f"Fingers open to {200 * DEFAULT.hand.open_m:g} cm",
     ):
         assert told in text, told
 

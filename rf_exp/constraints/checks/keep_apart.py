@@ -11,7 +11,6 @@ from rf_exp.constraints.stl import Specification, bounded, named
 from rf_exp.coordination import Closing
 from rf_exp.findings import CheckName, Doing, Finding, agent_name, names
 from rf_exp.geometry import Mask, PlanningScene, Swept, closer_than, nearest
-from rf_exp.robots import LINKS
 from rf_exp.statements import KeepApart
 from rf_exp.tasks import Task
 from rf_exp.timeline import doing
@@ -94,7 +93,7 @@ class KeepApartCheck(Check):
 
 def _links(body: Swept) -> Swept:
     """An arm without what it carries, at its path positions; nothing of it may touch anything."""
-    columns = [column for column, label in enumerate(body.labels) if label in LINKS]
+    columns = [column for column, label in enumerate(body.labels) if label not in body.objects]
     return Swept(
         tuple(body.pieces[column] for column in columns),
         tuple(body.labels[column] for column in columns),

@@ -13,7 +13,7 @@ from rf_exp.constraints.stl import Specification, bounded, named
 from rf_exp.findings import CheckName, Finding, names
 from rf_exp.statements import SameHeight, Step
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene
 
 HEIGHT_M = 0.02
 HEIGHT_MEASURED_M = 0.03
@@ -69,8 +69,9 @@ class SameHeightCheck(Check):
             now = plan.position_now(agent, scene)
             if now <= begin or (self.phase and now > end):
                 return None
-            joints = scene.qpos[agent - 1, :ARM_JOINTS], plan.trajectory(agent).path()[begin, :ARM_JOINTS]
-            here, before = plan.planning_scene.arms[agent - 1].tcp(np.stack(joints))
+            arm = plan.planning_scene.arms[agent - 1]
+            joints = map(arm.joints, (scene.qpos[agent - 1], plan.trajectory(agent).path()[begin]))
+            here, before = arm.tcp(np.stack(list(joints)))
             rises.append(here[2, 3] - before[2, 3])
         now_s = scene.step * CONTROL_DT_S
         return self._uneven(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, now_s, True)

@@ -17,7 +17,7 @@ class ScriptedBrain:
     def answer(self, question: Question) -> str:
         proposal = question.task.module.plan(question.scene, question.task)
         for violation in question.feedback:
-            if agents := yields_after(violation, proposal, question.scene):
+            if agents := yields_after(violation, proposal, question.task, question.scene):
                 return to_json(yielding_proposal(agents, question.task))
         return to_json(proposal)
 

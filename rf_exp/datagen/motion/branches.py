@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.motion.timing import duration_s
-from rf_exp.robots import OTHER_SIGN, Panda, crossed
+from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, interpolate, wrapped_rad
 from rf_exp.types import JointLimits
 
@@ -21,9 +21,8 @@ TURNS_RAD = np.array([0, *(sign * turn for turn in (0.05, 0.1, 0.2, 0.4, 0.7) fo
 JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a change of branch
 EASE = 0.01  # s/rad that the motion of all joints counts for, beside the time that it takes
 UPRIGHT = 0.03  # s/rad for the angle by which the elbow leaves the upright plane, where it is in others' way
-_SWIVEL = 2  # the joint that does it
 
-Points = NDArray[np.float64]  # (K, 7) rad
+Points = NDArray[np.float64]  # (K, dof) rad
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Approach:
 
 
 class Approaches:
-    """Straight motions from pre-grasp poses (G, 4, 4) to goals (G, 4, 4), after joint points (K, 7) rad.
+    """Straight motions from pre-grasp poses (G, 4, 4) to goals (G, 4, 4), after joint points (K, dof) rad.
 
     Of what is put down or struck, the pre-grasp pose is the one above the place. The arm has a joint to
     spare, so one pose has many postures; some lead through stretched arms, where a short line takes long.
@@ -46,7 +45,7 @@ class Approaches:
 
     def __init__(
         self,
-        arm: Panda,
+        arm: Arm,
         limits: JointLimits,
         pregrasps: NDArray[np.float64],
         goals: NDArray[np.float64],
@@ -56,13 +55,13 @@ class Approaches:
         self._pregrasps, self._goals = pregrasps, goals
 
     def estimated(self, rest: Points | None = None) -> Iterator[Approach]:
-        """The soonest few to each goal. With `rest` (7,) rad, going back and on to there counts too."""
-        first, last = (  # (G, R, branches, 7)
+        """The soonest few to each goal. With `rest` (dof,) rad, going back and on to there counts too."""
+        first, last = (  # (G, R, branches, dof)
             self._arm.postures(poses[:, None], _turns(self._arm, poses))
             for poses in (self._pregrasps, self._goals)
         )
-        ends = np.stack([np.roll(each, k, axis=1) for each in (last, crossed(last)) for k in NEXT])
-        nearest = _cost(first, ends).argmin(axis=0)
+        ends = np.stack([np.roll(each, k, axis=1) for each in (last, self._arm.crossed(last)) for k in NEXT])
+        nearest = _cost(self._arm, first, ends).argmin(axis=0)
         end = np.take_along_axis(ends, nearest[None, ..., None], axis=0)[0]
         takes_s = self._takes_s(first, end)
         cost = takes_s + self._dislike_s(first, end)
@@ -84,7 +83,7 @@ class Approaches:
             yield Approach(goal, float(takes_s[index]), points, branch)
 
     def exact(self, estimate: Approach) -> Approach | None:
-        """The same with all its points (K, 7), or None where there is no such line."""
+        """The same with all its points (K, dof), or None where there is no such line."""
         for begin, end in (self._finer(estimate), estimate.points):
             turns = np.append(TURNS_RAD, end[-1] - begin[-1])
             lines = lines_to(self._arm, begin, self._goals[estimate.goal], turns)
@@ -95,11 +94,13 @@ class Approaches:
         return None
 
     def _finer(self, estimate: Approach) -> Points:
-        """Ends (2, 7) of about the same motion that are sooner reached, if there are such."""
+        """Ends (2, dof) of about the same motion that are sooner reached, if there are such."""
         goal, branch = estimate.goal, estimate.branch
         begin, end = estimate.points
         first = self._arm.postures(self._pregrasps[goal], begin[-1] + FINE_RAD)[:, branch, None]
-        last = self._arm.postures(self._goals[goal], end[-1] + FINE_RAD)[:, [branch, OTHER_SIGN[branch]]]
+        last = self._arm.postures(self._goals[goal], end[-1] + FINE_RAD)[
+            :, [branch, self._arm.beyond(branch)]
+        ]
         last = last.reshape(-1, last.shape[-1])
         cost = _or_infinite(self._takes_s(first, last) + self._dislike_s(first, last))
         if not np.isfinite(cost).any():
@@ -108,23 +109,23 @@ class Approaches:
         return np.stack([first[one, 0], last[other]])
 
     def _takes_s(self, *after: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(...) s of going through postures (..., 7), one after the other."""
+        """(...) s of going through postures (..., dof), one after the other."""
         return duration_s(_corners(*self._before, *after), self._limits)
 
     def _dislike_s(self, begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
         """(...) s that another approach may take longer: for moving joints, and for the elbow aside."""
-        return _dislike_s(self._before[-1], begin) + _dislike_s(begin, end)
+        return _dislike_s(self._arm, self._before[-1], begin) + _dislike_s(self._arm, begin, end)
 
 
 def leaving_s(
     high: NDArray[np.float64], low: NDArray[np.float64], rest: Points, limits: JointLimits
 ) -> NDArray[np.float64]:
-    """(...) s from postures `low` back up to `high` (..., 7), where an arm stops, and on to `rest` (7,)."""
+    """(...) s from postures `low` back up to `high` (..., dof), where an arm stops, and on to `rest`."""
     return duration_s(_corners(low, high), limits) + duration_s(_corners(high, rest), limits)
 
 
-def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix, limits: JointLimits) -> Points | None:
-    """Joint points (K, 7) of the straight line of the TCP from joints (7,) to a pose, or None.
+def straight(arm: Arm, joints: NDArray[np.float64], goal: Matrix, limits: JointLimits) -> Points | None:
+    """Joint points (K, dof) of the straight line of the TCP from joints (dof,) to a pose, or None.
 
     The last joint turns evenly, by what makes the line take the least time.
     """
@@ -134,19 +135,20 @@ def straight(arm: Panda, joints: NDArray[np.float64], goal: Matrix, limits: Join
         return None
     middle, end = lines[:, lines.shape[1] // 2], lines[:, -1]
     takes_s = duration_s(_corners(joints, middle, end), limits)
-    return lines[(takes_s + _dislike_s(joints, end)).argmin()]
+    return lines[(takes_s + _dislike_s(arm, joints, end)).argmin()]
 
 
 def lines_to(
-    arm: Panda, joints: NDArray[np.float64], goal: Matrix, turns: NDArray[np.float64]
+    arm: Arm, joints: NDArray[np.float64], goal: Matrix, turns: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Joint points (M, K, 7) of straight lines of the TCP from joints (7,) to a pose.
+    """Joint points (M, K, dof) of straight lines of the TCP from joints (dof,) to a pose.
 
     In each the last joint turns evenly, by another angle.
     """
     poses = _poses(arm.tcp(joints), goal)
+    turns = turns if arm.robot.spare else turns[:1]
     share = np.arange(1, len(poses) + 1) / len(poses)
-    found = arm.postures(poses, joints[-1] + turns[:, None] * share)  # (M, K, branches, 7)
+    found = arm.postures(poses, joints[-1] + turns[:, None] * share)  # (M, K, branches, dof)
     rows = np.arange(len(turns))
     lines = np.empty((len(turns), len(poses) + 1, len(joints)))
     lines[:, 0] = joints
@@ -160,28 +162,29 @@ def lines_to(
 class Arrivals:
     """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above` (G, 4, 4).
 
-    With `rest` (7,) rad it goes back up, and on to there.
+    With `rest` (dof,) rad it goes back up, and on to there.
     """
 
     def __init__(
         self,
-        arm: Panda,
+        arm: Arm,
         above: NDArray[np.float64],
         goals: NDArray[np.float64],
         rest: NDArray[np.float64] | None = None,
     ) -> None:
         self._high, low = (  # where the arm faces the goal is among them
-            arm.postures(poses[:, None], _turns(arm, poses)[:, 1::2]) for poses in (above, goals)
+            arm.postures(poses[:, None], _turns(arm, poses, every=2)) for poses in (above, goals)
         )
         # An upright shoulder may be passed on the way down.
-        self._low = np.stack([low, crossed(low)])
-        self._down = _cost(self._high, self._low)
+        self._low = np.stack([low, arm.crossed(low)])
+        self._arm = arm
+        self._down = _cost(arm, self._high, self._low)
         if rest is not None:
-            self._down = 2 * self._down + _cost(self._high, rest)
+            self._down = 2 * self._down + _cost(arm, self._high, rest)
 
     def nearest(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(G, 3, 7) now, above each goal, at it, with the least motion; NaN where it is out of reach."""
-        cost = np.moveaxis(_cost(joints, self._high) + self._down, 1, 0)  # (G, 2, R, branches)
+        """(G, 3, dof) now, above each goal, at it, with the least motion; NaN where it is out of reach."""
+        cost = np.moveaxis(_cost(self._arm, joints, self._high) + self._down, 1, 0)  # (G, 2, R, branches)
         goals = np.arange(len(cost))
         way, *index = np.unravel_index(cost.reshape(len(cost), -1).argmin(axis=1), cost.shape[1:])
         found = _corners(joints, self._high[goals, *index], self._low[way, goals, *index])
@@ -189,25 +192,29 @@ class Arrivals:
         return found
 
 
-def _dislike_s(begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) s that another motion may take longer: for moving joints (..., 7), for an elbow aside."""
-    return EASE * np.abs(end - begin).sum(axis=-1) + UPRIGHT * np.abs(end[..., _SWIVEL])
+def _dislike_s(arm: Arm, begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) s that another motion may take longer: for moving joints (..., dof), for an elbow aside."""
+    return EASE * np.abs(end - begin).sum(axis=-1) + UPRIGHT * arm.aside_rad(end)
 
 
-def _turns(arm: Panda, goals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Angles (G, R) rad of the last joint that are tried for goals (G, 4, 4)."""
-    return wrapped_rad(arm.facing(goals)[:, None] + AWAY_RAD)
+def _turns(arm: Arm, goals: NDArray[np.float64], every: int = 1) -> NDArray[np.float64]:
+    """Angles (G, R) rad of the last joint that are tried for goals (G, 4, 4), or every so many of them.
+
+    Only one where no joint is to spare.
+    """
+    away_rad = AWAY_RAD[every - 1 :: every] if arm.robot.spare else np.zeros(1)
+    return wrapped_rad(arm.facing(goals)[:, None] + away_rad)
 
 
-def _cost(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) the effort between postures (..., 7); infinite where one of them is NaN."""
+def _cost(arm: Arm, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) the effort between postures (..., dof); infinite where one of them is NaN."""
     moved = np.abs(b - a)
-    aside = UPRIGHT * np.abs(b[..., _SWIVEL])
+    aside = UPRIGHT * arm.aside_rad(b)
     return _or_infinite(moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside)
 
 
 def _corners(*postures: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., K, 7) of K postures (..., 7)."""
+    """(..., K, dof) of K postures (..., dof)."""
     return np.stack(np.broadcast_arrays(*postures), axis=-2)
 
 

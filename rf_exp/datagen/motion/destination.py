@@ -7,7 +7,7 @@ import numpy as np
 from rf_exp.datagen.motion.reach import Tiers, above, turned
 from rf_exp.datagen.motion.state import State, Unreachable
 from rf_exp.findings import Cause, Finding
-from rf_exp.robots import Panda
+from rf_exp.robots import Arm
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
@@ -20,7 +20,7 @@ _STRIKE_TURNS = 16
 _SPOT = InteractionPoint(np.eye(4), "place", turns=12)  # a named place: how a thing is turned there is free
 
 
-def ends(task: Task, arm: Panda, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
+def ends(task: Task, arm: Arm, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
     """TCP poses in which an object held so has been carried, placed or struck as the subgoal says.
 
     Raises Unreachable for a target or point that does not exist.
@@ -55,7 +55,7 @@ def support(task: Task, subgoal: Subgoal) -> frozenset[str]:
 
 
 def _over(
-    task: Task, arm: Panda, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float
+    task: Task, arm: Arm, subgoal: Subgoal, state: State, tcp_from_object: Matrix, height_m: float
 ) -> Tiers:
     """TCP poses that put the held object at its destination, raised by `height_m`; best tier first.
 

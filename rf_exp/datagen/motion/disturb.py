@@ -9,20 +9,20 @@ What perturbations add is bounded: `TALLEST` standard deviations, and `ADDED` to
 acceleration of a joint. Disturbed motion is within the sum of that and the limits of the plan.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.robots import limits_rad
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, JointLimits, Schedule, Segment, Trajectory
+from rf_exp.robots import Arm
+from rf_exp.types import CONTROL_DT_S, JointLimits, Schedule, Segment, Trajectory, arm_of
 
 PERTURBATION_STEPS = (10, 25)  # how long a perturbation lasts, shortest and longest
 GAP_STEPS = (2, 8)  # between two perturbations; from two on, none adds to the acceleration of another
 TALLEST = 3.0  # standard deviations
-# Together with the default limits of a plan less than any joint of a Panda can: 2.17 rad/s, 7.5 rad/s2.
+# Together with the default limits of a plan less than any joint of the arms can: 2.17 rad/s, 7.5 rad/s2.
 ADDED = JointLimits(velocity_rad_s=1.2, acceleration_rad_s2=6.5)
 CALM_STEPS, FADE_STEPS = 4, 16  # before and after the fingers move: undisturbed, then ever more
 CARRYING, TOGETHER = 0.4, 0.2  # part of the strength while something is held, and held by several
@@ -34,7 +34,7 @@ class Perturbation(NamedTuple):
     """A smooth motion of all joints away from a path and back."""
 
     begins: int  # the path position before the first that is moved
-    offsets_rad: NDArray[np.float64]  # (L, 7)
+    offsets_rad: NDArray[np.float64]  # (L, dof)
 
     @property
     def ends(self) -> int:
@@ -67,6 +67,7 @@ class Disturbance:
 
     def __init__(
         self,
+        arms: Mapping[int, Arm],
         trajectories: Sequence[Trajectory],
         schedule: Schedule,
         strength_rad: float,
@@ -77,7 +78,8 @@ class Disturbance:
         self._kept: dict[int, list[_Kept]] = {}  # of each agent
         for trajectory in trajectories:
             positions = schedule.positions[:, trajectory.agent - 1]
-            perturbations = _perturbations(trajectory, positions, strength_rad, rng)
+            limits_rad = arms[trajectory.agent].robot.limits_rad
+            perturbations = _perturbations(trajectory, positions, limits_rad, strength_rad, rng)
             self._kept[trajectory.agent] = [_Kept(perturbation) for perturbation in perturbations]
 
     def trajectories(self) -> tuple[Trajectory, ...]:
@@ -105,7 +107,7 @@ class Disturbance:
         return min(zip(left, away, strict=True), key=lambda each: each[1], default=None)
 
     def _disturbed(self, trajectory: Trajectory) -> Trajectory:
-        offsets = np.zeros((len(trajectory) + 1, ARM_JOINTS))  # of each path position
+        offsets = np.zeros_like(arm_of(trajectory.path()))  # of each path position
         for each in self._kept[trajectory.agent]:
             offsets[each.perturbation.begins + 1 : each.perturbation.ends] = each.offsets_rad
         segments: list[Segment] = []
@@ -116,35 +118,42 @@ class Disturbance:
 
 
 def _perturbations(
-    trajectory: Trajectory, positions: NDArray[np.int64], strength_rad: float, rng: np.random.Generator
+    trajectory: Trajectory,
+    positions: NDArray[np.int64],
+    limits_rad: NDArray[np.float64],
+    strength_rad: float,
+    rng: np.random.Generator,
 ) -> list[Perturbation]:
     """Perturbations one after the other, at an agent that is at `positions` (T + 1,) of its path."""
     share, steps, found = _share(trajectory), len(trajectory), list[Perturbation]()
     begins = int(rng.integers(0, GAP_STEPS[1] + 1))
     while begins < steps:
         length = int(rng.integers(PERTURBATION_STEPS[0], PERTURBATION_STEPS[1] + 1))
-        tops = strength_rad * np.clip(rng.normal(size=ARM_JOINTS), -TALLEST, TALLEST)
+        tops = strength_rad * np.clip(rng.normal(size=len(trajectory.start_qpos)), -TALLEST, TALLEST)
         shape = np.sin(np.pi * (np.arange(length) + 1) / (length + 1)) ** 2
         part = share[begins : begins + length]
         offsets = shape[: len(part), None] * part[:, None] * tops
         if offsets.any():
-            found.append(_bounded(Perturbation(begins, offsets), trajectory, positions))
+            found.append(_bounded(Perturbation(begins, offsets), trajectory, positions, limits_rad))
         begins += length + int(rng.integers(GAP_STEPS[0], GAP_STEPS[1] + 1))
     return found
 
 
 def _bounded(
-    perturbation: Perturbation, trajectory: Trajectory, positions: NDArray[np.int64]
+    perturbation: Perturbation,
+    trajectory: Trajectory,
+    positions: NDArray[np.int64],
+    limits_rad: NDArray[np.float64],
 ) -> Perturbation:
     """Less of it where it would add more than `ADDED`, or if mirrored lead beyond a joint stop."""
-    path = np.zeros((len(trajectory) + 1, ARM_JOINTS))
+    path = np.zeros_like(arm_of(trajectory.path()))
     path[perturbation.begins + 1 : perturbation.ends] = perturbation.offsets_rad
     added = np.pad(path[positions], ((1, 1), (0, 0)), mode="edge")  # where an arm waits it stops at once
     velocity = np.diff(added, axis=0) / CONTROL_DT_S
     acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
     fastest, hardest = (np.abs(each).max(axis=0) for each in (velocity, acceleration))
-    low, high = limits_rad()
-    along = trajectory.path()[perturbation.begins + 1 : perturbation.ends, :ARM_JOINTS]
+    low, high = limits_rad
+    along = arm_of(trajectory.path())[perturbation.begins + 1 : perturbation.ends]
     room = np.maximum(np.minimum(along - low, high - along), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         parts = [ADDED.velocity_rad_s / fastest, ADDED.acceleration_rad_s2 / hardest]

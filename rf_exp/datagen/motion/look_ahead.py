@@ -16,7 +16,7 @@ from rf_exp.datagen.yielding import posture_rad
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import Subgoal
 
-Line = Callable[[Points], Points | None]  # from joint points (K, 7) of a motion to those of the next
+Line = Callable[[Points], Points | None]  # from joint points (K, dof) of a motion to those of the next
 
 EXPECTED_M = 0.15  # of a lift
 AWAY = 0.7  # share of its way home after which an arm is in nobody's way
@@ -91,7 +91,7 @@ def _leaving(request: Request, taker: Subgoal | None) -> Iterator[Line]:
 
 
 def _rest_rad(request: Request, taker: Subgoal | None) -> Points | None:
-    """(7,) where an agent goes that has placed a thing, if that takes time that counts."""
+    """(dof,) where an agent goes that has placed a thing, if that takes time that counts."""
     return posture_rad("home", request.task, request.agent) if taker is None else None
 
 
@@ -114,7 +114,7 @@ def _lifted(reach: Reach, agent: int, height_m: float, points: Points) -> Points
 
 
 def _takes_s(reach: Reach, lines: Sequence[Line], points: Points) -> float:
-    """How long motions take after one along (K, 7), one by one; infinite where one does not exist."""
+    """How long motions take after one along (K, dof), one by one; infinite where one does not exist."""
     total_s = 0.0
     for line in lines:
         found = line(points)

@@ -6,16 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.motion.timing import densify
-from rf_exp.robots import limits_rad
 
-Free = Callable[[NDArray[np.float64]], bool]  # whether joint points (K, 7) are all collision-free
+Free = Callable[[NDArray[np.float64]], bool]  # whether joint points (K, dof) are all collision-free
 
 _STEP_RAD = 0.25  # growth of the trees, largest joint
 _CHECK_EVERY = 5  # dense points; 0.05 rad between the checked ones
 
 
 def edge_free(a: NDArray[np.float64], b: NDArray[np.float64], free: Free) -> bool:
-    """Whether the straight joint line from a to b (7,) is free."""
+    """Whether the straight joint line from a to b (dof,) is free."""
     points = densify(np.stack([a, b]))
     return free(np.concatenate([points[::_CHECK_EVERY], points[-1:]]))
 
@@ -24,11 +23,12 @@ def find_path(
     start: NDArray[np.float64],
     goal: NDArray[np.float64],
     free: Free,
+    limits_rad: NDArray[np.float64],
     rng: np.random.Generator,
     *,
     iterations: int = 600,
 ) -> NDArray[np.float64] | None:
-    """Via points (K, 7) rad from start to goal, or None where none was found.
+    """Via points (K, dof) rad from start to goal, within limits (2, dof), or None where none was found.
 
     RRT-Connect (Kuffner and LaValle 2000), then shortcuts. Deterministic for a given `rng`.
     """
@@ -36,13 +36,13 @@ def find_path(
         return np.stack([start, goal])
     if not (free(start[None]) and free(goal[None])):
         return None
-    low, high = limits_rad()
+    low, high = limits_rad
     trees: list[tuple[list[NDArray[np.float64]], list[int]]] = [([start], [-1]), ([goal], [-1])]
     for iteration in range(iterations):
         a, b = trees[iteration % 2], trees[1 - iteration % 2]
         # A Gaussian about the straight line finds the way round a small obstacle sooner than a uniform draw.
         middle = start + rng.uniform() * (goal - start)
-        sample = np.clip(middle + rng.normal(0.0, 0.2 + 0.8 * iteration / iterations, 7), low, high)
+        sample = np.clip(middle + rng.normal(0.0, 0.2 + 0.8 * iteration / iterations, len(start)), low, high)
         if _grow(a, sample, free) and (meeting := _connect(b, a[0][-1], free)) is not None:
             forward = _trace(a, len(a[0]) - 1)[::-1]
             backward = _trace(b, meeting)

@@ -37,7 +37,7 @@ def present_state(task: Task, scene: Scene) -> State:
         if name is not None
     }
     return State(
-        qpos={agent: scene.qpos[agent - 1, :7].copy() for agent in task.agents},
+        qpos={agent: task.arms[agent].joints(scene.qpos[agent - 1]).copy() for agent in task.agents},
         gripper={agent: GRIPPER_CLOSED if agent in held else GRIPPER_OPEN for agent in task.agents},
         held=held,
         poses=dict(scene.poses),
@@ -167,9 +167,10 @@ def _joint_lift(requests: Sequence[Request], state: State) -> Motion:
     if len({len(line) for line in lines}) > 1:
         agents = tuple(request.agent for request in requests)
         raise Unreachable(Cause.INTERACTION, Finding.UNEVEN_LIFT, agents, object=first.subgoal.object)
-    timed = parameterise(np.hstack(lines), first.reach.limits)  # (T, 7 * agents)
+    timed = parameterise(np.hstack(lines), first.reach.limits)  # (T, joints of all of them)
+    ends = np.cumsum([line.shape[1] for line in lines])[:-1]
     verb, lifted = first.subgoal.verb, []
-    for request, points in zip(requests, np.split(timed, len(requests), axis=1), strict=True):
+    for request, points in zip(requests, np.split(timed, ends, axis=1), strict=True):
         each, state = request.segment(verb, points, state, joined=f"{verb} {first.subgoal.object}")
         lifted.append(each)
     return tuple(lifted), state

@@ -14,7 +14,7 @@ from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
-from rf_exp.robots import Panda
+from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, transform
 from rf_exp.types import JointLimits
 
@@ -30,11 +30,11 @@ class LookAhead:
     """What comes next, estimated.
 
     `after` TCP poses (G, 4, 4) tells how many s it takes, from the number of one and the straight approach to
-    it (2, 7); infinite: out of reach.
+    it (2, dof); infinite: out of reach.
     """
 
     after: Callable[[NDArray[np.float64]], Callable[[int, Points], float]]
-    rest_rad: Points | None = None  # (7,) where the arm goes then, where that is known beforehand
+    rest_rad: Points | None = None  # (dof,) where the arm goes then, where that is known beforehand
 
 
 _NOTHING = LookAhead(lambda _: lambda goal, points: 0.0)
@@ -44,7 +44,7 @@ _NOTHING = LookAhead(lambda _: lambda goal, points: 0.0)
 class Reach:
     """Plans motions of single arms. `blocked` knows the obstacles that the row lets it see."""
 
-    arms: Mapping[int, Panda]
+    arms: Mapping[int, Arm]
     limits: JointLimits
     blocked: Blocked
     rng: np.random.Generator
@@ -62,7 +62,7 @@ class Reach:
         rise: bool = False,
         look_ahead: LookAhead = _NOTHING,
     ) -> Points:
-        """Timed points (T, 7) to the first goal that can be reached, ending with a straight approach.
+        """Timed points (T, dof) to the first goal that can be reached, ending with a straight approach.
 
         The approach comes from a pre-grasp pose, `standoff_m` back along the tool's z axis, or straight down
         from as far above. With `rise` the motion begins straight up. All of it is one motion with rounded
@@ -133,7 +133,7 @@ class Reach:
         return round(way.takes_s + more_s(way.goal, way.points[[0, -1]]), 6)
 
     def _rise(self, agent: int, joints: Points) -> Points:
-        """Joint points (K, 7) straight up from where the arm is; only that where it cannot rise."""
+        """Joint points (K, dof) straight up from where the arm is; only that where it cannot rise."""
         line = self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
         return joints[None] if line is None else line
 
@@ -143,10 +143,10 @@ class Reach:
         def free(points: Points) -> bool:
             return self.blocked(agent, points, state, held) is None
 
-        return find_path(start, goal, free, self.rng)
+        return find_path(start, goal, free, self.arms[agent].robot.limits_rad, self.rng)
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
-        """Timed points (T, 7) to joints (7,). Raises Unreachable."""
+        """Timed points (T, dof) to joints (dof,). Raises Unreachable."""
         path = self._path(agent, state.qpos[agent], goal, state)
         if path is None:
             blockage = self._at_an_end(agent, state.qpos[agent], goal, state)
@@ -162,16 +162,16 @@ class Reach:
         return None
 
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
-        """Joint points (K, 7) of the straight TCP line from joints (7,) to a pose."""
+        """Joint points (K, dof) of the straight TCP line from joints (dof,) to a pose."""
         return straight(self.arms[agent], joints, goal, self.limits)
 
     def arrive(
         self, agent: int, tiers: Tiers, rest_rad: Points | None = None
     ) -> Callable[[Points], Points | None]:
-        """From a motion (K, 7): joints (3, 7) at its end, well above a TCP pose, at it.
+        """From a motion (K, dof): joints (3, dof) at its end, well above a TCP pose, at it.
 
         The pose is one of the first tier in reach. The way is the shortest, or that with which going back
-        up and on to `rest_rad` (7,) makes the shortest.
+        up and on to `rest_rad` (dof,) makes the shortest.
         """
         stacked = [np.stack(tier) for tier in tiers]
         arrivals = cache(
@@ -191,7 +191,7 @@ class Reach:
         return nearest
 
     def duration_s(self, corners: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(...) about how long motions round corners (..., K, 7) take."""
+        """(...) about how long motions round corners (..., K, dof) take."""
         return duration_s(corners, self.limits)
 
 

@@ -43,7 +43,7 @@ class Request:
         touches: frozenset[str] = frozenset(),
         joined: str | None = None,
     ) -> tuple[Segment, State]:
-        """A segment along timed points (T, 7), with what is held, and the state at its end."""
+        """A segment along timed points (T, dof), with what is held, and the state at its end."""
         agent = self.agent
         name, tcp_from_object = state.held.get(agent, (None, None))
         gripper = np.full(len(points), state.gripper[agent])

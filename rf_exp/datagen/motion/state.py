@@ -45,7 +45,7 @@ def name_of(obstacle: Obstacle) -> str:
 class State:
     """What planning believes at one moment: joints, grippers, what is held, where things are."""
 
-    qpos: Mapping[int, NDArray[np.float64]]  # agent -> (7,) rad
+    qpos: Mapping[int, NDArray[np.float64]]  # agent -> (dof,) rad
     gripper: Mapping[int, float]
     held: Mapping[int, tuple[str, Matrix]]  # agent -> object, tcp_from_object
     poses: Mapping[str, Matrix]  # object -> world_from_object
@@ -53,7 +53,7 @@ class State:
     targets: frozenset[str] = frozenset()  # objects that the present subgoal is about
 
     def moved(self, agent: int, joints: NDArray[np.float64], world_from_tcp: Matrix) -> "State":
-        """An agent is at joints (7,), and what it holds with it."""
+        """An agent is at joints (dof,), and what it holds with it."""
         poses = dict(self.poses)
         if agent in self.held:
             name, tcp_from_object = self.held[agent]
@@ -76,7 +76,7 @@ class Blockage:
     """A motion and what blocks it: enough to measure by how much, which only a refusal has to say."""
 
     agent: int
-    points: NDArray[np.float64]  # (K, 7) rad
+    points: NDArray[np.float64]  # (K, dof) rad
     state: State
     touches: frozenset[str]
     obstacle: Obstacle
@@ -92,7 +92,7 @@ def obstructed(what: str, *blockages: Blockage) -> Unreachable:
 
 
 class Blocked(Protocol):
-    """Knows the obstacles: who or what is in the way of an agent at joint points (K, 7), or None.
+    """Knows the obstacles: who or what is in the way of an agent at joint points (K, dof), or None.
 
     The gripper may touch `touches`. With `between`, the motion from each point to the next counts too.
     """

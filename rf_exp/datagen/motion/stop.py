@@ -13,34 +13,34 @@ from scipy.interpolate import CubicSpline
 
 from rf_exp.datagen.motion.disturb import ADDED
 from rf_exp.datagen.motion.timing import parameterise
-from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, JointLimits, Scene
+from rf_exp.types import CONTROL_DT_S, JointLimits, Scene, arm_of, fingers_of
 
 SLOWEST = 1e-3  # of the planned pace: less than this is rest
 _PACES = 65  # tried for each control step, from standing still to the pace of the step before
 
 
 def as_commanded(scene: Scene, command: NDArray[np.float64] | None) -> Scene:
-    """The scene with the arms where `command` (N, 8) has sent them last; as it is where there was none.
+    """The scene with the arms where `command` (N, A) has sent them last; as it is where there was none.
 
     They trail their targets a little; motion that began at the measured joints would jerk back.
     """
     if command is None:
         return scene
-    return replace(scene, qpos=np.hstack([command[:, :ARM_JOINTS], scene.qpos[:, ARM_JOINTS:]]))
+    return replace(scene, qpos=np.hstack([arm_of(command), fingers_of(scene.qpos)]))
 
 
 def come_to_rest(
     commands: NDArray[np.float64], now: int, limits: JointLimits | Sequence[JointLimits]
 ) -> NDArray[np.float64]:
-    """Commands (K, N, 8) that follow `commands` (T, N, 8) beyond row `now` ever slower, and end at rest.
+    """Commands (K, N, A) that follow `commands` (T, N, A) beyond row `now` ever slower, and end at rest.
 
     Row 0 of `commands` is where the arms stood before the first of them. Nowhere is a joint faster or
     accelerated more than `limits` allow, of all of the N or of each.
     """
     each = [limits] * commands.shape[1] if isinstance(limits, JointLimits) else limits
-    allowed = np.repeat([of.acceleration_rad_s2 for of in each], ARM_JOINTS)
+    allowed = np.repeat([of.acceleration_rad_s2 for of in each], commands.shape[2] - 1)
     times = np.arange(len(commands))
-    path = CubicSpline(times, commands[:, :, :ARM_JOINTS].reshape(len(commands), -1))
+    path = CubicSpline(times, arm_of(commands).reshape(len(commands), -1))
     before, here = float(max(now - 1, 0)), float(now)
     q_before, q_here = path(before), path(here)
     rows = []
@@ -54,15 +54,15 @@ def come_to_rest(
         chosen = int(fits[0]) if len(fits) else int(np.argmin(excess))
         before, here = here, float(ahead[chosen])
         q_before, q_here = q_here, path(here)
-        arms = q_here.reshape(-1, ARM_JOINTS)
-        rows.append(np.hstack([arms, commands[int(here), :, ARM_JOINTS:]]))
+        arms = q_here.reshape(commands.shape[1], -1)
+        rows.append(np.hstack([arms, commands[int(here), :, -1:]]))
     return np.array(rows).reshape(-1, *commands.shape[1:])
 
 
 def come_to_rest_disturbed(
     meant: NDArray[np.float64], executed: NDArray[np.float64], now: int, limits: JointLimits
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """`come_to_rest` of commands (T, N, 8) that are executed otherwise than meant: (K, N, 8) of each.
+    """`come_to_rest` of commands (T, N, A) that are executed otherwise than meant: (K, N, A) of each.
 
     Both follow one clock. Where the arms have come to rest they stay, and that is where they are meant to be
     in the end: what is meant goes there within `limits`.
@@ -82,17 +82,19 @@ def come_to_rest_disturbed(
 def let_off(
     command: NDArray[np.float64], qpos: NDArray[np.float64], agents: Collection[int], limits: JointLimits
 ) -> NDArray[np.float64]:
-    """Commands (K, N, 8) that take some agents from the present command (N, 8) to where they were measured.
+    """Commands (K, N, A) that take some agents from the present command (N, A) to where they were measured.
 
-    `qpos` is (N, 7 or more). An arm that was kept from following its command pushes; there it no longer does.
+    `qpos` has the joints of the arms first. An arm that was kept from following its command pushes; there it
+    no longer does.
     """
+    told = arm_of(command)
     motions = {
-        agent: parameterise(np.stack([command[agent - 1, :ARM_JOINTS], qpos[agent - 1, :ARM_JOINTS]]), limits)
+        agent: parameterise(np.stack([told[agent - 1], qpos[agent - 1, : told.shape[1]]]), limits)
         for agent in agents
     }
     rows = np.tile(command, (max(map(len, motions.values()), default=0), 1, 1))
     for agent, points in motions.items():
         if len(points):
             ends = np.minimum(np.arange(len(rows)), len(points) - 1)  # who is there first waits
-            rows[:, agent - 1, :ARM_JOINTS] = points[ends]
+            arm_of(rows)[:, agent - 1] = points[ends]
     return rows

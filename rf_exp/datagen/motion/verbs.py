@@ -182,7 +182,7 @@ def add_primitive(verb: str, primitive: Primitive) -> None:
 
 
 def lift_line(request: Request, state: State) -> Points:
-    """Joint points (K, 7) of a lift straight up; K depends on the height alone."""
+    """Joint points (K, dof) of a lift straight up; K depends on the height alone."""
     _held(request, state)
     agent, subgoal = request.agent, request.subgoal
     line = request.reach.line(

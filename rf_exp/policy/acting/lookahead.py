@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, Swept, closer_than, nearest
-from rf_exp.tasks import FINGERS_OPEN_M, Task
+from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
 from rf_exp.types import ARM_JOINTS, Scene
 
@@ -107,7 +107,8 @@ class Lookahead:
             path = np.concatenate([[given, given], ahead, ahead[-1:]])
             measured = self._scene.qpos[row]
             # never narrower than it is now: fingers may need longer than this to close
-            wide = (path[:, ARM_JOINTS:] + 1.0) / 2.0 * FINGERS_OPEN_M
+            open_m = self._planning_scene.arms[row].robot.hand.open_m
+            wide = (path[:, ARM_JOINTS:] + 1.0) / 2.0 * open_m
             fingers = np.maximum.accumulate(np.maximum(wide, measured[ARM_JOINTS:].max()), axis=0)
             qpos = np.hstack([path[:, :ARM_JOINTS], fingers, fingers])
             load = self.held(agent)

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.policy.acting.lookahead import LOOKAHEAD_STEPS, Commands, Lookahead, Pair
-from rf_exp.tasks import RETRACTED_QPOS, Task
+from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
 SHIELD_VERSION = "2"  # of what it decides
@@ -48,7 +48,7 @@ BACK_STEPS = 20  # of its own way that an arm retracts at most
 STRIDE_RAD = 0.04  # in a control step, of an arm that draws aside without a way that it came
 ASIDE_STEPS = 6  # for which it does so
 STANDS_RAD = 0.01  # within which an arm that is about to go nowhere stays
-SLOWING_RAD_S2 = 7.5  # what the maker allows the slowest joint of a Panda
+SLOWING_RAD_S2 = 7.5  # what makers allow the slowest joint of an arm
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Shield:
             way = np.array(self._trails[agent])[::-1]
             way[:, ARM_JOINTS] = here[ARM_JOINTS]  # the hand stays as it is
             return way
-        off = np.append(RETRACTED_QPOS, here[ARM_JOINTS]) - here
+        off = np.append(self._task.robots[agent - 1].model.aside_rad, here[ARM_JOINTS]) - here
         count = int(np.ceil(np.abs(off).max() / STRIDE_RAD))
         return here + off * np.arange(1, count + 1)[:ASIDE_STEPS, None] / max(1, count)
 

@@ -20,7 +20,7 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.inputs.coordination import numbered
 from rf_exp.policy.inputs.gripper_history import CHANGES, MEMORY, changes
 from rf_exp.policy.inputs.view import MOST_AGENTS, PROPRIO_SIZE, Stream, View
-from rf_exp.robots import tcp_pose
+from rf_exp.robots import DEFAULT
 from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import ARM_JOINTS
 
@@ -83,6 +83,9 @@ class Senses:
 
 def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
     """The senses of a policy that learns a view. Raises ArgumentError where the store lacks them."""
+    if any(model.joints != DEFAULT.measured for model in store.models):
+        found = ", ".join(sorted({model.title for model in store.models}))
+        raise ArgumentError(f"{store.path} is of {found}; policies learn to move a {DEFAULT.title} only")
     if not config.context:
         if view.coordinated:
             raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
@@ -171,7 +174,7 @@ def tcp_poses(senses: Senses, stream: Stream, joints: NDArray[np.floating]) -> N
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
     base_from_world = inverse(_base(senses, stream.agents[0]))
     poses = [
-        _flat(base_from_world @ _base(senses, agent) @ tcp_pose(joints[..., row, :]))
+        _flat(base_from_world @ _base(senses, agent) @ DEFAULT.tcp_pose(joints[..., row, :]))
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-2)
@@ -193,7 +196,7 @@ def _base(senses: Senses, agent: int) -> Matrix:
 
 def world_from_tcp(senses: Senses, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., 4, 4) of an agent, from the joints of all agents (..., N, 7 or more)."""
-    return _base(senses, agent) @ tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+    return _base(senses, agent) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:

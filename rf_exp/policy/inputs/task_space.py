@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rf_exp.policy.inputs.observation_spec import POSE, Senses, tcp_poses
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream
-from rf_exp.robots import BRANCHES, Panda
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.transforms import from_axes, planar
 from rf_exp.types import ARM_JOINTS
 
@@ -37,7 +37,7 @@ def followed(senses: Senses, stream: Stream, chunk: NDArray[np.float64]) -> NDAr
     poses = chunk[:, len(agents) * ACTION_SIZE :].reshape(len(chunk), len(agents), POSE)
     world_from_base = planar(*senses.bases[agents[0] - 1])  # in whose frame the poses are
     for row, agent in enumerate(agents):
-        arm = Panda(planar(*senses.bases[agent - 1]))
+        arm = Arm(DEFAULT, planar(*senses.bases[agent - 1]))
         joints, pose = actions[:, row, :ARM_JOINTS], poses[:, row]
         x, y = pose[:, 3:6], pose[:, 6:9]
         axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)
@@ -46,7 +46,7 @@ def followed(senses: Senses, stream: Stream, chunk: NDArray[np.float64]) -> NDAr
     return actions
 
 
-def _nearest(arm: Panda, poses: NDArray[np.float64], joints: NDArray[np.float64]) -> NDArray[np.float64]:
+def _nearest(arm: Arm, poses: NDArray[np.float64], joints: NDArray[np.float64]) -> NDArray[np.float64]:
     """The postures at TCP poses (T, 4, 4) that are nearest to joints (T, 7), or those where none is near."""
     best, away = joints.copy(), np.full(len(joints), np.inf)
     for turns in TURNS_RAD:
@@ -54,7 +54,7 @@ def _nearest(arm: Panda, poses: NDArray[np.float64], joints: NDArray[np.float64]
         if not len(far):
             break
         found = arm.postures(poses[far, None], best[far, -1:] + turns)
-        found = found.reshape(len(far), len(turns) * BRANCHES, ARM_JOINTS)
+        found = found.reshape(len(far), -1, ARM_JOINTS)
         apart = np.nan_to_num(np.abs(found - joints[far, None]).max(axis=-1), nan=np.inf)
         chosen = np.arange(len(far)), apart.argmin(axis=1)
         nearer = apart[chosen] < away[far]

@@ -7,8 +7,15 @@ Liu 2021, "Analytical inverse kinematics for Franka Emika Panda"). Frames and le
 Franka's control interface documentation (Craig's convention).
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from rf_exp.transforms import wrapped_rad
+
+if TYPE_CHECKING:
+    from rf_exp.robots.robot import Robot
 
 SHOULDER_M = 0.333  # height of the shoulder above the base
 UPPER_M, LOWER_M, BEND_M = 0.316, 0.384, 0.0825  # of the arm; the elbow's axis lies beside both
@@ -26,6 +33,27 @@ NEAR_RAD, STEP_RAD = 0.3, 0.02  # from the last joint of a tool that points down
 SECANTS, CLOSE = 3, 1e-6  # steps, and how near to zero they have to come
 
 Floats = NDArray[np.float64]
+
+
+class ClosedForm:
+    """The Panda's `rf_exp.robots.Inverse`."""
+
+    def __init__(self, _: "Robot") -> None:
+        self.branches, self.other = BRANCHES, OTHER_SIGN
+
+    def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
+        """See `postures` below."""
+        return postures(base_from_tcp, last_rad, limits_rad)
+
+    def facing(self, base_from_tcp: Floats) -> Floats:
+        """Angles (...) rad of the last joint that put the arm into an upright plane at TCP poses (..., 4, 4).
+
+        Where none is so, the one with which it would be if the tool pointed straight down.
+        """
+        pose = base_from_tcp
+        away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
+        ahead = np.einsum("...i,...ij->...j", away, pose[..., :2, :2])
+        return wrapped_rad(upright_rad(pose, np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0])))
 
 
 def postures(base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
@@ -107,11 +135,6 @@ def _plane(cos: Floats, sin: Floats, reach: Floats) -> tuple[Floats, Floats, Flo
     beside = (_ELBOW[0] + cos * _WRIST[0] - sin * _WRIST[1]) / reach
     along = (_ELBOW[1] + sin * _WRIST[0] + cos * _WRIST[1]) / reach
     return beside, along, cos * along - sin * beside, cos * beside + sin * along
-
-
-def crossed(found: Floats) -> Floats:
-    """Postures (..., BRANCHES, 7) in the order of `OTHER_SIGN`, laid out in memory as `postures` are."""
-    return np.moveaxis(np.moveaxis(found, -1, 0).take(OTHER_SIGN, axis=-1), 0, -1)
 
 
 def _fill(found: Floats, elbow: Floats, line: Floats, reach: Floats, x6: Floats, out: Floats) -> None:

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from rf_exp.robots import BRANCHES, OTHER_SIGN, Panda, limits_rad, tcp_pose
-from rf_exp.robots.postures import postures
+from rf_exp.robots import DEFAULT, Arm
+from rf_exp.robots.panda.closed_form import BRANCHES, OTHER_SIGN, postures
 from rf_exp.transforms import planar
 
-LOW, HIGH = LIMITS = limits_rad()
+LOW, HIGH = LIMITS = DEFAULT.limits_rad
 
 
 def drawn(count: int) -> np.ndarray:
@@ -16,26 +16,26 @@ def drawn(count: int) -> np.ndarray:
 
 def test_every_posture_is_found_again():
     joints = drawn(3000)
-    found = postures(tcp_pose(joints), joints[:, 6], LIMITS)
+    found = postures(DEFAULT.tcp_pose(joints), joints[:, 6], LIMITS)
     away = np.nan_to_num(np.abs(found - joints[:, None]).max(axis=-1), nan=np.inf)
     assert away.min(axis=1).max() < 1e-7
 
 
 def test_every_branch_puts_the_tcp_there_within_the_limits_and_occurs():
     joints = drawn(3000)
-    poses = tcp_pose(joints)
+    poses = DEFAULT.tcp_pose(joints)
     found = postures(poses, joints[:, 6], LIMITS)
     there = np.isfinite(found).all(axis=-1)
     np.testing.assert_array_equal(there, np.isfinite(found).any(axis=-1))
     assert there.any(axis=0).all() and there.shape == (3000, BRANCHES)
     which, _ = np.nonzero(there)
-    np.testing.assert_allclose(tcp_pose(found[there]), poses[which], atol=1e-9)
+    np.testing.assert_allclose(DEFAULT.tcp_pose(found[there]), poses[which], atol=1e-9)
     assert ((found[there] >= LOW) & (found[there] <= HIGH)).all()
 
 
 def test_poses_and_last_joints_are_broadcast():
     joints = drawn(4)
-    poses, turns = tcp_pose(joints), np.linspace(-2, 2, 5)
+    poses, turns = DEFAULT.tcp_pose(joints), np.linspace(-2, 2, 5)
     found = postures(poses[:, None], turns, LIMITS)
     assert found.shape == (4, 5, BRANCHES, 7)
     for k, turn in enumerate(turns):
@@ -45,13 +45,13 @@ def test_poses_and_last_joints_are_broadcast():
 def test_beyond_reach_there_is_none():
     far = planar(0.9, 0.0, 0.0, 0.6)
     assert np.isnan(postures(far, np.linspace(-2.5, 2.5, 11), LIMITS)).all()
-    assert Panda(np.eye(4)).solve(far, np.zeros(7)) is None
+    assert Arm(DEFAULT, np.eye(4)).solve(far, np.zeros(7)) is None
 
 
 def test_an_arm_that_crosses_over_its_shoulder_goes_on_in_the_branch_of_the_other_sign():
     before = np.array([0.3, 0.05, 0.1, -2.0, 0.0, 2.2, 0.5])
     path = before + np.linspace(0, 1, 40)[:, None] * np.array([0, -0.1, 0, 0, 0, 0, 0])
-    found = postures(tcp_pose(path), path[:, 6], LIMITS)
+    found = postures(DEFAULT.tcp_pose(path), path[:, 6], LIMITS)
     away = np.nan_to_num(np.abs(found - path[:, None]).max(axis=-1), nan=np.inf)
     first, last = away.argmin(axis=1)[[0, -1]]
     assert away.min(axis=1).max() < 1e-7 and last == OTHER_SIGN[first]
@@ -59,7 +59,7 @@ def test_an_arm_that_crosses_over_its_shoulder_goes_on_in_the_branch_of_the_othe
 
 def test_facing_a_pose_of_a_tilted_tool_the_arm_is_upright():
     """Also where the upper arm stands almost straight up, and all postures nearby have the elbow aside."""
-    arm, rng = Panda(planar(0.2, -0.7, 1.2)), np.random.default_rng(0)
+    arm, rng = Arm(DEFAULT, planar(0.2, -0.7, 1.2)), np.random.default_rng(0)
     for _ in range(50):
         low, high = (-1.5, -0.1, 0, -2.4, -0.15, -0.2, -1.0), (1.5, 0.8, 0, -1.4, 0.15, 0.2, 1.5)
         joints = rng.uniform(low, high)
@@ -69,13 +69,13 @@ def test_facing_a_pose_of_a_tilted_tool_the_arm_is_upright():
 
 
 def test_out_of_reach_the_last_joint_is_that_of_a_tool_that_points_down():
-    arm = Panda(planar(0.0, 0.0, 0.0))
+    arm = Arm(DEFAULT, planar(0.0, 0.0, 0.0))
     tcp = planar(2.0, 0.0, 0.0, 0.15) @ np.diag([1.0, -1.0, -1.0, 1.0])
     assert arm.facing(tcp) == pytest.approx(np.pi / 4)
 
 
 def test_facing_a_pose_the_arm_is_upright():
-    arm = Panda(planar(0.2, -0.7, 1.2))
+    arm = Arm(DEFAULT, planar(0.2, -0.7, 1.2))
     for yaw in (0.6, 1.2, 1.9):
         tcp = planar(0.45, -0.2, yaw, 0.15) @ np.diag([1.0, -1.0, -1.0, 1.0])
         found = arm.postures(tcp, arm.facing(tcp))

@@ -1,0 +1,167 @@
+"""What the URDF of a robot says beside its kinematics: axes and limits of joints, shapes of links, pairs."""
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
+
+from rf_exp.errors import ArgumentError
+from rf_exp.transforms import Matrix, apply, transform
+
+if TYPE_CHECKING:
+    from rf_exp.robots.robot import Robot
+
+Element = ElementTree.Element
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """How a joint moves."""
+
+    direction: NDArray[np.float64]  # (3,) in the frame of the joint, of length one
+    slides: bool  # along it; otherwise it turns about it
+    limits: tuple[float, float]  # rad, or m
+
+
+@cache
+def root_of(robot: "Robot") -> Element:
+    """The root of the URDF. Raises ArgumentError for a file that is none."""
+    path = robot.urdf_path
+    try:
+        return ElementTree.parse(path).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise ArgumentError(f"the URDF of robot {robot.name!r}, {path}, cannot be read: {error}") from error
+
+
+@cache
+def axes(robot: "Robot") -> dict[str, Axis]:
+    """Joint -> how it moves, of all that do."""
+    found = {}
+    for joint in root_of(robot).findall("joint"):
+        if (kind := joint.attrib["type"]) not in ("revolute", "continuous", "prismatic"):
+            continue
+        said, limit = joint.find("axis"), joint.find("limit")
+        direction = _numbers(said.attrib["xyz"]) if said is not None else np.array([1.0, 0.0, 0.0])
+        limits = (-2 * np.pi, 2 * np.pi)  # of what turns without end
+        if kind != "continuous" and limit is not None:
+            limits = float(limit.attrib.get("lower", 0.0)), float(limit.attrib.get("upper", 0.0))
+        length = float(np.linalg.norm(direction))
+        found[joint.attrib["name"]] = Axis(direction / length, kind == "prismatic", limits)
+    return found
+
+
+@cache
+def solid_links(robot: "Robot") -> tuple[str, ...]:
+    """The links with collision shapes."""
+    links = root_of(robot).findall("link")
+    return tuple(link.attrib["name"] for link in links if link.find("collision") is not None)
+
+
+@cache
+def hulls(robot: "Robot") -> dict[str, trimesh.Trimesh]:
+    """Convex hull of the collision shapes of every solid link, in its frame, metres."""
+    links = {link.get("name"): link for link in root_of(robot).findall("link")}
+    folder = robot.urdf_path.parent
+    found = {}
+    for name in solid_links(robot):
+        points = []
+        for collision in links[name].iter("collision"):
+            piece = shape(collision, folder, robot.name)
+            if collision.find("origin") is not None:
+                piece.apply_transform(placement(collision))
+            points.append(piece.vertices)
+        found[name] = trimesh.convex.convex_hull(np.concatenate(points))
+    return found
+
+
+@cache
+def self_pairs(robot: "Robot") -> tuple[tuple[int, int], ...]:
+    """Index pairs into the solid links that must not touch: all that the SRDF beside the URDF excuses not.
+
+    Without one, neighbours are excused, the links of a hand, and those whose hulls overlap at rest.
+    """
+    links = solid_links(robot)
+    pairs = tuple(combinations(range(len(links)), 2))
+    path = robot.urdf_path.with_suffix(".srdf")
+    if path.exists():
+        said = ElementTree.parse(path).getroot().iter("disable_collisions")
+        excused = {frozenset((each.attrib["link1"], each.attrib["link2"])) for each in said}
+        return tuple((i, j) for i, j in pairs if frozenset((links[i], links[j])) not in excused)
+    fingers = (robot.hand.open_m, robot.hand.open_m)
+    poses = robot.link_poses(np.array([*robot.rest_rad, *fingers]))
+    planes = [_planes(hulls(robot)[name], pose) for name, pose in zip(links, poses, strict=True)]
+    parents = _solid_parents(robot)
+    near = {frozenset(pair) for pair in (*parents.items(), *combinations(robot.gripper, 2))}
+    return tuple(
+        (i, j)
+        for i, j in pairs
+        if frozenset((links[i], links[j])) not in near and not _overlap(planes[i], planes[j])
+    )
+
+
+def placement(element: Element) -> Matrix:
+    """The (4, 4) pose of a shape in its link; URDF angles are roll, pitch, yaw about fixed axes."""
+    origin = element.find("origin")
+    if origin is None:
+        return transform()
+    xyz, rpy = (_numbers(origin.attrib.get(key, "0 0 0")) for key in ("xyz", "rpy"))
+    return transform(xyz, Rotation.from_euler("xyz", rpy))
+
+
+def _numbers(text: str) -> NDArray[np.float64]:
+    return np.array(text.split(), dtype=float)
+
+
+def shape(element: Element, folder: Path, robot: str) -> trimesh.Trimesh:
+    """The shape of a collision or visual element, in its own frame. Raises ArgumentError for other kinds."""
+    geometry = element.find("geometry")
+    said = geometry[0] if geometry is not None and len(geometry) else None
+    kind, said = (said.tag, said.attrib) if said is not None else ("nothing", {})
+    if kind == "mesh":
+        mesh = cast(trimesh.Trimesh, trimesh.load_mesh(folder / said["filename"]))
+        return mesh.apply_scale(_numbers(said["scale"])) if "scale" in said else mesh
+    if kind == "box":
+        return trimesh.creation.box(_numbers(said["size"]))
+    if kind == "cylinder":
+        return trimesh.creation.cylinder(float(said["radius"]), float(said["length"]))
+    if kind == "sphere":
+        return trimesh.creation.icosphere(radius=float(said["radius"]))
+    raise ArgumentError(f"a shape of robot {robot!r} is a {kind}; expected mesh, box, cylinder or sphere")
+
+
+def _solid_parents(robot: "Robot") -> dict[str, str]:
+    """Solid link -> the solid link that is the nearest above it; what is between them has no shapes."""
+    above = {}
+    for joint in root_of(robot).findall("joint"):
+        parent, child = joint.find("parent"), joint.find("child")
+        assert parent is not None and child is not None  # Pinocchio has read it
+        above[child.attrib["link"]] = parent.attrib["link"]
+    solid, found = set(solid_links(robot)), {}
+    for link in solid:
+        parent = above.get(link)
+        while parent is not None and parent not in solid:
+            parent = above.get(parent)
+        if parent is not None:
+            found[link] = parent
+    return found
+
+
+def _planes(hull: trimesh.Trimesh, pose: Matrix) -> NDArray[np.float64]:
+    """(F, 4) unit normal n and offset d of each face, with n.x <= d inside."""
+    corners = apply(pose, np.asarray(hull.triangles[:, 0]))
+    normals = np.asarray(hull.face_normals) @ pose[:3, :3].T
+    return np.column_stack([normals, (normals * corners).sum(axis=1)])
+
+
+def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Whether some point is inside of both."""
+    planes = np.concatenate([a, b])
+    return linprog(np.zeros(3), planes[:, :3], planes[:, 3], bounds=(None, None)).status == 0
