@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import PolicyMonitor
+from rf_exp.observations import Observation
 from rf_exp.policy import Decision, PolicyRunner, Shield, Stream, View, rollout
 from rf_exp.processes import Timeout, in_order
 from rf_exp.sim import shared_simulator
@@ -45,7 +46,7 @@ class Player(PolicyRunner):
         super().reset(seed)
         self._done = -self._late
 
-    def predict(self, scene: Scene) -> NDArray[np.float64]:
+    def predict(self, observation: Observation) -> NDArray[np.float64]:
         at = np.clip(self._done + np.arange(self._chunk), 0, len(self._commands) - 1)
         return self._commands[at][:, None]
 

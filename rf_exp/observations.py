@@ -1,29 +1,71 @@
-"""What a controller is shown of a scene: the keys and arrays of the environments, and of policies of others.
+"""Observations: what a controller is handed of a scene, which is what it declares, and nothing else.
 
-Keys are those of the store: `qpos` and `qvel`, `pose_<object>`, `rgb_<camera>`; then `depth_<camera>`,
-`segmentation_<camera>` and `language`.
+A `Declaration` names whose joints, which objects and which cameras; `observe` makes a frozen `Observation`
+of that. Policies of the suite declare what their view and recipe need. Environments and policies of others
+declare by `Observations`, and are given a dictionary with the keys of the store: `qpos` and `qvel`,
+`pose_<object>`, `rgb_<camera>`; then `depth_<camera>`, `segmentation_<camera>` and `language`.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, get_args
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.tasks import Task, labelled
 from rf_exp.transforms import position_and_quaternion
-from rf_exp.types import CameraChoice, Pictures, Scene, camera_names
+from rf_exp.types import CameraChoice, Pictures, Scene, World, camera_names
 
 State = Literal["full", "joints", "none"]
+IMAGES = ("pictures", "depth", "segmentation")  # that cameras take
 
-Observation = dict[str, Any]  # key -> array, or a string for `language`
+ObservationDict = dict[str, Any]  # key -> array, or a string for `language`
+# Numbers of the subgoals (N,) and who may go on (N,), as a coordinator says.
+Coordination = tuple[NDArray[np.int64], NDArray[np.bool_]]
+Key = TypeVar("Key", int, str)
+
+
+def _nothing() -> Mapping[Any, Any]:
+    return MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """What a controller declares that it observes."""
+
+    agents: tuple[int, ...] = ()  # whose measured joints
+    velocities: bool = False  # of these joints
+    objects: tuple[str, ...] = ()  # whose true poses
+    cameras: tuple[str, ...] = ()
+    pictures: bool = True  # what its cameras take
+    depth: bool = False
+    segmentation: bool = False
+    language: str = ""  # the task, in a sentence or two
+    coordinated: tuple[int, ...] = ()  # agents of which a coordinator says what they are to do
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is handed out at one control step. What is not declared is not in it; arrays are read-only."""
+
+    step: int
+    qpos: Mapping[int, NDArray[np.float64]] = field(default_factory=_nothing)  # agent -> (9,) rad, fingers m
+    qvel: Mapping[int, NDArray[np.float64]] = field(default_factory=_nothing)  # agent -> (9,)
+    poses: Mapping[str, NDArray[np.float64]] = field(default_factory=_nothing)  # -> world_from_object (4, 4)
+    pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=_nothing)  # camera -> (H, W, 3)
+    depth: Mapping[str, NDArray[np.float32]] = field(default_factory=_nothing)  # camera -> (H, W) m
+    segmentation: Mapping[str, NDArray[np.uint8]] = field(default_factory=_nothing)  # camera -> (H, W)
+    language: str = ""
+    # agent -> number of its subgoal and whether it may go on; None without a coordinator
+    subgoals: Mapping[int, tuple[int, bool]] | None = None
 
 
 @dataclass(frozen=True)
 class Observations:
-    """What a controller is shown. Raises ArgumentError for values that are not possible.
+    """What a controller of all arms is shown. Raises ArgumentError for values that are not possible.
 
     `state`: `full` is all joints and the poses of all objects, `joints` what an arm measures of itself,
     `none` neither. `pictures`, `depth` and `segmentation` are taken by `cameras`, as `width` x `height` px;
@@ -53,14 +95,38 @@ class Observations:
         """Whether a camera has to look."""
         return self.pictures or self.depth or self.segmentation
 
+    def declared(self, task: Task) -> Declaration:
+        """The same for the agents, objects and cameras of a task."""
+        return Declaration(
+            agents=task.agents if self.state != "none" else (),
+            velocities=self.state != "none",
+            objects=tuple(task.objects) if self.state == "full" else (),
+            cameras=tuple(camera_names(self.cameras, len(task.agents))) if self.draws else (),
+            **{kind: getattr(self, kind) for kind in IMAGES},
+            language=task.description if self.language else "",
+        )
 
-class Shown(Protocol):
-    """What there is to look at (given by `rf_exp.sim`), by names of cameras, at the present step."""
+    def keyed(self, observation: Observation) -> ObservationDict:
+        """What is shown of an observation, by the keys of the store; all arrays are new ones."""
+        shown = ObservationDict()
+        if self.state != "none":
+            shown["qpos"] = np.stack([*observation.qpos.values()]).astype(np.float32)
+            shown["qvel"] = np.stack([*observation.qvel.values()]).astype(np.float32)
+        for name, pose in observation.poses.items():
+            shown[f"pose_{name}"] = np.array(position_and_quaternion(pose), np.float32)
+        for key, kind in zip(("rgb", "depth", "segmentation"), IMAGES, strict=True):
+            shown |= {f"{key}_{name}": image.copy() for name, image in getattr(observation, kind).items()}
+        if self.language:
+            shown["language"] = observation.language
+        return shown
+
+
+@runtime_checkable
+class MeasuredWorld(World, Protocol):
+    """A world whose cameras also give depth and what is where (given by `rf_exp.sim`)."""
 
     @property
     def task(self) -> Task: ...
-
-    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]: ...
 
     def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]: ...
 
@@ -71,33 +137,68 @@ class Shown(Protocol):
         ...
 
 
-class Eyes:
-    """Observes the present step of a simulator, for one controller of all arms."""
+def observe(
+    scene: Scene,
+    world: World,
+    declared: Sequence[Declaration],
+    coordination: Coordination | None = None,
+) -> list[Observation]:
+    """What each of several controllers is handed of the present step. A camera takes what somebody asks for.
 
-    def __init__(self, seen: Observations, world: Shown) -> None:
-        self._seen, self._world, self._task = seen, world, world.task
-        self._cameras = camera_names(seen.cameras, len(world.task.agents))
-        self._poses = [(f"pose_{name}", name) for name in world.task.objects]
-
-    def __call__(self, scene: Scene) -> Observation:
-        """What there is to see; all arrays are new ones."""
-        seen, shown = self._seen, Observation()
-        if seen.state != "none":
-            shown["qpos"], shown["qvel"] = scene.qpos.astype(np.float32), scene.qvel.astype(np.float32)
-        if seen.state == "full":
-            for key, name in self._poses:
-                shown[key] = np.array(position_and_quaternion(scene.poses[name]), np.float32)
-        if seen.pictures:
-            shown |= _named("rgb", self._world.images(self._cameras))
-        if seen.depth:
-            shown |= _named("depth", self._world.depth(self._cameras))
-        if seen.segmentation:
-            images = self._world.segmentation(self._cameras)
-            shown |= _named("segmentation", labelled(self._task, images, self._world.bodies()))
-        if seen.language:
-            shown["language"] = self._task.description
-        return shown
+    Raises StageError where depth or segmentation is declared and the world cannot give it.
+    """
+    images = {kind: _images(kind, world, declared) for kind in IMAGES}
+    return [_handed(scene, images, each, coordination) for each in declared]
 
 
-def _named(kind: str, images: Mapping[str, NDArray]) -> Observation:
-    return {f"{kind}_{name}": image for name, image in images.items()}
+def _images(kind: str, world: World, declared: Sequence[Declaration]) -> Mapping[str, NDArray]:
+    """Camera -> image of a kind, of those cameras that somebody looks through for it."""
+    wanted = sorted({camera for each in declared if getattr(each, kind) for camera in each.cameras})
+    if not wanted:
+        return {}
+    if kind == "pictures":
+        return world.images(wanted)
+    if not isinstance(world, MeasuredWorld):
+        raise StageError(f"a policy needs {kind}; the world has pictures alone")
+    if kind == "depth":
+        return world.depth(wanted)
+    return labelled(world.task, world.segmentation(wanted), world.bodies())
+
+
+def _handed(
+    scene: Scene,
+    images: Mapping[str, Mapping[str, NDArray]],
+    declared: Declaration,
+    coordination: Coordination | None,
+) -> Observation:
+    agents, subgoals = declared.agents, None
+    if coordination is not None and declared.coordinated:
+        numbers, may_go = coordination
+        subgoals = MappingProxyType(
+            {k: (int(numbers[k - 1]), bool(may_go[k - 1])) for k in declared.coordinated}
+        )
+    return Observation(
+        scene.step,
+        _copies({agent: scene.qpos[agent - 1] for agent in agents}),
+        _copies({agent: scene.qvel[agent - 1] for agent in agents if declared.velocities}),
+        _copies({name: scene.poses[name] for name in declared.objects}),
+        **{
+            kind: _views({camera: taken[camera] for camera in declared.cameras if getattr(declared, kind)})
+            for kind, taken in images.items()
+        },
+        language=declared.language,
+        subgoals=subgoals,
+    )
+
+
+def _copies(arrays: Mapping[Key, NDArray]) -> Mapping[Key, NDArray]:
+    """Copies, from which no way leads back to what they were cut out of."""
+    return _views({key: array.copy() for key, array in arrays.items()})
+
+
+def _views(arrays: Mapping[Key, NDArray]) -> Mapping[Key, NDArray]:
+    """The same arrays, read-only."""
+    found = {key: array.view() for key, array in arrays.items()}
+    for array in found.values():
+        array.flags.writeable = False
+    return MappingProxyType(found)

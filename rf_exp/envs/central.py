@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from rf_exp.envs.core import METADATA, EpisodeCore, Face
 from rf_exp.envs.observations import action_space, space
-from rf_exp.observations import Observation, Observations
+from rf_exp.observations import ObservationDict, Observations
 from rf_exp.tasks import Task
 
 
-class CentralEnv(Face, gymnasium.Env[Observation, NDArray[np.floating]]):
+class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
     """A task for one controller of all N arms; `gymnasium.make("rf_exp/<task>-v1")` makes it.
 
     Actions (N, 8) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open] an
@@ -44,7 +44,7 @@ class CentralEnv(Face, gymnasium.Env[Observation, NDArray[np.floating]]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[ObservationDict, dict[str, Any]]:
         """The scene of exactly this seed, as in the rest of the suite; else the next from `np_random`.
 
         `info["seed"]` tells which. There are no `options`. Raises ArgumentError for seeds from 2**32 on.
@@ -53,7 +53,7 @@ class CentralEnv(Face, gymnasium.Env[Observation, NDArray[np.floating]]):
         self.core.reset(seed, self.np_random)
         return self.core.observe(), self.core.episode.info()
 
-    def step(self, action: NDArray[np.floating]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.floating]) -> tuple[ObservationDict, float, bool, bool, dict[str, Any]]:
         """One control step, 50 ms: observation, reward, terminated, truncated, info."""
         self.core.step(action)
         now = self.core.episode

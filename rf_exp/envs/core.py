@@ -15,7 +15,7 @@ from rf_exp.envs.observations import action_space
 from rf_exp.envs.registration import find_task
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
-from rf_exp.observations import Eyes, Observation, Observations
+from rf_exp.observations import ObservationDict, Observations, observe
 from rf_exp.sim import Simulator
 from rf_exp.tasks import SuccessEvaluator, Task, labels
 from rf_exp.types import CONTROL_HZ, Scene
@@ -59,7 +59,7 @@ class EpisodeCore:
         size = {"width_px": observations.width, "height_px": observations.height}
         draws = observations.draws or render_mode is not None
         self._world: Simulator | None = Simulator(self.task, **size, render=draws)
-        self._eyes = Eyes(observations, self._world)
+        self._declared = observations.declared(self.task)
         self._monitor = _monitor(self.task, overlaps)
         space = action_space(len(self.task.agents))
         self._low, self._high = space.low, space.high
@@ -93,9 +93,11 @@ class EpisodeCore:
             raise ResetNeeded("there is no episode yet; call reset() first")
         return self._episode
 
-    def observe(self) -> Observation:
+    def observe(self) -> ObservationDict:
         """What there is to see now, in new arrays."""
-        return self._eyes(self.episode.scene)
+        assert self._world is not None  # an episode is under way
+        (seen,) = observe(self.episode.scene, self._world, [self._declared])
+        return self.observations.keyed(seen)
 
     def render(self) -> NDArray[np.uint8]:
         """(H, W, 3) RGB of the camera `global`. Raises ArgumentError without `render_mode`."""

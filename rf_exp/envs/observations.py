@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rf_exp.observations import Observation, Observations
+from rf_exp.observations import ObservationDict, Observations
 from rf_exp.robots import limits_rad
 from rf_exp.sim import FAR_M
 from rf_exp.tasks import FINGERS_OPEN_M, Task, labels
@@ -72,7 +72,7 @@ def _unbounded(shape: tuple[int, ...]) -> spaces.Box:
     return spaces.Box(-np.inf, np.inf, shape, np.float32)
 
 
-def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observation], Observation]:
+def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[ObservationDict], ObservationDict]:
     """Takes what one controller sees, and gives what this agent sees of it, in arrays of its own.
 
     What several agents see is copied for all but the last one, which gets it as it was taken. With state
@@ -91,7 +91,7 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
         for key in space(seen, task, agent)
     ]
 
-    def take(whole: Observation) -> Observation:
+    def take(whole: ObservationDict) -> ObservationDict:
         return {key: whole[name] if own is None else own(whole[name]) for key, name, own in parts}
 
     return take

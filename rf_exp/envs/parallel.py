@@ -12,13 +12,13 @@ from pettingzoo import ParallelEnv
 from rf_exp.envs.core import METADATA, SIZE, EpisodeCore, Face, shaped
 from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
 from rf_exp.errors import ArgumentError
-from rf_exp.observations import Observation, Observations
+from rf_exp.observations import ObservationDict, Observations
 from rf_exp.tasks import Task
 
 Of = dict[str, Any]  # agent -> something
 
 
-class ParallelArmsEnv(Face, ParallelEnv[str, Observation, NDArray[np.float32]]):
+class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32]]):
     """A task for the agents `agent1` to `agent<N>`; `rf_exp.envs.parallel_env("<task>")` makes it.
 
     Each acts with (8,) float32: seven absolute joint targets in rad and the gripper in [-1 closed, 1 open],

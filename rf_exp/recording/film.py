@@ -61,7 +61,7 @@ class RolloutFilm:
 
     def _frame(self, step: RolloutStep, ending: str) -> NDArray[np.uint8]:
         title = f"{step.scene.step * CONTROL_DT_S:.1f} s{ending}"
-        marks = [Mark(s.camera, s.x, s.y, agent_colour(s.agent), s.goes) for s in step.seen]
+        marks = [Mark(s.camera, s.x, s.y, agent_colour(s.agent), s.is_next) for s in step.detections]
         return frame(self._world.images(), title, _lines(step), HEIGHT_PX, marks)
 
 

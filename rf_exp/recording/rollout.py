@@ -12,7 +12,7 @@ from rf_exp.markdown import Markdown
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
-from rf_exp.types import ARM_JOINTS, CONTROL_HZ, Rollout, RolloutStep, Scene, Sight, Verdict
+from rf_exp.types import ARM_JOINTS, CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Scene, Verdict
 from rf_exp.viz import text
 
 DISTANCES_EVERY = 2  # control steps
@@ -33,7 +33,7 @@ class RolloutRecorder(SceneRecorder):
         self._table = Markdown()
         self._withheld = ""  # what the shield did last
         self._doing: dict[int, int] = {}  # agent -> number of its subgoal
-        self._seen: tuple[Sight, ...] = ()
+        self._detections: tuple[KeypointDetection, ...] = ()
 
     def begun(self, scene: Scene) -> None:
         """The start."""
@@ -47,9 +47,9 @@ class RolloutRecorder(SceneRecorder):
             ahead = self._arms[agent - 1].tcp(chunk[:, :ARM_JOINTS])[:, :3, 3]
             self._recorder.path(agent, "predicted", ahead)
         self.look(step.scene, step.action, self._world.images())
-        if step.seen != self._seen:
-            self._seen = step.seen
-            self._recorder.seen(step.seen)
+        if step.detections != self._detections:
+            self._detections = step.detections
+            self._recorder.detections(step.detections)
         for agent in self._task.agents:
             self._trails[agent].append(self._hands_m((agent,))[0])
             self._recorder.path(agent, "done", np.array(self._trails[agent]))

@@ -1,4 +1,4 @@
-"""Who acts in evaluation: the policies that this experiment has trained, or somebody else's."""
+"""Policies that act in evaluation: those that this experiment has trained, or somebody else's."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,48 +19,45 @@ from rf_exp.policy import (
     load_runners,
     provenance,
 )
-from rf_exp.sim import Simulator
 from rf_exp.stages.cell import Cell
 from rf_exp.types import CONTROL_DT_S
 
-Cast = Callable[[Simulator], Sequence[PolicyRunner]]  # who acts in a world; made in the process that asks
+
+@dataclass(frozen=True)
+class Policies:
+    """Policies as evaluation needs them. The value travels to worker processes, where runners are made."""
+
+    make_runners: Callable[[], Sequence[PolicyRunner]]  # made in the process that asks
+    step_limit: int  # of a scene
+    coordinator: Settings | None = None  # of the plans by which one coordinates the policies, if one does
 
 
 @dataclass(frozen=True)
-class Acting:
-    """What evaluation has to know of those who act. It travels to worker processes."""
-
-    cast: Cast
-    limit: int  # control steps of a scene
-    plans: Settings | None = None  # with which a coordinator tells policies who is at which subgoal
-
-
-@dataclass(frozen=True)
-class Learning:
-    """What stands behind those who act, for their rows."""
+class Learned:
+    """How policies have learned, for their rows."""
 
     provenance: dict[str, Any]  # as it is recorded beside the rows
     core_s: float = 0.0  # CPU seconds of learning, together
     queries: int = 0  # proposals that the expert was asked for
 
 
-def acting(cell: Cell) -> Acting:
-    """Who acts, for as long as the task says."""
+def acting(cell: Cell) -> Policies:
+    """The policies of a cell, which act for as long as the task says."""
     experiment, limit = cell.experiment, cell.task.step_limit
     if (foreign := experiment.foreign) is not None:
         fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
-        return Acting(partial(foreign_runners, foreign, fastest_rad), foreign.step_limit or limit)
-    plans = replace(cell.settings, disturbance_rad=0.0) if cell.arch.coordinated else None
-    return Acting(partial(_trained, cell.policy_path, experiment.policy), limit, plans)
+        runners = partial(foreign_runners, foreign, fastest_rad, cell.task)
+        return Policies(runners, foreign.step_limit or limit)
+    coordinator = replace(cell.settings, disturbance_rad=0.0) if cell.arch.coordinated else None
+    return Policies(partial(_loaded, cell.policy_path, experiment.policy), limit, coordinator)
 
 
-def learning(cell: Cell) -> Learning:
+def learned(cell: Cell) -> Learned:
     """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
     if (foreign := cell.experiment.foreign) is not None:
-        return Learning({"foreign": foreign.name})
-    made = _policies(cell)
+        return Learned({"foreign": foreign.name})
     core_s = sum(cost_s(cell.policy_path / view.name) for view in cell.views)
-    return Learning(made, core_s, _queries(cell))
+    return Learned(_provenance(cell), core_s, _queries(cell))
 
 
 @lru_cache(maxsize=1)
@@ -69,11 +66,7 @@ def _loaded(folder: Path, config: PolicyConfig) -> tuple[DiffusionRunner, ...]:
     return load_runners(folder, acting=config)
 
 
-def _trained(folder: Path, config: PolicyConfig, world: Simulator) -> tuple[DiffusionRunner, ...]:
-    return _loaded(folder, config)  # they see what a rollout shows them, whatever the world
-
-
-def _policies(cell: Cell) -> dict[str, Any]:
+def _provenance(cell: Cell) -> dict[str, Any]:
     """What the policies were made of: as this experiment says, from which data, with which weights.
 
     Raises StageError for policies that were made otherwise.

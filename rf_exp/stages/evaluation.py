@@ -29,7 +29,7 @@ from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim import Simulator, shared_simulator
-from rf_exp.stages.acting import Acting, Learning, acting, learning
+from rf_exp.stages.acting import Learned, Policies, acting, learned
 from rf_exp.stages.artifacts import owned, same_configuration
 from rf_exp.stages.cell import Cell
 from rf_exp.stages.logs import rate_log
@@ -40,12 +40,12 @@ from rf_exp.types import Pictures, Rollout, RolloutStep
 def evaluate_policies(cell: Cell) -> None:
     """Consecutive scenes that generation never saw; each is a row. Continues where it stopped."""
     experiment, task, path = cell.experiment, cell.task, cell.evaluation_path
-    who, learned = acting(cell), learning(cell)
-    with owned(path, cell.evaluation_identity(who.limit)):
+    policies, made = acting(cell), learned(cell)
+    with owned(path, cell.evaluation_identity(policies.step_limit)):
         known = read_rows(path, EvaluationRow) if path.exists() else ()
         of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
-        same_configuration(of_seed, learned.provenance, there, [path])
+        same_configuration(of_seed, made.provenance, there, [path])
         sweep(cell.recording_path("evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
@@ -59,23 +59,24 @@ def evaluate_policies(cell: Cell) -> None:
             Progress(title, experiment.scenes, "scenes", len(seen)) as progress,
             rate_log(cell, "evaluate", ours) as log,
         ):
-            scene = scene_of(cell, who)
+            scene = scene_of(cell, policies)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-            for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
-                result, wall_s = _failed(seed, made) if isinstance(made, Timeout) else made
-                tells = _row(cell, who.limit, learned, result, wall_s)
-                append_row(path, tells)
-                ours.append(tells)
-                log(tells)
+            for tried, (seed, answer) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
+                timed_out = isinstance(answer, Timeout)
+                result, wall_s = _failed(seed, answer) if timed_out else answer
+                row = _row(cell, policies.step_limit, made, result, wall_s)
+                append_row(path, row)
+                ours.append(row)
+                log(row)
                 successes += result.success
                 progress.advance(note=f"{successes} of {tried} scenes succeeded")
-        _look(cell, who, ours)
+        _look(cell, policies, ours)
 
 
-def _look(cell: Cell, who: Acting, known: Sequence[EvaluationRow]) -> None:
+def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> None:
     """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
-    experiment, scene = cell.experiment, scene_of(cell, who)
+    experiment, scene = cell.experiment, scene_of(cell, policies)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
@@ -123,15 +124,16 @@ def _compare(then: EvaluationRow, now: Rollout) -> None:
         )
 
 
-def scene_of(cell: Cell, who: Acting) -> Callable[..., tuple[Rollout, float]]:
+def scene_of(cell: Cell, policies: Policies) -> Callable[..., tuple[Rollout, float]]:
     """`evaluate_scene` of a cell, which lacks the seed alone."""
-    return partial(evaluate_scene, cell.task, cell.experiment.pictures, who, shield=cell.experiment.shield)
+    pictures, shield = cell.experiment.pictures, cell.experiment.shield
+    return partial(evaluate_scene, cell.task, pictures, policies, shield=shield)
 
 
 def evaluate_scene(
     task: Task,
     pictures: Pictures,
-    who: Acting,
+    policies: Policies,
     seed: int,
     shield: bool = False,
     record: Path | None = None,
@@ -160,14 +162,15 @@ def evaluate_scene(
                 watch(step)
 
         guard = Shield(task) if shield else None
-        runners = who.cast(world)
-        coordinator = Coordinator(who.plans, seed, start, _subgoals(runners)) if who.plans else None
+        runners, coordinator = policies.make_runners(), None
+        if policies.coordinator is not None:
+            coordinator = Coordinator(policies.coordinator, seed, start, _subgoals(runners))
         result = rollout(
             world,
             SuccessEvaluator(task, start),
             runners,
             seed,
-            who.limit,
+            policies.step_limit,
             monitor,
             look,
             start,
@@ -213,7 +216,7 @@ def _failed(seed: int, timeout: Timeout) -> tuple[Rollout, float]:
     return lost, timeout.limit_s
 
 
-def _row(cell: Cell, limit: int, learned: Learning, result: Rollout, wall_s: float) -> EvaluationRow:
+def _row(cell: Cell, limit: int, learned: Learned, result: Rollout, wall_s: float) -> EvaluationRow:
     experiment, foreign = cell.experiment, cell.experiment.foreign
     return EvaluationRow(
         task=cell.task.name,

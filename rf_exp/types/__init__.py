@@ -20,7 +20,7 @@ from rf_exp.types.choices import (
     Pictures,
     camera_names,
 )
-from rf_exp.types.episode import Episode, Rollout, RolloutStep, Sight
+from rf_exp.types.episode import Episode, KeypointDetection, Rollout, RolloutStep
 from rf_exp.types.motion import Schedule, Segment, Subgoal, Trajectory, what_of
 from rf_exp.types.scene import (
     ARM_JOINTS,
@@ -56,6 +56,7 @@ __all__ = [
     "Extras",
     "JointLimits",
     "Judged",
+    "KeypointDetection",
     "Kind",
     "Measured",
     "Occupancy",
@@ -66,7 +67,6 @@ __all__ = [
     "Schedule",
     "SeeingWorld",
     "Segment",
-    "Sight",
     "Subgoal",
     "Trajectory",
     "Verdict",

@@ -37,14 +37,14 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Sight:
-    """Where in a picture a policy sees that an agent will be, or another one is."""
+class KeypointDetection:
+    """A keypoint in a picture, detected by a policy: where an agent will be, or where another one is."""
 
     camera: str
     agent: int
     x: float  # to the right, from 0 to 1 over the picture
     y: float  # down
-    goes: bool  # whether it is where this agent goes next
+    is_next: bool  # whether it is where this agent goes next
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class RolloutStep:
     verdict: Verdict
     violation: Violation | None  # seen by the monitor
     withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one
-    seen: tuple[Sight, ...] = ()  # what heat maps saw when a policy looked for the last time
+    detections: tuple[KeypointDetection, ...] = ()  # in the pictures that policies looked at last
     # agent -> the number of its subgoal and whether it may go on, as its policy said at its last prediction
     phases: Mapping[int, tuple[int, bool]] = field(default_factory=dict)
 

@@ -16,8 +16,8 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import (
     ARM_JOINTS,
     CameraModel,
+    KeypointDetection,
     Schedule,
-    Sight,
     Trajectory,
 )
 from rf_exp.viz import text
@@ -52,7 +52,7 @@ MARK_STEPS = 10  # control steps that the mark of a violation stays in the scene
 MARK_RADIUS_M = 0.05  # stands out of a gripper
 NOW: Rgb = (255, 255, 255)
 NOW_POINTS = 4.0  # radius on the screen, however far the picture is zoomed
-GOES_PX, SEEN_PX = 5.0, 2.0  # radii of the points that heat maps see, where an agent goes next and others
+NEXT_PX, DETECTED_PX = 5.0, 2.0  # radii of detected keypoints: where an agent goes next, and others
 NO_FAULT = ("not yet", "waits")  # states of a lane
 
 
@@ -241,16 +241,16 @@ class Recorder(Stream):
             self._log(f"gripper/agent{agent}/predicted", rr.Scalars(opening_mm(target)))
         self._set_time(now)
 
-    def seen(self, sights: Sequence[Sight]) -> None:
-        """What heat maps see, in the pictures of the cameras: large where an agent goes next."""
+    def detections(self, keypoints: Sequence[KeypointDetection]) -> None:
+        """Detected keypoints, in the pictures of the cameras: large where an agent goes next."""
         for camera, model in self._cameras.items():
-            ours = [sight for sight in sights if sight.camera == camera]
+            ours = [each for each in keypoints if each.camera == camera]
             if not ours:
                 continue
             entity = f"{camera_entity(camera)}/seen"
-            places = [(sight.x * model.width_px, sight.y * model.height_px) for sight in ours]
-            colours = [self._colour(f"agent{sight.agent}") for sight in ours]
-            radii = rr.Radius.ui_points([GOES_PX if sight.goes else SEEN_PX for sight in ours])
+            places = [(each.x * model.width_px, each.y * model.height_px) for each in ours]
+            colours = [self._colour(f"agent{each.agent}") for each in ours]
+            radii = rr.Radius.ui_points([NEXT_PX if each.is_next else DETECTED_PX for each in ours])
             self._log(entity, rr.Points2D(places, colors=colours, radii=radii, draw_order=1.0))
 
     def path(self, agent: int, kind: str, places_m: NDArray[np.floating]) -> None:

@@ -1,7 +1,7 @@
 """A small learnable world: a block somewhere in the picture, and arms that must go where it says."""
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rf_exp.policy import CURVES, PolicyConfig, TrainConfig
+from rf_exp.observations import Observation, observe
+from rf_exp.policy import CURVES, PolicyConfig, PolicyRunner, TrainConfig
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import Arch, Episode, Scene
@@ -84,6 +85,29 @@ def scene_at(episode: Episode, step: int) -> Scene:
     poses = {name: from_quaternion(values[step]) for name, values in episode.poses.items()}
     qpos = episode.qpos[step].astype(float)
     return Scene(step, qpos, np.zeros_like(qpos), poses, {}, (None,) * len(qpos))
+
+
+def shown(runner: PolicyRunner, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> Observation:
+    """What a runner is handed of a scene and its pictures."""
+    (found,) = observe(scene, Taken(pictures), [runner.declares])
+    return found
+
+
+class Taken:
+    """A world that stands still: of which there are pictures."""
+
+    def __init__(self, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+        self.pictures = pictures
+        self.cameras = tuple(pictures)
+
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+        return {name: self.pictures[name] for name in (self.cameras if cameras is None else cameras)}
+
+    def reset(self, seed: int) -> Scene:
+        raise NotImplementedError
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        raise NotImplementedError
 
 
 def write_store(path: Path, agents: int, episodes: int) -> Path:

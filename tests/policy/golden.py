@@ -60,7 +60,7 @@ def of(recipe: str, folder: Path) -> Digests:
     from rf_exp.policy.learning.checkpoint import read_tensors
     from rf_exp.store import Store
     from tests.conftest import experiment
-    from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, write_store
+    from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, shown, write_store
 
     torch.set_num_threads(1)
     picture = f"picture={{width: {WIDTH}, height: {HEIGHT}}}"
@@ -77,7 +77,7 @@ def of(recipe: str, folder: Path) -> Digests:
     commands = []
     for step in range(COMMANDS):
         pictures = {camera: frames[step] for camera, frames in episode.images.items()}
-        commands.append(runner(scene_at(episode, step), pictures))
+        commands.append(runner(shown(runner, scene_at(episode, step), pictures)))
     return {
         "weights": _sha(np.array(weights)),
         "commands": _sha(np.stack(commands).astype(np.float32)),

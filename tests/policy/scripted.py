@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.observations import Observation
 from rf_exp.policy import PolicyRunner, Stream, View
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
@@ -13,7 +14,7 @@ from tests.scenes import start_scene
 FASTEST_RAD = 0.045  # a control step
 FOLLOWS = 1 - np.exp(-0.5)  # part of the way to its command that an arm goes in a control step
 
-Predict = Callable[[int, Scene], NDArray[np.float64]]  # number of the prediction, scene -> (T, 8) targets
+Predict = Callable[[int, Observation], NDArray[np.float64]]  # number of the prediction -> (T, 8) targets
 
 
 class Scripted(PolicyRunner):
@@ -27,9 +28,9 @@ class Scripted(PolicyRunner):
         super().reset(seed)
         self.predictions = 0
 
-    def predict(self, scene: Scene) -> NDArray[np.float64]:
+    def predict(self, observation: Observation) -> NDArray[np.float64]:
         self.predictions += 1
-        return self._says(self.predictions - 1, scene)[:, None]
+        return self._says(self.predictions - 1, observation)[:, None]
 
 
 class Puppets:

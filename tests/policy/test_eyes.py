@@ -146,7 +146,7 @@ def test_who_looks_through_several_cameras_learns_and_acts(
     told: list[RolloutStep] = []
     rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
     cameras = {camera for view in views(both, 2) for camera in view.streams[0].cameras}
-    assert {sight.camera for sight in told[0].seen} == (cameras if encoder == "heatmaps" else set())
+    assert {sight.camera for sight in told[0].detections} == (cameras if encoder == "heatmaps" else set())
 
 
 def test_a_camera_on_a_hand_is_refused(make_store) -> None:
@@ -358,9 +358,9 @@ def test_what_is_seen_is_told_with_the_step(
     rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
     for step in told:
         own = {"agent1": 1, "agent2": 2}
-        assert {sight.camera for sight in step.seen} == {*own}
+        assert {sight.camera for sight in step.detections} == {*own}
         for camera, agent in own.items():
-            sights = [sight for sight in step.seen if sight.camera == camera]
+            sights = [sight for sight in step.detections if sight.camera == camera]
             assert [sight.agent for sight in sights] == [agent, agent, 3 - agent]
-            assert [sight.goes for sight in sights] == [True, False, False]
+            assert [sight.is_next for sight in sights] == [True, False, False]
             assert all(0 <= place <= 1 for sight in sights for place in (sight.x, sight.y))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rf_exp.ablation import EvaluationRow, read_rows
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.observations import Eyes, Observations
+from rf_exp.observations import Observations
 from rf_exp.policy import Foreign, foreign_runners, make_policy, pack, rollout, unpack
 from rf_exp.policy.foreign.remote import Remote
 from rf_exp.policy.foreign.runner import ForeignRunner
@@ -44,18 +44,9 @@ def direct(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
 
 
-class Arms(Puppets):
-    """Arms without a simulator, which a policy can be shown."""
-
-    def __init__(self, task: Task) -> None:
-        super().__init__(task)
-        self.task = task
-
-
 def make_runner(answer: Answer, task: Task = TWO, spec: Foreign = SPEC) -> tuple[ForeignRunner, Policy]:
     policy = Policy(answer)
-    look = Eyes(spec.observations, Arms(task))  # pyright: ignore[reportArgumentType]
-    return ForeignRunner(spec, policy, look, len(task.agents), FASTEST_RAD), policy
+    return ForeignRunner(spec, policy, task, FASTEST_RAD), policy
 
 
 def judge(scene: Scene) -> Verdict:
@@ -65,7 +56,7 @@ def judge(scene: Scene) -> Verdict:
 def commands(answer: Answer, steps: int = 6, **kind: Any) -> NDArray[np.float64]:
     """(T, N, 8) what the arms were told in a rollout."""
     runner, _ = make_runner(answer, **kind)
-    world = Arms(kind.get("task", TWO))
+    world = Puppets(kind.get("task", TWO))
     rollout(world, judge, [runner], 7, steps)
     return np.stack(world.commands)
 
@@ -77,7 +68,7 @@ def test_a_policy_is_told_what_environments_show_and_when_an_episode_begins(task
     spec = replace(SPEC, observations=Observations(state="full", language=True))
     runner, policy = make_runner(stay, task, spec)
     for seed in (3, 4):
-        rollout(Arms(task), judge, [runner], seed, 7)
+        rollout(Puppets(task), judge, [runner], seed, 7)
     assert policy.seeds == [3, 4] and len(policy.told) == 4  # chunks of 5 for 7 steps
     agents, first = len(task.agents), policy.told[0]
     assert {key: value.shape for key, value in first.items() if key != "language"} == {
@@ -99,7 +90,7 @@ def test_chunks_of_both_shapes_are_the_same_commands(task: Task) -> None:
 
 def test_as_many_steps_of_a_chunk_are_executed_as_is_asked() -> None:
     runner, policy = make_runner(stay, spec=replace(SPEC, action_steps=2))
-    rollout(Arms(TWO), judge, [runner], 0, 6)
+    rollout(Puppets(TWO), judge, [runner], 0, 6)
     assert len(policy.told) == 3
 
 
@@ -214,9 +205,9 @@ def example() -> Iterator[str]:
 
 
 def test_what_a_server_gives_is_what_the_policy_gives(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    world, near = Arms(TWO), Arms(TWO)
+    world, near = Puppets(TWO), Puppets(TWO)
     spec = replace(SPEC, factory=None, server=example)
-    rollout(world, judge, foreign_runners(spec, FASTEST_RAD, world), 7, 9)  # pyright: ignore[reportArgumentType]
+    rollout(world, judge, foreign_runners(spec, FASTEST_RAD, TWO), 7, 9)
     local, _ = make_runner(lambda seen: stay(seen, 4))
     rollout(near, judge, [local], 7, 9)
     assert np.array_equal(world.commands, near.commands)

@@ -23,7 +23,7 @@ from rf_exp.policy.inputs.gripper_history import Memory
 from rf_exp.policy.inputs.observation_spec import Senses, context, near, senses_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
-from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, scene_at, small_training
+from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, scene_at, shown, small_training
 
 CPU = torch.device("cpu")
 OPEN_M = 0.08
@@ -132,7 +132,7 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
         at = STEPS - 8  # it has arrived before the chunk ends
         scene = scene_at(episode, at)
         runner.reset(seed)
-        runner(scene, {})
+        runner(shown(runner, scene, {}))
         chunk = runner.state.predicted[1]
         assert set(np.unique(chunk[:, 7])) <= {-1.0, 1.0}
         errors.append(np.abs(chunk[-1, :7] - episode.action[at + len(chunk) - 1, 0, :7]).max())

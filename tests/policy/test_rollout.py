@@ -25,7 +25,7 @@ from rf_exp.policy import (
 from rf_exp.policy.inputs.observation_spec import proprioception
 from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import read_task
-from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture
+from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture, shown
 
 FASTEST_RAD = 0.02  # a control step, of the policies here
 
@@ -137,9 +137,9 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
     runner.state.targets.put(target[None, None])
-    runner._recent.features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
+    runner._episode.features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
     runner._config = replace(runner._config, observation_steps=1)
-    assert np.allclose(runner(scene, {})[0], target)
+    assert np.allclose(runner(shown(runner, scene, {}))[0], target)
 
 
 @pytest.mark.slow
@@ -150,15 +150,15 @@ def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
     alone, runner = (
         make_runner(view, observation_steps=1, action_steps=3, **how) for how in ({}, {"ensemble": decay})
     )
-    first = alone(world.reset(0), world.images())
-    np.testing.assert_allclose(runner(world.reset(0), world.images()), first)
+    first = alone(shown(alone, world.reset(0), world.images()))
+    np.testing.assert_allclose(runner(shown(runner, world.reset(0), world.images())), first)
     chunks: list[NDArray[np.float64]] = []
     whole = runner._commands
     runner._commands = lambda actions: chunks.append(whole(actions)) or chunks[-1]
     runner.reset(0)
     scene, expected = world.reset(0), []
     for step in range(9):
-        runner.think(scene, world.images())
+        runner.think(shown(runner, scene, world.images()))
         if step % 3 == 0:
             same = [chunk[step - 3 * k :][:3] for k, chunk in enumerate(chunks) if step - 3 * k < len(chunk)]
             weights = np.exp(-decay * np.arange(len(same)))
@@ -186,7 +186,9 @@ def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_runner) -> None:
 
     runner._commands = chunk
     scene = world.reset(0)
-    told = [runner(replace(scene, step=step), world.images())[:, 7].tolist() for step in range(4)]
+    told = [
+        runner(shown(runner, replace(scene, step=step), world.images()))[:, 7].tolist() for step in range(4)
+    ]
     # The weights are 1, 0.61, 0.37, 0.22, oldest first: only three that say "close" outweigh the first.
     assert told == [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]
 

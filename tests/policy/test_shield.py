@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, nearest
+from rf_exp.observations import Observation
 from rf_exp.policy import Decision, Shield, rollout
-from rf_exp.policy.acting.shield import BACK_STEPS, PATIENCE_STEPS, SLOWING_RAD_S2
+from rf_exp.policy.acting.shield import BACK_STEPS, SLOWING_RAD_S2, WAIT_LIMIT_STEPS
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import NO_PICTURES, ConstraintSet, Rollout, RolloutStep, Scene, Verdict
@@ -34,7 +35,7 @@ def never(scene: Scene) -> Verdict:
 def to(*goals: NDArray[np.float64], gripper: float = 1.0) -> Predict:
     """Predicts the same goal all along, goal after goal, and stays at the last one."""
 
-    def predict(number: int, scene: Scene) -> NDArray[np.float64]:
+    def predict(number: int, seen: Observation) -> NDArray[np.float64]:
         goal = goals[min(number, len(goals) - 1)]
         return np.tile(np.append(goal, gripper), (CHUNK, 1))
 
@@ -113,7 +114,7 @@ def test_who_waited_goes_on_once_the_way_is_free() -> None:
     world, told, _ = run(PAIR, [to(*[REACHING] * 6, REST), to(REST, REACHING)], 100)
     assert apart_m(PAIR, np.stack(world.commands)) >= AGENT_MARGIN_M
     assert arrived(world, 1, REST)[-1] > 60 and arrived(world, 2, REACHING)
-    assert 0 < len(withheld(told, 2)) < 3 * PATIENCE_STEPS and not withheld(told, 1)
+    assert 0 < len(withheld(told, 2)) < 3 * WAIT_LIMIT_STEPS and not withheld(told, 1)
 
 
 def test_targets_that_were_not_given_are_kept() -> None:
@@ -130,7 +131,7 @@ def test_targets_that_were_not_given_are_kept() -> None:
     last: list[NDArray[np.float64]] = []
     path = np.column_stack([REST + 0.02 * np.arange(1, 17)[:, None], np.linspace(1, -1, 16)])
 
-    def chunks(number: int, scene: Scene) -> NDArray[np.float64]:
+    def chunks(number: int, seen: Observation) -> NDArray[np.float64]:
         return path.astype(float)[CHUNK * number :][:CHUNK]
 
     world = Puppets(ALONE)
@@ -144,10 +145,10 @@ def test_targets_that_were_not_given_are_kept() -> None:
 def test_after_its_chunk_an_arm_stands_where_it_ends() -> None:
     """The first arm predicts one step at a time; the second one, that comes for long, is not let in."""
 
-    def short(number: int, scene: Scene) -> NDArray[np.float64]:
+    def short(number: int, seen: Observation) -> NDArray[np.float64]:
         return np.append(REACHING, 1.0)[None]
 
-    def long(number: int, scene: Scene) -> NDArray[np.float64]:
+    def long(number: int, seen: Observation) -> NDArray[np.float64]:
         return np.tile(np.append(REACHING if number else REST, 1.0), (40, 1))
 
     world, told, _ = run(PAIR, [short, long], 80)
@@ -182,8 +183,8 @@ def test_who_stands_in_the_way_makes_room(came: bool) -> None:
                 self._qpos[0, :7] = REACHING
             return self._scene()
 
-    def stays(number: int, scene: Scene) -> NDArray[np.float64]:
-        goal = REACHING if came and number < 6 else scene.qpos[0, :7]
+    def stays(number: int, seen: Observation) -> NDArray[np.float64]:
+        goal = REACHING if came and number < 6 else seen.qpos[1][:7]
         return np.tile(np.append(goal, 1.0), (CHUNK, 1))
 
     runners = [Scripted(1, stays), Scripted(2, to(*[REST] * (6 * came), REACHING))]
@@ -203,7 +204,7 @@ def test_who_has_waited_predicts_anew() -> None:
     rollout(Puppets(PAIR), never, runners, 0, 70, None, told.append, shield=Shield(PAIR))
     first = withheld(told, 2)[0]
     anew = [step.scene.step for step in told if 2 in step.predicted and step.scene.step > first]
-    assert anew[0] == first + PATIENCE_STEPS
+    assert anew[0] == first + WAIT_LIMIT_STEPS
 
 
 def test_an_arm_that_waits_slows_down_where_there_is_room() -> None:
@@ -310,7 +311,7 @@ def wild(task: Task, agent: int) -> Predict:
     others = [hand[:3, 3] for other, hand in enumerate(hands, 1) if other != agent]
     rng = np.random.default_rng([agent, 5])
 
-    def predict(number: int, scene: Scene) -> NDArray[np.float64]:
+    def predict(number: int, seen: Observation) -> NDArray[np.float64]:
         goal = None
         while goal is None:
             tcp = hands[agent - 1].copy()
@@ -371,7 +372,7 @@ def test_an_expert_is_hardly_ever_kept_from_its_commands(name: str) -> None:
 
     def shown(agent: int) -> Predict:
         commands = episode.action[:, agent - 1].astype(float)
-        return lambda number, scene: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
+        return lambda number, _: commands[min(CHUNK * number, len(commands) - 1) :][:CHUNK]
 
     world = shared_simulator(task, NO_PICTURES)
     start = world.reset(0)

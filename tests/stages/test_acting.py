@@ -15,7 +15,7 @@ def test_a_scene_is_as_long_as_its_task_says_for_every_recipe_and_row_of_constra
     for recipe in RECIPES:
         asked = experiment("task=place_food", "constraints=all", f"policy={recipe}")
         (task,), (arch,) = asked.tasks, asked.archs
-        limits = {acting(Cell(asked, task, row, arch)).limit for row in asked.constraint_sets}
+        limits = {acting(Cell(asked, task, row, arch)).step_limit for row in asked.constraint_sets}
         assert limits == {task.step_limit}, recipe
 
 
@@ -24,4 +24,4 @@ def test_and_for_anybodys_policy_unless_it_is_said_otherwise(
     more: tuple[str, ...], limit: int | None
 ) -> None:
     asked = experiment("task=place_food", *FOREIGN, *more)
-    assert acting(cell_of(asked)).limit == (limit or asked.tasks[0].step_limit)
+    assert acting(cell_of(asked)).step_limit == (limit or asked.tasks[0].step_limit)

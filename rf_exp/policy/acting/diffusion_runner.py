@@ -1,16 +1,17 @@
-"""A diffusion policy that acts through the streams of its view."""
+"""Diffusion runner: a diffusion policy that acts through the streams of its view."""
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from rf_exp.errors import StageError
-from rf_exp.policy.acting.patience import Patience
+from rf_exp.observations import Declaration, Observation
 from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
@@ -22,31 +23,79 @@ from rf_exp.policy.inputs.task_space import followed
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.diffusion import DiffusionPolicy
-from rf_exp.types import ARM_JOINTS, Scene, Sight
+from rf_exp.types import ARM_JOINTS, KeypointDetection
 
-WAIT_STEPS = 4  # after which one who waits looks again
+WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
+SAME_SCENE = 0.03  # predicted probabilities that differ by less are of a scene in which nothing changes
+Phase = tuple[NDArray[np.int64], NDArray[np.bool_]]  # (n,) numbers of subgoals, (n,) who may go on
+
+
+class TransitionIntegrator:
+    """Who may go on, from the predicted probabilities of doing so, added up while nothing changes.
+
+    Whether an arm may go on is learned from single moments. Where those before it leaves look like those in
+    which it has to stay (a shutter that has been pressed looks as it did, an arm that comes late stands where
+    it stood), what is learned is the rate of leaving: a number below a half, the same at every prediction.
+    Who waits for more than a half would wait for ever. How likely it should have left by now is the sum.
+    With a `bound` of 0 every prediction stands for itself.
+    """
+
+    def __init__(self, bound: float) -> None:
+        self._bound = bound
+        self._last: NDArray[np.float64] | None = None  # (n, K + 1), of the last prediction
+        self._sums: NDArray[np.float64] = np.zeros(0)  # (n, K + 1), since something changed
+
+    def __call__(self, probabilities: NDArray[np.float64]) -> Phase:
+        """From probabilities (n, K + 1) of each of K subgoals and, last, of going on, for each of n agents.
+
+        Who goes on because the sum reaches the bound is at a later subgoal than the most likely one, if
+        at least half of the sum says so.
+        """
+        if self._last is None:
+            self._last, self._sums = probabilities, np.zeros_like(probabilities)
+        changes = np.abs(probabilities - self._last).max(axis=1) > SAME_SCENE
+        self._sums[changes] = 0
+        self._sums += probabilities
+        self._last = probabilities
+        numbers, free = probabilities[:, :-1].argmax(axis=1), probabilities[:, -1] > 0.5
+        if not self._bound:
+            return numbers, free
+        reached = ~free & (self._sums[:, -1] >= self._bound)
+        for agent in np.flatnonzero(reached):
+            *subgoals, leaves = self._sums[agent]
+            likely = np.flatnonzero(np.array(subgoals) >= leaves / 2)
+            numbers[agent] = max(numbers[agent], *likely)
+        return numbers, free | reached
 
 
 @dataclass
-class _Recent:
-    """The last observations of an episode, and what else the next prediction depends on."""
+class _Episode:
+    """The last observed frames of an episode, and what else the next prediction depends on."""
 
-    features: deque[torch.Tensor]  # of (S, F)
-    proprio: deque[torch.Tensor]  # of (S, P)
-    context: deque[torch.Tensor]  # of (S, C)
-    patience: Patience
+    features: deque[Tensor]  # of (S, F)
+    proprio: deque[Tensor]  # of (S, P)
+    context: deque[Tensor]  # of (S, C)
+    transitions: TransitionIntegrator
     generators: list[torch.Generator]  # of the streams
-    memory: Memory | None = None  # of the grippers, once it knows how many there are
-    widths: NDArray[np.floating] = field(default_factory=lambda: np.zeros(0))  # of all, as measured last
+    grippers: Memory
+    widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
     # control step, commands (T, agents, 8)
     predicted: list[tuple[int, NDArray[np.float64]]] = field(default_factory=list)
+
+    def frames(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Features (S, O, F), proprioception (S, O, P) and context (S, O, C), oldest frame first."""
+        features, proprio, known = (
+            torch.stack([*each], dim=1) for each in (self.features, self.proprio, self.context)
+        )
+        return features, proprio, known
 
 
 class DiffusionRunner(PolicyRunner):
     """One policy acting through all streams of its view, batched: each stream is a row.
 
     Keeps the last observations already encoded, so every picture is encoded at most once, and only
-    those are taken that an observation will hold.
+    those are taken that an observation will hold. It declares the joints of its own agents, and its cameras;
+    a privileged-state policy the joints of all agents and the poses of all objects.
     """
 
     def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
@@ -55,18 +104,25 @@ class DiffusionRunner(PolicyRunner):
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
         of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
-        super().__init__(view, np.tile(of_stream, len(view.streams)))
-        self._recent = self._nothing_yet(0)
+        declared = _declared(self._config, view, self.senses)
+        super().__init__(view, np.tile(of_stream, len(view.streams)), declared)
+        self._rows = np.array(view.agents) - 1  # of the own agents among all
+        self._agents = max(declared.agents)  # rows of what is measured; those of others are NaN
+        self._episode = self._begin(0)
 
     def reset(self, seed: int) -> None:
         """Forget the last episode. All noise of the next comes from its seed and the agents."""
         super().reset(seed)
-        self._recent = self._nothing_yet(seed)
+        self._episode = self._begin(seed)
 
-    def _nothing_yet(self, seed: int) -> _Recent:
+    def _begin(self, seed: int) -> _Episode:
         features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
         generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
-        return _Recent(features, proprio, context, Patience(self._config.patience), generators)
+        transitions, grippers = TransitionIntegrator(self._config.patience), Memory(self._agents)
+        nothing = np.full(self._agents, np.nan)
+        return _Episode(features, proprio, context, transitions, generators, grippers, nothing)
+
+    # what is observed
 
     @property
     def looks(self) -> bool:
@@ -77,117 +133,151 @@ class DiffusionRunner(PolicyRunner):
     def _observes(self) -> bool:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
         runs_out = len(self.state.targets) < self._config.observation_steps
-        return not self._recent.features or self.state.kept or runs_out
-
-    def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
-        """Commands (agents of the view, 8), as `PolicyRunner` gives them; remembers those of the grippers."""
-        commands = super().act(decision)
-        recent = self._recent
-        if recent.memory is not None:
-            grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
-            recent.memory.told(grippers, recent.widths)
-        return commands
+        return not self._episode.features or self.state.kept or runs_out
 
     @torch.inference_mode()
-    def observe(self, scene: Scene, pictures: Mapping[str, NDArray[np.uint8]]) -> None:
+    def observe(self, observation: Observation) -> None:
         """Keep what belongs to the next prediction."""
-        recent = self._recent
-        if recent.memory is None:
-            recent.memory = Memory(len(scene.qpos))
-        recent.widths = widths(scene.qpos)
+        episode, qpos = self._episode, self._measured(observation)
+        episode.widths = widths(qpos)
         if not self._observes:
             return
-        streams, memory = self.view.streams, recent.memory.vector
-        if self.senses.subgoals:
-            said = np.zeros(len(memory), int), np.ones(len(memory), bool)  # until it says so itself
-            if self.view.coordinated:
-                if self.state.coordinated is None:
-                    raise StageError(
-                        f"policy {self.view.name!r} has learned with a coordinator; there is none here"
-                    )
-                said = self.state.coordinated
-            memory = np.concatenate([memory, told(*said, self.senses.subgoals)], axis=-1)
-        qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
-        proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
-        known = np.stack(
-            [
-                context(self.senses, self.view, row, scene.qpos, scene.poses, memory)
-                for row in range(len(streams))
-            ]
-        )
-        features = proprio.new_zeros(len(streams), 0)
-        if self.looks:
-            seen = torch.from_numpy(np.stack([self._picture(pictures, stream) for stream in streams]))
-            features, places = self._policy.look(seen.to(self._device))
-            if places is not None:
-                self.state.seen = tuple(self._sights(places.cpu().double().numpy(), recent.memory.changes))
+        own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
+        proprio = torch.from_numpy(proprioception(own)).to(self._device)
+        known = torch.from_numpy(self._context(observation, qpos)).to(self._device)
+        features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
         # Before an episode's start its first frame repeats, as in training.
-        for _ in range(1 if recent.features else self._config.observation_steps):
-            recent.features.append(features)
-            recent.proprio.append(proprio)
-            recent.context.append(torch.from_numpy(known).to(self._device))
+        for _ in range(1 if episode.features else self._config.observation_steps):
+            episode.features.append(features)
+            episode.proprio.append(proprio)
+            episode.context.append(known)
 
-    def _sights(self, places: NDArray[np.float64], changes: NDArray[np.int64]) -> Iterator[Sight]:
-        """What heat maps see at (S, M, 2), but for what is past."""
+    def _measured(self, observation: Observation) -> NDArray[np.float64]:
+        """(N, 9) joints; NaN for agents that are not declared."""
+        qpos = np.full((self._agents, ARM_JOINTS + 2), np.nan)
+        for agent, joints in observation.qpos.items():
+            qpos[agent - 1] = joints
+        return qpos
+
+    def _context(self, observation: Observation, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(S, C) of the streams."""
+        memory = self._episode.grippers.vector
+        if self.senses.subgoals:
+            memory = np.concatenate([memory, self._subgoals(observation)], axis=-1)
+        rows = range(len(self.view.streams))
+        return np.stack(
+            [context(self.senses, self.view, row, qpos, observation.poses, memory) for row in rows]
+        )
+
+    def _subgoals(self, observation: Observation) -> NDArray[np.float32]:
+        """(N, subgoals + 1) by which the policy is conditioned: as coordinated, or until it predicts them."""
+        numbers, may_go = np.zeros(self._agents, int), np.ones(self._agents, bool)
+        if self.view.coordinated:
+            if observation.subgoals is None:
+                raise StageError(
+                    f"policy {self.view.name!r} has learned with a coordinator; there is none here"
+                )
+            for agent, (number, goes) in observation.subgoals.items():
+                numbers[agent - 1], may_go[agent - 1] = number, goes
+        return told(numbers, may_go, self.senses.subgoals)
+
+    def _look(self, observation: Observation) -> Tensor:
+        """Features (S, F) of the present pictures; remembers which keypoints were detected in them."""
+        pictures = np.stack([self._picture(observation, stream) for stream in self.view.streams])
+        features, places = self._policy.look(torch.from_numpy(pictures).to(self._device))
+        if places is not None:
+            self.state.detections = tuple(self._detections(places.cpu().double().numpy()))
+        return features
+
+    def _picture(self, observation: Observation, stream: Stream) -> NDArray[np.uint8]:
+        expected = (self._config.height, self._config.width, 3)
+        pictures = [observation.pictures[camera] for camera in stream.cameras]
+        for camera, picture in zip(stream.cameras, pictures, strict=True):
+            if picture.shape != expected:
+                raise StageError(
+                    f"camera {camera!r} gives pictures {picture.shape}; "
+                    f"policy {self.view.name!r} was trained on {expected}"
+                )
+        return side_by_side(pictures)
+
+    def _detections(self, places: NDArray[np.float64]) -> Iterator[KeypointDetection]:
+        """Keypoints detected at (S, M, 2), but for those of gripper changes that are past."""
+        changes, last = self._episode.grippers.changes, self.senses.keys
         for stream, of_stream in zip(self.view.streams, places, strict=True):
             meant = [
-                (agent, key, key == min(changes[agent - 1], self.senses.keys))
-                for agent in stream.agents
-                for key in range(self.senses.keys + 1)
+                (agent, key == following, key >= following)
+                for agent, following in ((k, min(changes[k - 1], last)) for k in stream.agents)
+                for key in range(last + 1)
             ]
-            meant += [(agent, self.senses.keys, False) for agent in others(self.senses, stream)]
+            meant += [(agent, False, True) for agent in others(self.senses, stream)]
             count = len(stream.cameras)
             parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
             for row, (camera, in_picture) in enumerate(parts):
-                for (agent, key, goes), (x, y) in zip(meant, in_picture, strict=True):
-                    if key >= min(changes[agent - 1], self.senses.keys):
-                        yield Sight(camera, agent, float(count * x - row), float(y), bool(goes))
+                for (agent, is_next, ahead), (x, y) in zip(meant, in_picture, strict=True):
+                    if ahead:
+                        place = float(count * x - row), float(y)
+                        yield KeypointDetection(camera, agent, *place, bool(is_next))
 
-    def predict(self, scene: Scene) -> NDArray[np.float64]:
+    # what is predicted
+
+    def predict(self, observation: Observation) -> NDArray[np.float64]:
         """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
-        recent, targets, coordinated = self._recent, self.state.targets, self.state.coordinated
-        assert recent.memory is not None
-        features, proprio, known = (
-            torch.stack([*each], dim=1) for each in (recent.features, recent.proprio, recent.context)
-        )
-        agents = np.array(self.view.agents) - 1
-        free = np.ones(len(agents), dtype=bool)
-        chances = self._policy.chances(features, proprio, known)
-        if chances is not None:
-            numbers, free = recent.patience(chances.flatten(0, 1).cpu().double().numpy())
-            phase = (
-                torch.from_numpy(each).to(known.device).unflatten(0, (len(known), -1))
-                for each in (numbers, free)
-            )
-            known = self._policy.in_phase(known, *phase)
-        opened = recent.memory.opened[agents]
-        waits = ~free
-        if self.view.coordinated and coordinated is not None:
-            waits = ~coordinated[1][agents]
-        if size := self.senses.told:
-            numbers = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
-            doing = numbers[:, :-1].argmax(dim=1).tolist()
-            self.state.phases = {
-                agent: (number, not waiting)
-                for agent, number, waiting in zip(self.view.agents, doing, waits.tolist(), strict=True)
-            }
+        features, proprio, known = self._episode.frames()
+        known, waits = self._phase(observation, features, proprio, known)
+        opened = self._episode.grippers.opened[self._rows]
         if waits.all():
-            stay = np.column_stack([targets.last, np.where(opened, 1.0, -1.0)])
+            stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        actions = self._policy.act(features, proprio, known, recent.generators).cpu().double().numpy()
-        if not np.isfinite(actions).all():
-            raise StageError(
-                f"policy {self.view.name!r}, control step {scene.step}: it predicts actions that are not "
-                "finite; its weights are of no use"
-            )
-        actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
-        stays = waits | self._goes_nowhere(actions, scene.qpos[agents, :ARM_JOINTS], opened)
-        chunk = self._chunk(actions, scene.step, waits)
-        chunk[:, stays, :ARM_JOINTS] = targets.last[stays]
+        actions = self._sample(observation, features, proprio, known)
+        joints = np.stack([observation.qpos[agent] for agent in self.view.agents])[:, :ARM_JOINTS]
+        stays = waits | self._within_deadband(actions, joints, opened)
+        chunk = self._chunk(actions, observation.step, waits)
+        chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
         # a gripper: in the pictures alone nothing tells how long it has been where it opens.
         return chunk[:WAIT_STEPS] if waits.any() and stays.all() else chunk
+
+    def _phase(
+        self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
+    ) -> tuple[Tensor, NDArray[np.bool_]]:
+        """The context (S, O, C) with the phase that the policy predicts, and (agents of the view,) who waits.
+
+        Or both unchanged: as a coordinator says, or where nobody ever waits.
+        """
+        agents = self.view.agents
+        waits = np.zeros(len(agents), dtype=bool)
+        probabilities = self._policy.chances(features, proprio, known)
+        if probabilities is not None:
+            numbers, free = self._episode.transitions(probabilities.flatten(0, 1).cpu().double().numpy())
+            phase = (
+                torch.from_numpy(each).to(known.device).unflatten(0, (len(known), -1))
+                for each in (numbers, free)
+            )
+            known, waits = self._policy.in_phase(known, *phase), ~free
+        if observation.subgoals is not None:
+            waits = np.array([not observation.subgoals[agent][1] for agent in agents])
+        if size := self.senses.told:
+            said = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
+            doing = said[:, :-1].argmax(dim=1).tolist()
+            self.state.phases = {
+                agent: (number, not waiting)
+                for agent, number, waiting in zip(agents, doing, waits.tolist(), strict=True)
+            }
+        return known, waits
+
+    def _sample(
+        self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
+    ) -> NDArray[np.float64]:
+        """Actions (S, T, A) from this control step on. Raises StageError where they are not finite."""
+        generators = self._episode.generators
+        actions = self._policy.act(features, proprio, known, generators).cpu().double().numpy()
+        if not np.isfinite(actions).all():
+            raise StageError(
+                f"policy {self.view.name!r}, control step {observation.step}: it predicts actions that are "
+                "not finite; its weights are of no use"
+            )
+        return actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
 
     def _chunk(self, actions: NDArray[np.float64], now: int, waits: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> the commands (K, agents of the view, 8) to execute next.
@@ -198,12 +288,12 @@ class DiffusionRunner(PolicyRunner):
         steps, decay = self._config.action_steps, self._config.ensemble
         if decay is None:
             return self._commands(actions[:, :steps])
-        recent = self._recent
-        known = [] if waits.any() else [(at, of) for at, of in recent.predicted if at + len(of) > now]
-        recent.predicted = [*known, (now, self._commands(actions))]
+        episode = self._episode
+        earlier = [] if waits.any() else [(at, of) for at, of in episode.predicted if at + len(of) > now]
+        episode.predicted = [*earlier, (now, self._commands(actions))]
         rows = []
         for step in range(now, now + steps):
-            same = np.stack([of[step - at] for at, of in recent.predicted if step - at < len(of)])
+            same = np.stack([of[step - at] for at, of in episode.predicted if step - at < len(of)])
             rows.append(np.average(same, axis=0, weights=np.exp(-decay * np.arange(len(same)))))
         chunk = np.stack(rows)
         if self._config.binary_grippers:  # a mean of the two is neither
@@ -215,9 +305,9 @@ class DiffusionRunner(PolicyRunner):
         if self._config.tcp_actions:
             streams = zip(self.view.streams, actions, strict=True)
             return np.concatenate([followed(self.senses, stream, rows) for stream, rows in streams], axis=1)
-        return actions.transpose(1, 0, 2).reshape(actions.shape[1], -1, ACTION_SIZE).copy()
+        return self._joint_actions(actions).copy()
 
-    def _goes_nowhere(
+    def _within_deadband(
         self, actions: NDArray[np.float64], joints: NDArray[np.float64], opened: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """(agents of the view,) whose predicted actions (S, T, A) all stay near their joints and gripper.
@@ -225,20 +315,33 @@ class DiffusionRunner(PolicyRunner):
         A prediction is some millimetres off. From where an arm stands still that would be a slow drift to
         where no demonstration has been.
         """
-        told = actions[..., : self.view.action_size].transpose(1, 0, 2)
-        told = told.reshape(len(told), -1, ACTION_SIZE)  # (T, agents, 8)
-        near = np.abs(told[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.hold_rad
-        return near & ((told[..., ARM_JOINTS] > 0) == opened).all(axis=0)
+        commands = self._joint_actions(actions)
+        near = np.abs(commands[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.hold_rad
+        return near & ((commands[..., ARM_JOINTS] > 0) == opened).all(axis=0)
 
-    def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], stream: Stream) -> NDArray[np.uint8]:
-        expected = (self._config.height, self._config.width, 3)
-        for camera in stream.cameras:
-            if pictures[camera].shape != expected:
-                raise StageError(
-                    f"camera {camera!r} gives pictures {pictures[camera].shape}; "
-                    f"policy {self.view.name!r} was trained on {expected}"
-                )
-        return side_by_side([pictures[camera] for camera in stream.cameras])
+    def _joint_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joints and grippers (T, agents of the view, 8) of predicted actions (S, T, A)."""
+        joints = actions[..., : self.view.action_size].transpose(1, 0, 2)
+        return joints.reshape(len(joints), -1, ACTION_SIZE)
+
+    def act(self, decision: Decision | None = None) -> NDArray[np.float64]:
+        """Commands (agents of the view, 8), as `PolicyRunner` gives them; remembers those of the grippers."""
+        commands = super().act(decision)
+        grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
+        self._episode.grippers.told(grippers, self._episode.widths)
+        return commands
+
+
+def _declared(config: PolicyConfig, view: View, senses: Senses) -> Declaration:
+    """What a policy of a view needs: of its own agents, or of everything where it is told the true state."""
+    privileged = bool(senses.objects)
+    cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
+    return Declaration(
+        tuple(range(1, len(senses.bases) + 1)) if privileged else view.agents,
+        objects=senses.objects,
+        cameras=tuple(cameras) if config.observation == "pictures" else (),
+        coordinated=view.agents if view.coordinated else (),
+    )
 
 
 def load_runners(

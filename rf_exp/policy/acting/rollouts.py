@@ -1,10 +1,11 @@
-"""The one rollout loop: policies act in a world at the control rate, judged at every step.
+"""Rollout loop: policies act in a world at the control rate, judged at every step.
 
-Observations have the history of training: consecutive control steps. A predicted chunk is executed one
-target a control step; a target further away than the demonstrations ever moved in a step is approached
-by linear interpolation in joint space (paper, supplementary "Evaluation details"), so that a jump
-between two chunks becomes a motion at the demonstrations' speed. A shield may stand between the policies
-and the arms (`rf_exp.policy.acting.shield`).
+A policy is handed an observation of what it declares (`rf_exp.observations`); judge, monitor and shield,
+which are no policies, see the scene. Observations have the history of training: consecutive control steps.
+A predicted chunk is executed one target a control step; a target further away than the demonstrations ever
+moved in a step is approached by linear interpolation in joint space (paper, supplementary "Evaluation
+details"), so that a jump between two chunks becomes a motion at the demonstrations' speed. A shield may
+stand between the policies and the arms (`rf_exp.policy.acting.shield`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Violation
+from rf_exp.observations import observe
 from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.inputs.coordination import Coordinate
@@ -81,12 +83,13 @@ def _act(
     coordinate: Coordinate | None,
 ) -> Decision | None:
     """Everybody looks and decides: the last commands (N, 8) in `action` become those of this control step."""
-    wanted = _wanted(world, runners)
-    pictures = world.images(wanted) if wanted else {}
-    coordinated = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
-    for runner in runners:
-        runner.state.coordinated = coordinated
-        runner.think(scene, pictures)
+    declared = [runner.declares for runner in runners]
+    for runner, each in zip(runners, declared, strict=True):
+        _expect_cameras(world, runner, each.cameras)
+    said = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
+    observations = observe(scene, world, declared, said)
+    for runner, observation in zip(runners, observations, strict=True):
+        runner.think(observation)
     decision = None
     if shield is not None:
         decision = shield(scene, {k: rows for runner in runners for k, rows in runner.ahead().items()})
@@ -106,9 +109,9 @@ def _step(
     states = [runner.state for runner in runners]
     predicted = {agent: chunk for state in states for agent, chunk in state.predicted.items()}
     withheld = None if decision is None else decision.withheld
-    seen = tuple(sight for state in states for sight in state.seen)
+    detections = tuple(each for state in states for each in state.detections)
     phases = {agent: said for state in states for agent, said in state.phases.items()}
-    return RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, seen, phases)
+    return RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, detections, phases)
 
 
 class _Tally:
@@ -146,12 +149,9 @@ class _Tally:
         )
 
 
-def _wanted(world: World, runners: Sequence[PolicyRunner]) -> list[str]:
-    """The cameras that somebody looks through now. Raises StageError for one that the world does not have."""
-    streams = ((runner, stream) for runner in runners if runner.looks for stream in runner.view.streams)
-    wanted = {camera: runner for runner, stream in streams for camera in stream.cameras}
-    for camera, runner in wanted.items():
+def _expect_cameras(world: World, runner: PolicyRunner, cameras: Sequence[str]) -> None:
+    """Raises StageError for a camera that the world does not have."""
+    for camera in cameras:
         if camera not in world.cameras:
             known = ", ".join(sorted(world.cameras)) or "none"
             raise StageError(f"policy {runner.view.name!r} needs camera {camera!r}; the world has {known}")
-    return sorted(wanted)

@@ -1,4 +1,4 @@
-"""RoboChecker between policies and arms: what was predicted is checked before it is executed.
+"""Shield: RoboChecker between policies and arms, which checks what was predicted before it is executed.
 
 Policies predict chunks of joint targets, each blind to what the others are about to do. Before every
 control step the shield takes the commands that all of them are about to give, each chunk to its end, where
@@ -14,7 +14,7 @@ Arms that hold one thing wait together.
 
 An arm that waits keeps the targets it has not been given, and goes on with them when it may. It slows down
 on its way, no faster than `SLOWING_RAD_S2`, where there is room for that, and stops at once where not. After
-`PATIENCE_STEPS` its policy predicts anew from what it sees now. After as many again one arm retracts along
+`WAIT_LIMIT_STEPS` its policy predicts anew from what it sees now. After as many again one arm retracts along
 the way that it came, and predicts anew there: the one that is waited for, where it goes nowhere itself
 (its policy waits for what the other one is about to do) and was not the last to retract, or else the one that
 waits. One that has no such way left, as it has not moved yet, draws aside a little, towards its retracted
@@ -38,12 +38,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.acting.outlook import LOOKAHEAD_STEPS, Commands, Outlook, Pair
+from rf_exp.policy.acting.lookahead import LOOKAHEAD_STEPS, Commands, Lookahead, Pair
 from rf_exp.tasks import RETRACTED_QPOS, Task
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
 SHIELD_VERSION = "2"  # of what it decides
-PATIENCE_STEPS = 20  # of waiting, until something else is tried
+WAIT_LIMIT_STEPS = 20  # of waiting, until something else is tried
 BACK_STEPS = 20  # of its own way that an arm retracts at most
 STRIDE_RAD = 0.04  # in a control step, of an arm that draws aside without a way that it came
 ASIDE_STEPS = 6  # for which it does so
@@ -80,83 +80,84 @@ class Shield:
         if not self._given.size:
             opened = np.full((len(scene.qpos), 1), GRIPPER_OPEN)
             self._given = np.hstack([scene.qpos[:, :ARM_JOINTS], opened])
-        outlook = Outlook(self._task, scene, self._given, {**ahead, **self._back})
-        waits = self._waits(outlook)
+        lookahead = Lookahead(self._task, scene, self._given, {**ahead, **self._back})
+        waits = self._waits(lookahead)
         commands, withheld, anew = self._given.copy(), dict[int, str](), set[int]()
         for agent in self._task.agents:
             row = agent - 1
             if agent in waits:
-                share = self._slowed(outlook, agent, waits)
-                step = outlook.ahead[agent][0] - self._given[row]
+                share = self._slowed(lookahead, agent, waits)
+                step = lookahead.ahead[agent][0] - self._given[row]
                 commands[row, :ARM_JOINTS] += share * step[:ARM_JOINTS]
                 withheld[agent] = f"waits for agent {waits[agent]}"
             else:
-                commands[row] = outlook.ahead[agent][0]
+                commands[row] = lookahead.ahead[agent][0]
                 if agent in self._back:
                     withheld[agent] = "retracts"
-        self._remember(scene, outlook, commands, waits)
+        self._remember(scene, lookahead, commands, waits)
         for agent in reversed(self._task.agents):
-            if self._moves_on(agent, waits.get(agent), outlook):
+            if self._moves_on(agent, waits.get(agent), lookahead):
                 anew.add(agent)
         return Decision(commands, withheld, frozenset(anew))
 
     # who waits
 
-    def _waits(self, outlook: Outlook) -> dict[int, int]:
+    def _waits(self, lookahead: Lookahead) -> dict[int, int]:
         """Agent -> for whom it waits."""
-        meet = {pair: self._until(outlook, pair) for pair in self._pairs}
+        meet = {pair: self._until(lookahead, pair) for pair in self._pairs}
         self._meet = meet
         waits: dict[int, int] = {}
         while soon := {pair: when for pair, when in meet.items() if when <= LOOKAHEAD_STEPS}:
             i, j = min(soon, key=lambda pair: (soon[pair], pair))
-            for agent, other in self._yield(outlook, (i, j), waits):
-                for each in outlook.holding_with(agent):
+            for agent, other in self._yield(lookahead, (i, j), waits):
+                for each in lookahead.holding_with(agent):
                     waits.setdefault(each, other if each != other else agent)
             meet = {
-                pair: when if waits.keys().isdisjoint(pair) else outlook.meet(pair, waits)
+                pair: when if waits.keys().isdisjoint(pair) else lookahead.meet(pair, waits)
                 for pair, when in meet.items()
                 if not waits.keys() >= {*pair}
             }
         return waits
 
-    def _until(self, outlook: Outlook, pair: Pair) -> float:
+    def _until(self, lookahead: Lookahead, pair: Pair) -> float:
         """Control steps until two meet if both go on. Known while they do, and nothing new was predicted."""
-        if pair in self._meet and self._meet[pair] > LOOKAHEAD_STEPS and all(map(self._same(outlook), pair)):
-            return self._meet[pair] - 1
-        return outlook.meet(pair)
+        known = self._meet.get(pair, 0.0)
+        if known > LOOKAHEAD_STEPS and all(map(self._same(lookahead), pair)):
+            return known - 1
+        return lookahead.meet(pair)
 
-    def _same(self, outlook: Outlook):
+    def _same(self, lookahead: Lookahead):
         @cache
         def same(agent: int) -> bool:
             left, load = self._known.get(agent, (np.empty(0), None))
-            return np.array_equal(left, outlook.ahead[agent]) and load == outlook.held(agent)
+            return np.array_equal(left, lookahead.ahead[agent]) and load == lookahead.held(agent)
 
         return same
 
-    def _yield(self, outlook: Outlook, pair: Pair, waits: Collection[int]) -> list[Pair]:
+    def _yield(self, lookahead: Lookahead, pair: Pair, waits: Collection[int]) -> list[Pair]:
         """(who waits, for whom) of two that would meet."""
         i, j = pair
         both = [(i, j), (j, i)]
         if waiting := [each for each in both if each[0] in waits]:
             return [(b, a) for a, b in waiting]
-        alone = [each for each in both if outlook.meet(pair, {each[0]}) > LOOKAHEAD_STEPS]
+        alone = [each for each in both if lookahead.meet(pair, {each[0]}) > LOOKAHEAD_STEPS]
         if len(alone) < 2:
             return alone or both
-        late = outlook.enters(pair)
+        late = lookahead.enters(pair)
         return [max(both, key=lambda each: (self._waited[each[0]], late[each[0]], each[0]))]
 
     # how
 
-    def _slowed(self, outlook: Outlook, agent: int, waits: Collection[int]) -> float:
+    def _slowed(self, lookahead: Lookahead, agent: int, waits: Collection[int]) -> float:
         """The share of its next step that an arm still goes that slows down. 0 where it stops at once."""
-        step_rad = float(np.abs((outlook.ahead[agent][0] - self._given[agent - 1])[:ARM_JOINTS]).max())
+        step_rad = float(np.abs((lookahead.ahead[agent][0] - self._given[agent - 1])[:ARM_JOINTS]).max())
         left_rad = float(self._strides_rad[agent - 1]) - SLOWING_RAD_S2 * CONTROL_DT_S**2
-        if left_rad <= 0 or step_rad == 0 or not outlook.room_to_slow_down(agent, waits):
+        if left_rad <= 0 or step_rad == 0 or not lookahead.room_to_slow_down(agent, waits):
             return 0.0
         return min(left_rad / step_rad, 1.0)
 
     def _remember(
-        self, scene: Scene, outlook: Outlook, commands: NDArray[np.float64], waits: Collection[int]
+        self, scene: Scene, lookahead: Lookahead, commands: NDArray[np.float64], waits: Collection[int]
     ) -> None:
         moved = np.abs(commands - self._given)[:, :ARM_JOINTS].max(axis=1)
         for agent in self._task.agents:
@@ -170,27 +171,27 @@ class Shield:
                 trail.append(self._given[agent - 1].copy())
         self._known = {
             agent: (rows[1:], scene.held[agent - 1])
-            for agent, rows in outlook.ahead.items()
+            for agent, rows in lookahead.ahead.items()
             if agent not in waits
         }
         self._given, self._strides_rad = commands, moved
 
-    def _moves_on(self, agent: int, other: int | None, outlook: Outlook) -> bool:
+    def _moves_on(self, agent: int, other: int | None, lookahead: Lookahead) -> bool:
         """Whether an agent, which waits for another one, is to predict anew. Ends and begins retracting."""
         waits = other is not None
         if agent in self._back:
             self._waited[agent] += waits
-            if len(self._back[agent]) and self._waited[agent] < PATIENCE_STEPS:
+            if len(self._back[agent]) and self._waited[agent] < WAIT_LIMIT_STEPS:
                 return False
             del self._back[agent]
             self._waited[agent] = 0
             return True
         self._waited[agent] = self._waited[agent] + 1 if waits else max(0, self._waited[agent] - 1)
-        if not waits or self._waited[agent] % PATIENCE_STEPS:
+        if not waits or self._waited[agent] % WAIT_LIMIT_STEPS:
             return False
-        back = other if self._stands(other, outlook) and self._last_back != other else agent
+        back = other if self._stands(other, lookahead) and self._last_back != other else agent
         way = self._way_back(back)
-        if self._waited[agent] % (2 * PATIENCE_STEPS) or self._back or not len(way):
+        if self._waited[agent] % (2 * WAIT_LIMIT_STEPS) or self._back or not len(way):
             return True
         self._back[back], self._last_back = way, back
         self._waited[agent] = 0
@@ -207,7 +208,7 @@ class Shield:
         count = int(np.ceil(np.abs(off).max() / STRIDE_RAD))
         return here + off * np.arange(1, count + 1)[:ASIDE_STEPS, None] / max(1, count)
 
-    def _stands(self, agent: int, outlook: Outlook) -> bool:
+    def _stands(self, agent: int, lookahead: Lookahead) -> bool:
         """Whether an agent is about to go nowhere."""
-        ahead = outlook.ahead[agent][:, :ARM_JOINTS]
+        ahead = lookahead.ahead[agent][:, :ARM_JOINTS]
         return bool(np.abs(ahead - self._given[agent - 1, :ARM_JOINTS]).max() < STANDS_RAD)

@@ -1,4 +1,4 @@
-"""A policy made by somebody's Python function, which the person names on the command line.
+"""Factory: a policy made by somebody's Python function, which the person names on the command line.
 
 Needs nothing of the suite but its errors, so that a server can use it where nothing else is installed.
 """

@@ -1,4 +1,4 @@
-"""A policy on another machine, asked by openpi's protocol: msgpack over a websocket.
+"""Remote policy: one on another machine, asked by openpi's protocol: msgpack over a websocket.
 
 The server speaks first, with a map of what it likes to say of itself. Then each message is an observation,
 and each answer a map with `actions`; a text in its place is an error of the server. The first observation
@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
 from websockets.sync.client import ClientConnection, connect
 
 from rf_exp.errors import StageError
-from rf_exp.observations import Observation
+from rf_exp.observations import ObservationDict
 from rf_exp.policy.foreign.wire import pack, unpack
 from rf_exp.texts import printable
 
@@ -55,7 +55,7 @@ class Remote:
         """An episode begins; the server is told with its first observation."""
         self._seed = seed
 
-    def act(self, observation: Observation) -> Any:
+    def act(self, observation: ObservationDict) -> Any:
         """The `actions` of the server for an observation."""
         begins = {} if self._seed is None else {"reset": self._seed}
         try:

@@ -1,6 +1,6 @@
-"""Somebody's policy in the rollout loop, with everything it gives checked before an arm moves."""
+"""Foreign runner: somebody's policy in the rollout loop; all it gives is checked before an arm moves."""
 
-from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -8,51 +8,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
-from rf_exp.observations import Eyes, Observation, Shown
+from rf_exp.observations import Observation
 from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.foreign.factory import make_policy
 from rf_exp.policy.foreign.spec import Foreign
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.robots import limits_rad
-from rf_exp.types import ARM_JOINTS, Scene
+from rf_exp.tasks import Task
+from rf_exp.types import ARM_JOINTS
 
 
 class ForeignRunner(PolicyRunner):
     """One policy of all agents: an observation in, a chunk of absolute targets out, when the last is used up.
 
+    The policy is given what `foreign.observations` says; the runner itself knows the joints in any case.
     Raises StageError, which says where in which scene, for a policy that raises and for actions of another
     shape or type or that are not finite.
     """
 
-    def __init__(
-        self,
-        spec: Foreign,
-        policy: Any,
-        look: Callable[[Scene], Observation],
-        agents: int,
-        fastest_rad: float,
-    ) -> None:
+    def __init__(self, spec: Foreign, policy: Any, task: Task, fastest_rad: float) -> None:
         """`policy` has `act`, perhaps `reset`; no joint is sent further than `fastest_rad` a control step."""
-        self._spec, self._policy, self._look = spec, policy, look
+        self._spec, self._policy = spec, policy
         self._seed, self._begun = 0, False  # of the episode, and whether the policy has been told of it
         low, high = limits_rad()
         self._low, self._high = np.append(low, -1.0), np.append(high, 1.0)
-        everyone = View(spec.name, (Stream("global", tuple(range(1, agents + 1))),))
-        super().__init__(everyone, np.full(agents, fastest_rad))
+        everyone = View(spec.name, (Stream("global", task.agents),))
+        declared = replace(spec.observations.declared(task), agents=task.agents)
+        super().__init__(everyone, np.full(len(task.agents), fastest_rad), declared)
 
     def reset(self, seed: int) -> None:
         """An episode begins; the policy is told before its first prediction."""
         super().reset(seed)
         self._seed, self._begun = seed, False
 
-    def predict(self, scene: Scene) -> NDArray[np.float64]:
+    @property
+    def looks(self) -> bool:
+        """Whether a chunk is used up, so that the policy is asked for another one."""
+        return not self.state.targets
+
+    def predict(self, observation: Observation) -> NDArray[np.float64]:
         """The chunk (T, agents, 8) of the policy, checked, and clipped to the limits of the joints."""
-        where = f"policy {self._spec.name!r}, scene {self._seed}, control step {scene.step}: "
+        where = f"policy {self._spec.name!r}, scene {self._seed}, control step {observation.step}: "
         try:
             if not self._begun and callable(reset := getattr(self._policy, "reset", None)):
                 reset(self._seed)
             self._begun = True
-            chunk = checked(self._policy.act(self._look(scene)), len(self.view.agents))
+            shown = self._spec.observations.keyed(observation)
+            chunk = checked(self._policy.act(shown), len(self.view.agents))
         except RfError as error:
             raise StageError(where + str(error)) from error
         except Exception as error:  # whatever a policy raises
@@ -86,10 +88,9 @@ def checked(answer: object, agents: int) -> NDArray[np.float64]:
     return chunk
 
 
-def foreign_runners(spec: Foreign, fastest_rad: float, world: Shown) -> tuple[PolicyRunner, ...]:
-    """Who acts in the scenes of a world; its policy is made, or asked for, once a process."""
-    agents = len(world.task.agents)
-    return (ForeignRunner(spec, _policy(spec), Eyes(spec.observations, world), agents, fastest_rad),)
+def foreign_runners(spec: Foreign, fastest_rad: float, task: Task) -> tuple[PolicyRunner, ...]:
+    """Who acts in the scenes of a task; its policy is made, or asked for, once a process."""
+    return (ForeignRunner(spec, _policy(spec), task, fastest_rad),)
 
 
 @lru_cache(maxsize=1)

@@ -1,4 +1,4 @@
-"""Whose policy acts in the place of ours, and how: `foreign` in conf/config.yaml, checked."""
+"""Specification of a policy that acts in the place of ours: `foreign` in conf/config.yaml, checked."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -54,7 +54,7 @@ class Foreign:
 
     @property
     def observation(self) -> str:
-        """What its rows say: `state` where it is told the true poses, which makes it an oracle."""
+        """What its rows say: `state` where it is given the true poses: a privileged-state policy."""
         return "state" if self.observations.state == "full" else "pictures"
 
 
@@ -80,8 +80,8 @@ def foreign_policy(node: Mapping[str, Any], picture: Mapping[str, int]) -> dict[
         raise ArgumentError(
             f"foreign.{ways[0]} is given, and foreign.name is missing: its rows are called by it"
         )
-    told = node["observations"]
+    shown = node["observations"]
     for key, possible in (("state", get_args(State)), ("cameras", get_args(CameraChoice))):
-        if told[key] not in possible:
-            raise choices(f"foreign.observations.{key}", told[key], possible)
-    return {**node, "observations": {**told, **picture}}
+        if shown[key] not in possible:
+            raise choices(f"foreign.observations.{key}", shown[key], possible)
+    return {**node, "observations": {**shown, **picture}}

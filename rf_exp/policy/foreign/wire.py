@@ -1,4 +1,4 @@
-"""Observations and actions as bytes: msgpack with NumPy arrays in the form of openpi's `msgpack_numpy`.
+"""Wire format of observations and actions: msgpack with NumPy arrays in the form of openpi's `msgpack_numpy`.
 
 An array is a map of the binary keys `__ndarray__` (true), `data` (its bytes, C order), `dtype` (e.g. `<f4`)
 and `shape`, a NumPy number one of `__npgeneric__`, `data` and `dtype`. That client itself cannot be
@@ -18,7 +18,7 @@ MOST = 2**16  # items of all lists and maps of a message: each costs many times 
 
 def pack(value: Any) -> bytes:
     """Raises TypeError for what is neither an array of numbers nor something that msgpack knows."""
-    packed = msgpack.packb(value, default=_told)
+    packed = msgpack.packb(value, default=_encoded)
     assert packed is not None
     return packed
 
@@ -41,7 +41,7 @@ def unpack(data: bytes) -> Any:
         raise ValueError(f"{len(data)} bytes that are no message: {type(error).__name__}: {error}") from error
 
 
-def _told(value: Any) -> dict[bytes, Any]:
+def _encoded(value: Any) -> dict[bytes, Any]:
     if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
         raise TypeError(f"a {getattr(value, 'dtype', type(value).__name__)} cannot be sent")
     if isinstance(value, np.generic):

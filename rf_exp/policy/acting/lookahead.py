@@ -1,4 +1,4 @@
-"""What all agents are about to do, as far as the shield looks: where and when their paths meet."""
+"""Look-ahead of the shield: where and when the paths of agents meet that do what they are about to do."""
 
 from collections.abc import Collection, Mapping
 from math import inf
@@ -18,8 +18,8 @@ Commands = NDArray[np.float64]  # (T, 8) rad, gripper command
 Pair = tuple[int, int]  # agents i < j
 
 
-class Outlook:
-    """What all agents are about to do, from where they were sent last.
+class Lookahead:
+    """The paths of all agents, from where they were sent last to the end of the commands ahead of them.
 
     The path of an agent: where it stands (twice, so that its first position is one of standing still), its
     commands ahead, and its end once more. Its load goes with its hand, also behind a command that opens it:

@@ -1,0 +1,283 @@
+"""What policies are handed of a scene: what they declare, and nothing else."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from rf_exp.errors import StageError
+from rf_exp.observations import Coordination, Declaration, Observation, Observations, observe
+from rf_exp.policy import DiffusionRunner, Foreign, PolicyRunner, Stream, View, rollout, views
+from rf_exp.policy.foreign.runner import ForeignRunner
+from rf_exp.policy.inputs.observation_spec import senses_of
+from rf_exp.policy.learning.checkpoint import policy_of
+from rf_exp.types import Arch, Episode, Scene, Verdict
+from tests.conftest import experiment, read_task
+from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH, Taken, make_episode, scene_at
+from tests.policy.golden import RECIPES
+from tests.policy.others import Policy, stay
+
+AGENTS, COMMANDS = 2, 20
+BLOCKS = ("block1", "block2")
+VIEWS = (
+    *ARCHS,
+    Arch("separate_both", False, False, both_views=True),
+    Arch("separate_coordinated", False, False, True),
+)
+LEARNED = [
+    pytest.param(arch, recipe, id=f"{arch.name}-{recipe}")
+    for arch in VIEWS
+    for recipe in ("fast", "state", "paper")
+    if not (arch.coordinated and recipe == "paper")  # which knows of no subgoals
+]
+QUICK = ("policy.train_diffusion_steps=4", "policy.inference_diffusion_steps=4")
+Make = Callable[[Arch, str], list[DiffusionRunner]]
+
+
+@pytest.fixture
+def make_runners(make_store) -> Make:
+    """The runners of an architecture by a recipe, with weights as they are before training."""
+
+    def make(arch: Arch, recipe: str) -> list[DiffusionRunner]:
+        asked = experiment(
+            f"policy={recipe}", f"picture={{width: {WIDTH}, height: {HEIGHT}}}", *RECIPES[recipe], *QUICK
+        )
+        found = []
+        for view in views(arch, AGENTS):
+            senses = senses_of(asked.policy, make_store(AGENTS, 3), view)
+            torch.manual_seed(1)
+            policy = policy_of(asked.policy, view, senses)
+            policy.normaliser.fastest.fill_(0.02)
+            found.append(DiffusionRunner(policy, view, senses))
+        return found
+
+    return make
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a policy of a view may know, by the paper and by its recipe."""
+
+    agents: tuple[int, ...]
+    objects: tuple[str, ...]
+    cameras: frozenset[str]
+    coordinated: tuple[int, ...]
+
+
+def known(view: View, recipe: str) -> Known:
+    told = view.agents if view.coordinated else ()
+    if recipe == "state":
+        return Known(tuple(range(1, AGENTS + 1)), BLOCKS, frozenset(), told)
+    cameras = frozenset(camera for stream in view.streams for camera in stream.cameras)
+    return Known(view.agents, (), cameras, told)
+
+
+def redacted(scene: Scene, may: Known) -> Scene:
+    """The same scene, and whatever a policy may not know replaced by nonsense."""
+    others = [agent - 1 for agent in range(1, AGENTS + 1) if agent not in may.agents]
+    qpos = scene.qpos.copy()
+    qpos[others] = np.nan
+    nonsense = np.full((4, 4), np.nan)
+    return Scene(
+        scene.step,
+        qpos,
+        np.full_like(scene.qvel, np.nan),
+        {name: pose if name in may.objects else nonsense for name, pose in scene.poses.items()},
+        dict.fromkeys(scene.poses, np.nan),
+        ("nonsense",) * AGENTS,
+        {(1, "block1"): np.full(3, np.nan)},
+        ((1, 2, np.nan),),
+        np.full((3, 3), 10**6),
+    )
+
+
+def commands(
+    runner: PolicyRunner,
+    episode: Episode,
+    may: Known | None = None,
+    coordination: Callable[[int], Coordination] = lambda step: (np.zeros(AGENTS, int), np.ones(AGENTS, bool)),
+) -> NDArray[np.float64]:
+    """(T, agents of the view, 8) that a runner gives where it is shown a recorded episode."""
+    runner.reset(7)
+    rng, given = np.random.default_rng(0), []
+    for step in range(COMMANDS):
+        scene, (numbers, may_go) = scene_at(episode, step), coordination(step)
+        pictures = {camera: frames[step] for camera, frames in episode.images.items()}
+        if may is not None:
+            scene = redacted(scene, may)
+            for camera in {*pictures} - may.cameras:
+                pictures[camera] = rng.integers(0, 256, pictures[camera].shape, np.uint8)
+            hidden = [agent - 1 for agent in range(1, AGENTS + 1) if agent not in may.coordinated]
+            numbers[hidden], may_go[hidden] = 10**6, False
+        (seen,) = observe(scene, Taken(pictures), [runner.declares], (numbers, may_go))
+        given.append(runner(seen))
+    return np.stack(given)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("arch", "recipe"), LEARNED)
+def test_what_a_policy_may_not_know_changes_no_bit_of_its_commands(
+    make_runners: Make, arch: Arch, recipe: str
+) -> None:
+    for runner in make_runners(arch, recipe):
+        episode, may = make_episode(100, AGENTS), known(runner.view, recipe)
+        expected = commands(runner, episode)
+        assert np.isfinite(expected).all() and np.ptp(expected[..., :7], axis=0).max() > 0
+        assert np.array_equal(commands(runner, episode, may), expected)
+        # What it may know counts, so that nothing was left out of what is compared.
+        moved = replace(episode, qpos=episode.qpos + np.float32(0.01))
+        assert not np.array_equal(commands(runner, moved), expected)
+        if may.cameras:
+            shifted = {camera: np.roll(frames, 9, axis=2) for camera, frames in episode.images.items()}
+            assert not np.array_equal(commands(runner, replace(episode, images=shifted)), expected)
+        if may.objects:
+            poses = {name: pose + np.float32(0.02) for name, pose in episode.poses.items()}
+            assert not np.array_equal(commands(runner, replace(episode, poses=poses)), expected)
+        if may.coordinated:
+            waits = commands(
+                runner, episode, may, lambda step: (np.zeros(AGENTS, int), np.zeros(AGENTS, bool))
+            )
+            assert not np.array_equal(waits, expected)
+
+
+def names(observation: Observation) -> dict[str, Any]:
+    """Field -> the names in it, of fields that hold any."""
+    found = {each.name: getattr(observation, each.name) for each in fields(observation)}
+    return {
+        name: set(value) if isinstance(value, Mapping) else value for name, value in found.items() if value
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("arch", "recipe"), LEARNED)
+def test_an_observation_holds_what_the_view_declares(make_runners: Make, arch: Arch, recipe: str) -> None:
+    episode = make_episode(100, AGENTS)
+    coordination = np.zeros(AGENTS, int), np.ones(AGENTS, bool)
+    pictures = {camera: frames[3] for camera, frames in episode.images.items()}
+    for runner in make_runners(arch, recipe):
+        may = known(runner.view, recipe)
+        (seen,) = observe(scene_at(episode, 3), Taken(pictures), [runner.declares], coordination)
+        expected = {
+            "step": 3,
+            "qpos": {*may.agents},
+            "poses": {*may.objects},
+            "pictures": {*may.cameras},
+            "subgoals": {*may.coordinated},
+        }
+        assert names(seen) == {name: value for name, value in expected.items() if value}
+
+
+def test_an_observation_has_no_place_for_more() -> None:
+    """Of a scene it has the step, joints and poses; not who holds what, forces, contacts and speeds."""
+    mine, all_of_it = ({each.name for each in fields(kind)} for kind in (Observation, Scene))
+    assert mine & all_of_it == {"step", "qpos", "qvel", "poses"}
+
+
+def test_what_is_handed_out_cannot_be_changed_and_leads_nowhere() -> None:
+    episode = make_episode(0, AGENTS)
+    scene, pictures = scene_at(episode, 0), {camera: f[0] for camera, f in episode.images.items()}
+    declared = Declaration((2,), velocities=True, objects=("block1",), cameras=("agent2",))
+    (seen,) = observe(scene, Taken(pictures), [declared])
+    for array in (seen.qpos[2], seen.qvel[2], seen.poses["block1"], seen.pictures["agent2"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    assert not np.shares_memory(seen.qpos[2], scene.qpos) and seen.qpos[2].base is not scene.qpos
+    with pytest.raises(TypeError):
+        seen.qpos[1] = np.zeros(9)  # pyright: ignore[reportIndexIssue]
+    with pytest.raises(AttributeError):
+        seen.step = 4  # pyright: ignore[reportAttributeAccessIssue]
+
+
+class Recorded(Taken):
+    """A world in which an episode goes on as it was recorded."""
+
+    def __init__(self, episode: Episode) -> None:
+        super().__init__({})
+        self._episode, self._now = episode, 0
+        self.cameras = tuple(episode.images)
+        self.asked: list[list[str]] = []  # cameras that took a picture
+
+    def reset(self, seed: int) -> Scene:
+        self._now = 0
+        return scene_at(self._episode, 0)
+
+    def step(self, action: NDArray[np.float64]) -> Scene:
+        self._now += 1
+        return scene_at(self._episode, self._now)
+
+    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
+        assert cameras is not None
+        self.asked.append([*cameras])
+        return {name: self._episode.images[name][self._now] for name in self.asked[-1]}
+
+
+class Spy(PolicyRunner):
+    """Stays, looks at every second step, and notes what it is handed."""
+
+    def __init__(self, agent: int, declared: Declaration | None) -> None:
+        self.handed: list[dict[str, Any]] = []
+        super().__init__(View(f"spy{agent}", (Stream("global", (agent,)),)), np.array([0.1]), declared)
+
+    @property
+    def looks(self) -> bool:
+        return len(self.handed) % 2 == 0
+
+    def observe(self, observation: Observation) -> None:
+        self.handed.append(names(observation))
+
+    def predict(self, observation: Observation) -> NDArray[np.float64]:
+        return np.append(observation.qpos[self.view.agents[0]][:7], 1.0)[None, None]
+
+
+def test_a_rollout_hands_out_what_each_declares_and_no_more() -> None:
+    one = Spy(1, Declaration((1,), objects=("block2",), cameras=("agent1",), coordinated=(1,)))
+    other, world = Spy(2, None), Recorded(make_episode(0, AGENTS))
+
+    def coordinate(scene: Scene, grippers: Mapping[int, float]) -> Coordination:
+        return np.zeros(AGENTS, int), np.ones(AGENTS, bool)
+
+    rollout(world, lambda scene: Verdict(False, False, {}), [one, other], 0, 4, coordinate=coordinate)
+    always = {"qpos": {1}, "poses": {"block2"}, "subgoals": {1}}
+    assert one.handed == [
+        {**always, "pictures": {"agent1"}},
+        {**always, "step": 1},
+        {**always, "step": 2, "pictures": {"agent1"}},
+        {**always, "step": 3},
+    ]
+    assert other.handed == [{"qpos": {2}}, *({"qpos": {2}, "step": step} for step in (1, 2, 3))]
+    assert world.asked == [["agent1"], ["agent1"]]
+
+
+@pytest.mark.parametrize("state", ["none", "joints", "full"])
+def test_anybodys_policy_is_told_what_is_declared_and_no_more(state: Any) -> None:
+    task = read_task("lift_barrier")
+    spec = Foreign(
+        "theirs", "a.b:c", None, None, 5.0, 5.0, None, None, 0, Observations(state=state, pictures=True)
+    )
+    policy = Policy(lambda seen: stay({"qpos": seen.get("qpos", np.zeros((2, 9)))}))
+    runner = ForeignRunner(spec, policy, task, 0.1)
+    episode = make_episode(0, AGENTS)
+    scene = replace(scene_at(episode, 0), poses=dict.fromkeys(task.objects, np.eye(4)))
+    pictures = {camera: frames[0] for camera, frames in episode.images.items()}
+    for _ in range(2):  # nothing is due in the second
+        (seen,) = observe(scene, Taken(pictures), [runner.declares])
+        runner(seen)
+    assert len(policy.told) == 1 and not seen.pictures
+    expected = {"rgb_global", "rgb_agent1", "rgb_agent2"}
+    expected |= {"qpos", "qvel"} if state != "none" else set()
+    expected |= {f"pose_{name}" for name in task.objects} if state == "full" else set()
+    assert {*policy.told[0]} == expected
+    for array in policy.told[0].values():
+        array[:] = 0  # its own, to do with as it likes
+    assert all(frames[0].any() for frames in episode.images.values())
+
+
+def test_depth_is_not_asked_of_a_world_without_it() -> None:
+    pictures = {"global": np.zeros((HEIGHT, WIDTH, 3), np.uint8)}
+    declared = Declaration(cameras=("global",), depth=True)
+    with pytest.raises(StageError, match="a policy needs depth; the world has pictures alone"):
+        observe(scene_at(make_episode(0, 1), STEPS - 1), Taken(pictures), [declared])
