@@ -204,7 +204,6 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
             ["policy=diffusion_10"],
             "there is no policy=diffusion_10; did you mean policy=ablation/diffusion_10?",
         ),
-        (["policy=diffusion_11"], "In 'config': Could not find 'policy/diffusion_11'"),
         (["+arch=all"], "arch is chosen already; choose another one with arch=NAME, without +"),
     ],
 )

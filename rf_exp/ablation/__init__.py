@@ -19,12 +19,13 @@ from rf_exp.ablation.suite import configured, facts
 from rf_exp.ablation.tables import (
     BASELINE_ARCH,
     BASELINE_CONSTRAINTS,
+    Paper,
     both_ways,
     core_minutes,
     is_baseline,
+    paper,
     title_of,
 )
-from rf_exp.ablation.tables.published import Paper, paper
 
 __all__ = [
     "BASELINE_ARCH",

@@ -9,8 +9,7 @@ from rf_exp.ablation.page import Panel, Section, Texts, Tile
 from rf_exp.ablation.results import Results, load
 from rf_exp.ablation.rollouts import learnt_from
 from rf_exp.ablation.suite import Suite, configured
-from rf_exp.ablation.tables import Table, title_of
-from rf_exp.ablation.tables.published import paper
+from rf_exp.ablation.tables import Table, paper, title_of
 from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
 

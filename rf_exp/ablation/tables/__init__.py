@@ -17,6 +17,7 @@ from rf_exp.ablation.tables.notes import learnt_from
 from rf_exp.ablation.tables.others import foreign
 from rf_exp.ablation.tables.overview import comparison, tasks
 from rf_exp.ablation.tables.policies import architectures, shield
+from rf_exp.ablation.tables.published import Paper, paper
 from rf_exp.ablation.tables.recipes import recipes
 from rf_exp.ablation.tables.selection import (
     BASELINE_ARCH,
@@ -38,6 +39,7 @@ __all__ = [
     "Column",
     "Length",
     "Line",
+    "Paper",
     "Rate",
     "Table",
     "Text",
@@ -48,6 +50,7 @@ __all__ = [
     "escape_latex",
     "is_baseline",
     "ours",
+    "paper",
     "title_of",
 ]
 
