@@ -23,19 +23,19 @@ import torch
 from lerobot_steps import LeRobot
 from loader import COMPACT
 
-from rf_exp.policy import DiffusionPolicy, PolicyConfig, load_policy
+from rf_exp.policy import Policy, PolicyConfig, load_policy
 
 PROPRIO = ACTION = 8
 
 
-def make(config: PolicyConfig, sampler: str, steps: int) -> DiffusionPolicy:
+def make(config: PolicyConfig, sampler: str, steps: int) -> Policy:
     torch.manual_seed(0)
     changed = replace(config, sampler=sampler, inference_diffusion_steps=steps)
-    return DiffusionPolicy(changed, PROPRIO, ACTION).eval()
+    return Policy(changed, PROPRIO, ACTION).eval()
 
 
 @torch.inference_mode()
-def call(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
+def call(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """Encode the pictures, put their features behind the known ones, and sample."""
     features = torch.cat([known, policy.encode_whole(pictures)])[None]
     proprio, nothing = (torch.zeros(1, features.shape[1], size) for size in (PROPRIO, 0))
@@ -43,7 +43,7 @@ def call(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -
 
 
 @torch.inference_mode()
-def call_without_table(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
+def call_without_table(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """The same by the U-Net's reference computation, which projects step and observation every time."""
     config = policy.config
     features = torch.cat([known, policy.encode_whole(pictures)])[None]

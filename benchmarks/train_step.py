@@ -20,7 +20,7 @@ import torch
 from lerobot_steps import LeRobot
 from loader import COMPACT, VIEW, noise
 
-from rf_exp.policy import Batch, DiffusionPolicy, PolicyConfig, TrainConfig, Windows
+from rf_exp.policy import Batch, Policy, PolicyConfig, TrainConfig, Windows
 
 
 def per_window(batch: Batch) -> Batch:
@@ -29,7 +29,7 @@ def per_window(batch: Batch) -> Batch:
     return replace(batch, pictures=pictures, frames=torch.arange(len(pictures)).view_as(batch.frames))
 
 
-def milliseconds(policy: DiffusionPolicy, batch: Batch, draws: int) -> float:
+def milliseconds(policy: Policy, batch: Batch, draws: int) -> float:
     generator = torch.Generator().manual_seed(0)
     begin = time.perf_counter()
     policy.loss(batch, generator, draws).backward()
@@ -61,7 +61,7 @@ def main() -> None:
     windows = Windows(noise(config), VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
     policies = {}
     for layout in (torch.channels_last, torch.contiguous_format):
-        policies[layout] = DiffusionPolicy(config, VIEW.proprio_size, VIEW.action_size)
+        policies[layout] = Policy(config, VIEW.proprio_size, VIEW.action_size)
         policies[layout].to(memory_format=layout)
     rng = np.random.default_rng(0)
     batches = windows.epoch(count, train.run_length, rng)

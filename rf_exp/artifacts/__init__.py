@@ -10,7 +10,7 @@ from rf_exp.artifacts.files import (
     write_json,
     write_text,
 )
-from rf_exp.artifacts.identity import canonical, differing, digest, expect_same, plain, restored, without
+from rf_exp.artifacts.identity import canonical, differing, digest, expect_same, plain, read_values, restored, without
 from rf_exp.artifacts.lines import append_line, read_lines
 from rf_exp.artifacts.locks import hold_folder, locked
 from rf_exp.artifacts.pages import rendered
@@ -33,6 +33,7 @@ __all__ = [
     "plain",
     "read_json",
     "read_lines",
+    "read_values",
     "rendered",
     "restored",
     "sweep",

@@ -2,11 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 import dacite
 
@@ -37,6 +37,35 @@ def restored(kind: type[T], values: Mapping[str, Any]) -> T:
         return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float, Enum], strict=True))
     except (dacite.DaciteError, TypeError) as error:
         raise ArgumentError(str(error)) from error
+
+
+def read_values(kind: type[T], values: Mapping[str, Any], within: str = "") -> T:
+    """The dataclass that a configuration has the values of; inner ones may have been made already.
+
+    Raises ArgumentError naming the dotted key, which begins with `within`, that cannot be used.
+    """
+    try:
+        _expect_lists(kind, values, within)
+        return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float], strict=True))
+    except dacite.WrongTypeError as error:
+        wanted = getattr(error.field_type, "__name__", None) if isinstance(error.field_type, type) else None
+        expected = wanted or error.field_type
+        raise ArgumentError(f"{within}{error.field_path} is {error.value!r}; expected {expected}") from error
+    except (dacite.DaciteError, TypeError) as error:
+        raise ArgumentError(f"{within.rstrip('.') or 'configuration'}: {error}") from error
+
+
+def _expect_lists(kind: Any, values: Mapping[str, Any], within: str) -> None:
+    """Raises ArgumentError for one value where a dataclass holds several: a word would be its letters."""
+    for field in fields(kind):
+        if field.name not in values:
+            continue
+        key, value = within + field.name, values[field.name]
+        if is_dataclass(field.type) and isinstance(value, Mapping):
+            _expect_lists(field.type, value, f"{key}.")
+        many = isinstance(value, Sequence) and not isinstance(value, str)
+        if get_origin(field.type) is tuple and not many:
+            raise ArgumentError(f"{key} is {value!r}; expected a list: {key}=[...]")
 
 
 def canonical(value: object, ascii: bool = False) -> bytes:

@@ -13,7 +13,18 @@ if TYPE_CHECKING:
     from rf_exp.policy.acting.rollouts import rollout
     from rf_exp.policy.acting.runner import PolicyRunner
     from rf_exp.policy.acting.shield import SHIELD_VERSION, Decision, Shield
-    from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
+    from rf_exp.policy.bounds import bounded, one_of
+    from rf_exp.policy.config import (
+        LEARNER,
+        EncoderConfig,
+        HeadConfig,
+        PolicyConfig,
+        TrainConfig,
+        add_encoder,
+        add_head,
+        import_code,
+        read_recipe,
+    )
     from rf_exp.policy.examples.windows import Batch, Windows
     from rf_exp.policy.foreign import (
         Foreign,
@@ -36,7 +47,10 @@ if TYPE_CHECKING:
     )
     from rf_exp.policy.learning.curves import Curve, cost_s
     from rf_exp.policy.learning.training import Training, train
-    from rf_exp.policy.networks.diffusion import DiffusionPolicy
+    from rf_exp.policy.networks.interfaces import Encoder, Fit, Head
+    from rf_exp.policy.networks.layers import hidden
+    from rf_exp.policy.networks.policy import Policy
+    from rf_exp.policy.networks.unet import ConditionalUNet1D
 else:
     __getattr__ = late(
         __name__,
@@ -45,7 +59,18 @@ else:
             "acting.rollouts": ("rollout",),
             "acting.runner": ("PolicyRunner",),
             "acting.shield": ("SHIELD_VERSION", "Decision", "Shield"),
-            "config": ("LEARNER", "PolicyConfig", "TrainConfig"),
+            "bounds": ("bounded", "one_of"),
+            "config": (
+                "LEARNER",
+                "EncoderConfig",
+                "HeadConfig",
+                "PolicyConfig",
+                "TrainConfig",
+                "add_encoder",
+                "add_head",
+                "import_code",
+                "read_recipe",
+            ),
             "examples.windows": ("Batch", "Windows"),
             "foreign": (
                 "Foreign",
@@ -68,7 +93,10 @@ else:
             ),
             "learning.curves": ("Curve", "cost_s"),
             "learning.training": ("Training", "train"),
-            "networks.diffusion": ("DiffusionPolicy",),
+            "networks.interfaces": ("Encoder", "Fit", "Head"),
+            "networks.layers": ("hidden",),
+            "networks.policy": ("Policy",),
+            "networks.unet": ("ConditionalUNet1D",),
         },
     )
 
@@ -78,11 +106,17 @@ __all__ = [
     "MODEL",
     "SHIELD_VERSION",
     "Batch",
+    "ConditionalUNet1D",
     "Curve",
     "Decision",
-    "DiffusionPolicy",
     "DiffusionRunner",
+    "Encoder",
+    "EncoderConfig",
+    "Fit",
     "Foreign",
+    "Head",
+    "HeadConfig",
+    "Policy",
     "PolicyConfig",
     "PolicyRunner",
     "Shield",
@@ -91,16 +125,23 @@ __all__ = [
     "Training",
     "View",
     "Windows",
+    "add_encoder",
+    "add_head",
+    "bounded",
     "cost_s",
     "device_of",
     "expect_policy",
     "foreign_policy",
     "foreign_runners",
+    "hidden",
+    "import_code",
     "load_policy",
     "load_runners",
     "made_of",
     "make_policy",
+    "one_of",
     "pack",
+    "read_recipe",
     "rollout",
     "sent_on",
     "train",

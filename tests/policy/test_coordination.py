@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy import (
-    DiffusionPolicy,
+    Policy,
     DiffusionRunner,
     PolicyConfig,
     TrainConfig,
@@ -24,7 +24,7 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.acting.diffusion_runner import WAIT_STEPS
 from rf_exp.policy.inputs.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, told
-from rf_exp.policy.inputs.observation_spec import senses_of
+from rf_exp.policy.inputs.observation_spec import spec_of
 from rf_exp.store import Store
 from rf_exp.types import Arch, Scene
 from tests.policy.conftest import ARCHS, REST, STEPS
@@ -87,8 +87,8 @@ def test_a_policy_is_told_of_its_own_agent(make_store, knowing: PolicyConfig) ->
     store: Store = make_store(2, 3)
     assert numbered(store)[0].max() + 1 == 2
     for agent, view in enumerate(views(COORDINATED, 2), start=1):
-        windows, senses = Windows(store, view, knowing, torch.device("cpu")), senses_of(knowing, store, view)
-        assert windows.context.shape == (store.steps, senses.size(view))
+        windows, spec = Windows(store, view, knowing, torch.device("cpu")), spec_of(knowing, store, view)
+        assert windows.context.shape == (store.steps, spec.size(view))
         numbers = windows.context[:, -3:-1].argmax(dim=1).numpy()
         assert np.array_equal(numbers, store.subgoal[:, agent - 1])
 
@@ -158,7 +158,7 @@ def test_a_rollout_tells_policies_what_the_coordinator_says(
 def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
     (view, _) = views(COORDINATED, 2)
     with pytest.raises(ArgumentError, match="a coordinated architecture needs policy"):
-        senses_of(policy_config, make_store(2, 3), view)
+        spec_of(policy_config, make_store(2, 3), view)
     with pytest.raises(ArgumentError, match="phases is True; expected false without context and a draft"):
         replace(policy_config, context=True, phases=True)
 
@@ -183,7 +183,7 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
     looks: list[bool] = []
 
     def stay(runner: DiffusionRunner, context: torch.Tensor, numbers: torch.Tensor, free: torch.Tensor):
-        found = DiffusionPolicy.in_phase(runner._policy, context, numbers, free)
+        found = Policy.in_phase(runner._policy, context, numbers, free)
         own = 3 * len(runner.view.streams[0].agents)
         assert found.shape == context.shape and torch.equal(found[..., :-own], context[..., :-own])
         phase = found[..., -own:].unflatten(-1, (-1, 3))
@@ -193,7 +193,7 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
         return found
 
     def nobody_goes(runner: DiffusionRunner, *observed: torch.Tensor):
-        chances = DiffusionPolicy.chances(runner._policy, *observed)
+        chances = Policy.chances(runner._policy, *observed)
         assert chances is not None and torch.allclose(chances[..., :-1].sum(dim=2), torch.ones(1))
         return torch.cat([chances[..., :-1], torch.zeros_like(chances[..., -1:])], dim=2)
 
@@ -222,7 +222,7 @@ def test_who_goes_is_not_cut_short_by_another_who_waits(
 
     def the_first_goes(*observed: torch.Tensor) -> torch.Tensor | None:
         looks.append(True)
-        chances = DiffusionPolicy.chances(policy, *observed)
+        chances = Policy.chances(policy, *observed)
         assert chances is not None
         return torch.cat([chances[..., :-1], torch.tensor([[[1.0], [0.0]]])], dim=2)
 
@@ -263,4 +263,4 @@ def test_a_store_that_does_not_say_who_did_what_is_refused(
     store: Store = make_store(2, 3)
     monkeypatch.setitem(vars(store), "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
     with pytest.raises(ArgumentError, match="does not say who was at which subgoal; generate it again"):
-        senses_of(knowing, store, views(COORDINATED, 2)[0])
+        spec_of(knowing, store, views(COORDINATED, 2)[0])

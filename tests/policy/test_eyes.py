@@ -26,8 +26,8 @@ from rf_exp.policy.config import CELL
 from rf_exp.policy.examples.keypoints import HAND, keypoints
 from rf_exp.policy.examples.moments import by_episode
 from rf_exp.policy.inputs.coordination import may_go
-from rf_exp.policy.inputs.observation_spec import Senses, senses_of, tcp_poses
-from rf_exp.policy.inputs.task_space import followed, with_hands
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
+from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
 from rf_exp.policy.networks.keypoint_encoder import Eyes
 from rf_exp.robots import limits_rad, tcp_pose
 from rf_exp.sim.simulator import CameraModel
@@ -80,11 +80,11 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
     scene = store.identity["scene"]
     bases = [planar(r["x_m"], r["y_m"], float(np.deg2rad(r["yaw_deg"]))) for r in scene["robots"]]
     for view in views(arch, agents):
-        senses = senses_of(seeing, store, view)
-        assert senses.keys == 1  # a gripper that closes, and stays so
+        spec = spec_of(seeing, store, view)
+        assert spec.keys == 1  # a gripper that closes, and stays so
         for stream in view.streams:
-            found = keypoints(store, stream, senses, slice(None))
-            assert found.points.shape == (store.steps, senses.keypoints(view) * len(HAND), 3)
+            found = keypoints(store, stream, spec, slice(None))
+            assert found.points.shape == (store.steps, spec.keypoints(view) * len(HAND), 3)
             spec = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
             others = [k for k in range(1, agents + 1) if k not in stream.agents]
@@ -110,10 +110,10 @@ def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: Policy
     """Each camera's in its part of the picture, or nowhere; and a keypoint is the same in all of them."""
     store: Store = make_store(2, 3)
     stream = Stream("agent1", (1,), ("global", "agent2"))
-    senses = senses_of(seeing, store, View("agent1", (stream,)))
-    wide = keypoints(store, stream, senses, slice(None))
-    parts = [keypoints(store, Stream(name, (1,)), senses, slice(None)) for name in stream.cameras]
-    assert senses.keypoints(View("agent1", (stream,))) == 3 * senses.keypoints(
+    spec = spec_of(seeing, store, View("agent1", (stream,)))
+    wide = keypoints(store, stream, spec, slice(None))
+    parts = [keypoints(store, Stream(name, (1,)), spec, slice(None)) for name in stream.cameras]
+    assert spec.keypoints(View("agent1", (stream,))) == 3 * spec.keypoints(
         View("agent1", (Stream("agent1", (1,)),))
     )
     for row, part in enumerate(parts):
@@ -154,7 +154,7 @@ def test_a_camera_on_a_hand_is_refused(make_store) -> None:
     store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"
     try:
         with pytest.raises(ArgumentError, match="camera 'agent1' rides on a hand"):
-            keypoints(store, Stream("agent1", (1,)), Senses(((0.0, 0.0, 0.0),), keys=1), slice(None))
+            keypoints(store, Stream("agent1", (1,)), ObservationSpec(((0.0, 0.0, 0.0),), keys=1), slice(None))
     finally:
         store.identity["scene"]["cameras"]["agent1"]["mount"] = "world"
 
@@ -298,8 +298,8 @@ def test_policies_of_all_views_save_and_load(
     store: Store = make_store(2, 3)
     for view in views(arch, 2):
         folder = train(store, view, seeing, phases, tmp_path / view.name)
-        policy, read, senses = load_policy(folder)
-        assert (read, senses) == (view, senses_of(seeing, store, view))
+        policy, read, spec = load_policy(folder)
+        assert (read, spec) == (view, spec_of(seeing, store, view))
         windows = Windows(store, view, seeing, CPU)
         batch = windows.batch(np.arange(4), None)
         features = policy.encode_whole(batch.pictures)[batch.frames]
@@ -312,25 +312,25 @@ def test_policies_of_all_views_save_and_load(
 def test_joints_follow_the_hands() -> None:
     """Joints that are a little off are led to where the predicted hands are, both arms of a stream."""
     rng = np.random.default_rng(3)
-    senses = Senses(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
+    spec = ObservationSpec(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
     stream = Stream("global", (1, 2))
     action = np.concatenate([REST + rng.normal(0, 0.2, (12, 2, 7)), rng.choice([-1.0, 1.0], (12, 2, 1))], 2)
     action[..., :7] = np.clip(action[..., :7], limits_rad()[0] + 0.1, limits_rad()[1] - 0.1)
-    chunk = with_hands(senses, stream, action).astype(float)
+    chunk = task_space_actions(spec, stream, action).astype(float)
     chunk[:, :16] += np.tile(np.append(rng.normal(0, 0.01, 7), 0.0), 2)
-    found = followed(senses, stream, chunk)
+    found = joint_actions(spec, stream, chunk)
     assert np.array_equal(found[..., 7], action[..., 7])
     np.testing.assert_allclose(
-        tcp_poses(senses, stream, found[..., :7]), tcp_poses(senses, stream, action[..., :7]), atol=2e-3
+        tcp_poses(spec, stream, found[..., :7]), tcp_poses(spec, stream, action[..., :7]), atol=2e-3
     )
     assert np.abs(found - action)[..., :7].max() < 0.1
 
 
 def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
-    senses, stream = Senses(bases=((0.0, 0.0, 0.0),)), Stream("agent1", (1,))
-    chunk = with_hands(senses, stream, np.append(REST, 1.0)[None, None]).astype(float)
+    spec, stream = ObservationSpec(bases=((0.0, 0.0, 0.0),)), Stream("agent1", (1,))
+    chunk = task_space_actions(spec, stream, np.append(REST, 1.0)[None, None]).astype(float)
     chunk[0, 8:11] = (3.0, 0.0, 0.5)
-    assert np.array_equal(followed(senses, stream, chunk)[0, 0], chunk[0, :8])
+    assert np.array_equal(joint_actions(spec, stream, chunk)[0, 0], chunk[0, :8])
 
 
 @pytest.mark.parametrize(

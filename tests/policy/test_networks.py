@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import DiffusionPolicy, PolicyConfig
+from rf_exp.policy import Policy, PolicyConfig
 from rf_exp.policy.networks.encoders import SpatialSoftmax, encoder
 from rf_exp.policy.networks.normaliser import LEAST_RANGE, Range, largest_change
 from rf_exp.policy.networks.unet import ConditionalUNet1D
@@ -17,7 +17,7 @@ def count(module: torch.nn.Module) -> int:
 
 @pytest.mark.slow
 def test_the_papers_sizes() -> None:
-    policy = DiffusionPolicy(PolicyConfig(), 8, 8)
+    policy = Policy(PolicyConfig(), 8, 8)
     assert count(policy.unet) == 85_355_912
     assert count(policy.encoder) == 11_176_512
 
@@ -106,7 +106,7 @@ def test_the_fastest_change_is_taken_within_episodes() -> None:
     assert largest_change(action[:1], torch.ones(0, dtype=torch.bool)).item() == 0.0
 
 
-def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
+def sampled(policy: Policy, rows: int) -> torch.Tensor:
     steps = policy.config.observation_steps
     features = torch.linspace(-1, 1, rows * steps * policy.encoder.features)
     generators = [torch.Generator().manual_seed(row) for row in range(rows)]
@@ -132,7 +132,7 @@ def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: s
         relative_actions=False,
         unet_channels=(16, 32),
     )
-    policy = DiffusionPolicy(config, 8, 8).eval()
+    policy = Policy(config, 8, 8).eval()
     actions = sampled(policy, 2)
     assert actions.shape == (2, 8, 8)
     assert actions.abs().max() <= 1.0 + 1e-5  # clipped to the range of the data
@@ -143,7 +143,7 @@ def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: s
 def test_without_steps_of_diffusion_the_draft_acts() -> None:
     torch.manual_seed(0)
     config = small_policy(unet_channels=(16, 32), draft=(32,), inference_diffusion_steps=0)
-    policy = DiffusionPolicy(config, 8, 8).eval()
+    policy = Policy(config, 8, 8).eval()
     features = torch.randn(2, 3, policy.encoder.features)
     proprio, context = torch.zeros(2, 3, 8), torch.zeros(2, 3, 0)
     assert policy.draft is not None
@@ -155,7 +155,7 @@ def test_without_steps_of_diffusion_the_draft_acts() -> None:
 @pytest.mark.slow
 def test_the_film_table_does_not_outlive_its_weights() -> None:
     torch.manual_seed(0)
-    policy = DiffusionPolicy(small_policy(unet_channels=(16, 32)), 8, 8).eval()
+    policy = Policy(small_policy(unet_channels=(16, 32)), 8, 8).eval()
     before = sampled(policy, 1)
     policy.train()
     with torch.no_grad():
@@ -167,7 +167,7 @@ def test_the_film_table_does_not_outlive_its_weights() -> None:
 def test_relative_actions_are_added_to_the_measured_joints() -> None:
     torch.manual_seed(0)
     config = small_policy(unet_channels=(16, 32), relative_actions=True)
-    policy = DiffusionPolicy(config, 8, 8).eval()
+    policy = Policy(config, 8, 8).eval()
     moved = torch.zeros(1, 3, 8)
     moved[:, -1] = 0.5
     policy.normaliser.proprio.radius.fill_(1e9)  # the network sees no difference

@@ -8,7 +8,7 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import (
-    DiffusionPolicy,
+    Policy,
     DiffusionRunner,
     PolicyConfig,
     Stream,
@@ -20,7 +20,7 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.examples.moments import moving
 from rf_exp.policy.inputs.gripper_history import Memory
-from rf_exp.policy.inputs.observation_spec import Senses, context, near, senses_of, tcp_poses
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, near, spec_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, scene_at, small_training
@@ -44,8 +44,8 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
     store = make_store(agents, 3)
     frame = STEPS + 9  # of episode 1
     for view in views(arch, agents):
-        windows, senses = Windows(store, view, told, CPU), senses_of(told, store, view)
-        assert windows.context.shape == (len(view.streams) * store.steps, senses.size(view))
+        windows, spec = Windows(store, view, told, CPU), spec_of(told, store, view)
+        assert windows.context.shape == (len(view.streams) * store.steps, spec.size(view))
         poses = {
             name: values[0]
             for name, values in ((n, from_quaternion(p[frame : frame + 1])) for n, p in store.poses.items())
@@ -54,7 +54,7 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
         for command in store.action[STEPS:frame, :, 7]:
             memory.told(dict(enumerate(command, start=1)), np.full(agents, OPEN_M))
         for row in range(len(view.streams)):
-            now = context(senses, view, row, store.qpos[frame].astype(float), poses, memory.vector)
+            now = context(spec, view, row, store.qpos[frame].astype(float), poses, memory.vector)
             learned = windows.context[row * store.steps + frame].numpy()
             np.testing.assert_allclose(now, learned, atol=1e-5)
 
@@ -64,21 +64,21 @@ def test_context_is_seen_from_the_own_base() -> None:
     qpos = np.zeros((1, 9))
     found = []
     for base in ((0.0, 0.0, 0.0), (0.4, -0.2, 1.1)):
-        senses = Senses((base,), ("block",))
+        spec = ObservationSpec((base,), ("block",))
         poses = {"block": planar(*base) @ planar(0.5, 0.1, 0.3, 0.02)}
-        found.append(context(senses, LOCAL, 0, qpos, poses, Memory(1).vector))
+        found.append(context(spec, LOCAL, 0, qpos, poses, Memory(1).vector))
     np.testing.assert_allclose(*found, atol=1e-6)
 
 
 def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -> None:
     """Other numbers are scaled by their range in the demonstrations."""
-    senses, qpos = Senses(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
-    hand_m = tcp_poses(senses, LOCAL.streams[0], qpos[:, :7])[0, :3]
+    spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
+    hand_m = tcp_poses(spec, LOCAL.streams[0], qpos[:, :7])[0, :3]
 
     def near_at(*off_m: float) -> np.ndarray:
         pose = planar(0.0, 0.0, 0.0)
         pose[:3, 3] = hand_m + off_m
-        return context(senses, LOCAL, 0, qpos, {"block": pose}, Memory(1).vector)[-3:]
+        return context(spec, LOCAL, 0, qpos, {"block": pose}, Memory(1).vector)[-3:]
 
     np.testing.assert_allclose(near_at(0.001, 0.05, -0.1), [0.01, 0.5, -1.0], atol=1e-6)
     np.testing.assert_allclose(near_at(2.4, -0.3, 0.0), [1.0, -1.0, 0.0], atol=1e-6)
@@ -123,8 +123,8 @@ def test_a_policy_learns_from_the_truth(make_store, told, tmp_path) -> None:
     config = replace(told, draft=(64,), dropout=0.1, loss="l1", relative_actions=True, binary_grippers=True)
     recipe = small_training(steps=60, draft_steps=500, batch_size=32, noise_draws=1, device="cpu")
     train(make_store(1, 40), LOCAL, config, recipe, tmp_path / "agent1")
-    policy, view, senses = load_policy(tmp_path / "agent1", "cpu")
-    runner = DiffusionRunner(policy, view, senses)
+    policy, view, spec = load_policy(tmp_path / "agent1", "cpu")
+    runner = DiffusionRunner(policy, view, spec)
     assert not runner.looks  # no picture is ever drawn for it
     errors = []
     for seed in range(100, 110):  # never seen
@@ -148,5 +148,5 @@ def test_a_draft_needs_clean_actions_as_predictions(told) -> None:
 
 def test_without_a_draft_nothing_has_changed(policy_config) -> None:
     """The paper's network has no part that it did not have."""
-    names = {name.split(".")[0] for name, _ in DiffusionPolicy(policy_config, 8, 8).named_parameters()}
+    names = {name.split(".")[0] for name, _ in Policy(policy_config, 8, 8).named_parameters()}
     assert names == {"encoder", "unet"}

@@ -56,12 +56,12 @@ def signed(folder: Path, to: Path, said: Any = None, tensors: dict[str, Tensor] 
 
 def acts(folder: Path) -> Tensor:
     """(1, T, A) what the policy does where nothing is to be seen."""
-    policy, view, senses = load_policy(folder, "cpu")
+    policy, view, spec = load_policy(folder, "cpu")
     # It takes a second to be made, and computes the same.
     policy.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     frames = policy.config.observation_steps
     features = torch.zeros(1, frames, policy.encoder.features)
-    proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, senses.size(view))
+    proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, spec.size(view))
     return policy.act(features, proprio, context, [torch.Generator().manual_seed(0)])
 
 
@@ -150,7 +150,7 @@ def test_a_distorted_configuration_is_refused_or_means_the_same(
     """Of every key of what a policy is and sees; of what it learned from it says what it likes."""
     monkeypatch.setattr("os.fsync", lambda _: None)  # hundreds of files, of which none need outlive a crash
     expected, said = acts(sound), json.loads((sound / CONFIG).read_text())
-    looked_at = [at for at in paths(said) if at[0] in ("learner", "policy", "view", "senses") or len(at) == 1]
+    looked_at = [at for at in paths(said) if at[0] in ("learner", "policy", "view", "spec") or len(at) == 1]
     refused = 0
     for at in looked_at:
         kept = [changed(said, at, None, drop=True)]

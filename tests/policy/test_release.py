@@ -53,8 +53,8 @@ def test_the_small_copy_of_a_policy_acts_as_the_whole_one(out: Path, tmp_path: P
     whole = out / "policies" / PLACE
     small = write_small(whole, tmp_path / "small")
     assert (small / MODEL).stat().st_size < 0.6 * (whole / MODEL).stat().st_size
-    (one, view, senses), (other, *rest) = load_policy(whole, "cpu"), load_policy(small, "cpu")
-    assert rest == [view, senses]
+    (one, view, spec), (other, *rest) = load_policy(whole, "cpu"), load_policy(small, "cpu")
+    assert rest == [view, spec]
     for weight, half in zip(one.state_dict().values(), other.state_dict().values(), strict=True):
         assert half.dtype == weight.dtype
         torch.testing.assert_close(half, weight, atol=0, rtol=2**-8)

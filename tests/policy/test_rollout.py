@@ -14,7 +14,7 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account, Closest, Violation
 from rf_exp.policy import (
     Decision,
-    DiffusionPolicy,
+    Policy,
     DiffusionRunner,
     PolicyConfig,
     View,
@@ -80,10 +80,10 @@ def make_runner(policy_config: PolicyConfig):
 
 
 @cache
-def random_policy(config: PolicyConfig, proprio: int, action: int, seed: int) -> DiffusionPolicy:
+def random_policy(config: PolicyConfig, proprio: int, action: int, seed: int) -> Policy:
     """Acting changes no weight, and a policy traces its network once: runners of several tests share it."""
     torch.manual_seed(seed)
-    policy = DiffusionPolicy(config, proprio, action)
+    policy = Policy(config, proprio, action)
     policy.normaliser.fastest.fill_(FASTEST_RAD)
     return policy
 

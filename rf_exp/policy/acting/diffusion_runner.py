@@ -14,14 +14,14 @@ from rf_exp.policy.acting.patience import Patience
 from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.inputs.coordination import told
+from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import Memory
-from rf_exp.policy.inputs.observation_spec import Senses, context, others, proprioception, widths
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, others, proprioception, widths
 from rf_exp.policy.inputs.pictures import side_by_side
-from rf_exp.policy.inputs.task_space import followed
+from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
-from rf_exp.policy.networks.diffusion import DiffusionPolicy
+from rf_exp.policy.networks.policy import Policy
 from rf_exp.types import ARM_JOINTS, Scene, Sight
 
 WAIT_STEPS = 4  # after which one who waits looks again
@@ -49,8 +49,8 @@ class DiffusionRunner(PolicyRunner):
     those are taken that an observation will hold.
     """
 
-    def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
-        self._policy, self._config, self.senses = policy.eval(), policy.config, senses or Senses()
+    def __init__(self, policy: Policy, view: View, spec: ObservationSpec | None = None) -> None:
+        self._policy, self._config, self.spec = policy.eval(), policy.config, spec or ObservationSpec()
         self._device = policy.normaliser.fastest.device
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
@@ -66,12 +66,12 @@ class DiffusionRunner(PolicyRunner):
     def _nothing_yet(self, seed: int) -> _Recent:
         features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
         generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
-        return _Recent(features, proprio, context, Patience(self._config.patience), generators)
+        return _Recent(features, proprio, context, Patience(self._config.acting.transition_integrator), generators)
 
     @property
     def looks(self) -> bool:
         """Whether the present pictures are part of the observation of the next prediction."""
-        return self._config.observation == "pictures" and self._observes
+        return self._config.encoder.pictures and self._observes
 
     @property
     def _observes(self) -> bool:
@@ -98,7 +98,7 @@ class DiffusionRunner(PolicyRunner):
         if not self._observes:
             return
         streams, memory = self.view.streams, recent.memory.vector
-        if self.senses.subgoals:
+        if self.spec.subgoals:
             said = np.zeros(len(memory), int), np.ones(len(memory), bool)  # until it says so itself
             if self.view.coordinated:
                 if self.state.coordinated is None:
@@ -106,12 +106,12 @@ class DiffusionRunner(PolicyRunner):
                         f"policy {self.view.name!r} has learned with a coordinator; there is none here"
                     )
                 said = self.state.coordinated
-            memory = np.concatenate([memory, told(*said, self.senses.subgoals)], axis=-1)
+            memory = np.concatenate([memory, phases(*said, self.spec.subgoals)], axis=-1)
         qpos = np.stack([scene.qpos[np.array(stream.agents) - 1] for stream in streams])
         proprio = torch.from_numpy(proprioception(qpos)).to(self._device)
         known = np.stack(
             [
-                context(self.senses, self.view, row, scene.qpos, scene.poses, memory)
+                context(self.spec, self.view, row, scene.qpos, scene.poses, memory)
                 for row in range(len(streams))
             ]
         )
@@ -131,16 +131,16 @@ class DiffusionRunner(PolicyRunner):
         """What heat maps see at (S, M, 2), but for what is past."""
         for stream, of_stream in zip(self.view.streams, places, strict=True):
             meant = [
-                (agent, key, key == min(changes[agent - 1], self.senses.keys))
+                (agent, key, key == min(changes[agent - 1], self.spec.keyframes))
                 for agent in stream.agents
-                for key in range(self.senses.keys + 1)
+                for key in range(self.spec.keyframes + 1)
             ]
-            meant += [(agent, self.senses.keys, False) for agent in others(self.senses, stream)]
+            meant += [(agent, self.spec.keyframes, False) for agent in others(self.spec, stream)]
             count = len(stream.cameras)
             parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
             for row, (camera, in_picture) in enumerate(parts):
                 for (agent, key, goes), (x, y) in zip(meant, in_picture, strict=True):
-                    if key >= min(changes[agent - 1], self.senses.keys):
+                    if key >= min(changes[agent - 1], self.spec.keyframes):
                         yield Sight(camera, agent, float(count * x - row), float(y), bool(goes))
 
     def predict(self, scene: Scene) -> NDArray[np.float64]:
@@ -164,7 +164,7 @@ class DiffusionRunner(PolicyRunner):
         waits = ~free
         if self.view.coordinated and coordinated is not None:
             waits = ~coordinated[1][agents]
-        if size := self.senses.told:
+        if size := self.spec.phase_size:
             numbers = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
             doing = numbers[:, :-1].argmax(dim=1).tolist()
             self.state.phases = {
@@ -195,7 +195,7 @@ class DiffusionRunner(PolicyRunner):
         In an ensemble (Zhao et al. 2023, temporal ensembling) those predicted earlier for the same control
         steps count too. What was predicted before somebody had to wait is about other steps.
         """
-        steps, decay = self._config.action_steps, self._config.ensemble
+        steps, decay = self._config.acting.action_steps, self._config.acting.ensemble
         if decay is None:
             return self._commands(actions[:, :steps])
         recent = self._recent
@@ -212,9 +212,9 @@ class DiffusionRunner(PolicyRunner):
 
     def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
-        if self._config.tcp_actions:
+        if self._config.task_space_actions:
             streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate([followed(self.senses, stream, rows) for stream, rows in streams], axis=1)
+            return np.concatenate([joint_actions(self.spec, stream, rows) for stream, rows in streams], axis=1)
         return actions.transpose(1, 0, 2).reshape(actions.shape[1], -1, ACTION_SIZE).copy()
 
     def _goes_nowhere(
@@ -227,7 +227,7 @@ class DiffusionRunner(PolicyRunner):
         """
         told = actions[..., : self.view.action_size].transpose(1, 0, 2)
         told = told.reshape(len(told), -1, ACTION_SIZE)  # (T, agents, 8)
-        near = np.abs(told[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.hold_rad
+        near = np.abs(told[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.acting.deadband_rad
         return near & ((told[..., ARM_JOINTS] > 0) == opened).all(axis=0)
 
     def _picture(self, pictures: Mapping[str, NDArray[np.uint8]], stream: Stream) -> NDArray[np.uint8]:
