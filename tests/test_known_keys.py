@@ -75,7 +75,14 @@ def test_of_every_key_a_wrong_letter_is_missed_and_the_right_one_proposed(brain:
 
 
 def test_a_key_that_is_most_like_one_of_another_parent() -> None:
-    there = ["picture.width", "policy.draft", "seed", "training.steps", "randomisation.heavy", "task.heavy"]
+    there = [
+        "picture.width",
+        "policy.head.regression.hidden",
+        "seed",
+        "training.steps",
+        "randomisation.heavy",
+        "task.heavy",
+    ]
     assert nearest("policy.width", there) == ["picture.width"]
     assert nearest("randomization.heavy", there) == ["randomisation.heavy"]
     assert nearest("training.seed", there) == ["seed"]
@@ -124,7 +131,7 @@ def test_a_misspelt_key_is_refused_with_the_file_it_stands_in(command, own, tmp_
     ]
     said = told(command(*arguments, f"out={tmp_path / 'out'}"))
     for key, file, near in (
-        ("policy.unet_chanels", "policy/mine", "policy.unet_channels"),
+        ("policy.unet_chanels", "policy/mine", "policy.head.diffusion.channels"),
         ("disturbance", "policy/mine", "disturbance_rad"),
         ("delays_s", "policy/mine", "delay_s"),
         ("sceens", "experiment/mine", "scenes"),
@@ -191,7 +198,10 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
             "arch.separate_local is 3; expected keys below it: shared_policy, global_view",
         ),
         (["demos=null"], "demos is None; expected int"),
-        (["training.draft_steps=many"], "training.draft_steps is 'many'; expected int"),
+        (
+            ["policy.head.refined.regression_steps=many"],
+            "policy.head.refined.regression_steps is 'many'; expected int",
+        ),
         (["~brain"], "no brain chosen; use brain=NAME"),
         (["+arch=all"], "arch is chosen already; choose another one with arch=NAME, without +"),
     ],
@@ -222,7 +232,7 @@ def test_a_key_of_a_sweep_is_refused_in_each_of_its_processes(own, tmp_path) -> 
 def test_what_is_a_person_s_own_to_name_is_taken(command, tmp_path) -> None:
     """Rows, architectures, objects, options of factories and engines."""
     arguments = ["+constraints.space={logical: true, spatial: true, temporal: false}"]
-    arguments += ["+arch.mine={shared_policy: true, global_view: false}", "+training.log_every=5"]
+    arguments += ["+arch.mine={shared_policy: true, global_view: false}", "training.log_every=5"]
     arguments += ["+task.lift_barrier.objects.cube={asset: cube, x_m: 0.6}", "foreign.name=hold"]
     arguments += ["foreign.factory=examples.foreign.hold:make", "+foreign.options.steps=8"]
     done = command(*arguments, "stages=[bake]", f"out={tmp_path / 'out'}")

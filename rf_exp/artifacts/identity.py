@@ -87,9 +87,20 @@ def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
 
 
+def leaves(value: Any, prefix: str = "") -> dict[str, Any]:
+    """The values in nested mappings by dotted keys, which begin with `prefix`."""
+    if isinstance(value, Mapping) and (value or not prefix):
+        return {
+            key: leaf
+            for name, item in value.items()
+            for key, leaf in leaves(item, f"{prefix}.{name}" if prefix else str(name)).items()
+        }
+    return {prefix: value}
+
+
 def differing(found: object, wanted: object) -> tuple[str, ...]:
     """`key: found x, wanted y` for every leaf of two nested mappings that differs, by dotted key."""
-    old, new = _leaves(plain(found)), _leaves(plain(wanted))
+    old, new = leaves(plain(found)), leaves(plain(wanted))
     nothing = object()
     return tuple(
         f"{key}: found {_text(old, key)}, wanted {_text(new, key)}"
@@ -122,13 +133,3 @@ def _simpler(item: object) -> object:
 
 def _text(leaves: Mapping[str, Any], key: str) -> str:
     return json.dumps(leaves[key], sort_keys=True) if key in leaves else "nothing"
-
-
-def _leaves(value: Any, prefix: str = "") -> dict[str, Any]:
-    if isinstance(value, Mapping) and (value or not prefix):
-        return {
-            key: leaf
-            for name, item in value.items()
-            for key, leaf in _leaves(item, f"{prefix}.{name}" if prefix else str(name)).items()
-        }
-    return {prefix: value}

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         add_encoder,
         add_head,
         import_code,
+        policy_keys,
         read_recipe,
     )
     from rf_exp.policy.examples.windows import Batch, Windows
@@ -69,6 +70,7 @@ else:
                 "add_encoder",
                 "add_head",
                 "import_code",
+                "policy_keys",
                 "read_recipe",
             ),
             "examples.windows": ("Batch", "Windows"),
@@ -141,6 +143,7 @@ __all__ = [
     "make_policy",
     "one_of",
     "pack",
+    "policy_keys",
     "read_recipe",
     "rollout",
     "sent_on",

@@ -1,7 +1,7 @@
 """Fields of a configuration that say what they may be, once, where they are declared.
 
-A configuration may come with the policy of somebody else, so every number has its bounds: far above what is of
-use, and below what would take all memory, or for ever.
+A configuration may come with the policy of somebody else, so every number has its bounds: far above what is
+of use, and below what would take all memory, or for ever.
 """
 
 import math
@@ -59,7 +59,7 @@ def require(holds: bool, name: str, got: object, expected: str) -> None:
 
 
 class Checked:
-    """Base of frozen dataclasses whose fields are bounded: lists become tuples, and each value is looked at."""
+    """Base of frozen dataclasses whose fields are bounded: lists become tuples, each value is looked at."""
 
     def __post_init__(self) -> None:
         for each in fields(self):  # pyright: ignore[reportArgumentType]
@@ -85,9 +85,9 @@ class Checked:
 
 
 def values(config: Any, acting: bool | None = None, within: bool = False) -> dict[str, Any]:
-    """The fields of a configuration, inner ones as mappings: all, those that decide `acting` alone, or the others.
+    """The fields of a configuration, inner ones as mappings.
 
-    `within` says that all of them decide acting alone.
+    All, those that decide `acting` alone, or the others; `within` says that all of them do.
     """
     found: dict[str, Any] = {}
     for each in fields(config):

@@ -1,13 +1,15 @@
-"""What a policy is and how it is trained, as frozen values that check themselves; their defaults are in conf/policy/.
+"""The configuration of a policy and of its training, as frozen values that check themselves.
 
-A policy is an encoder and a head, each chosen by its name, with a configuration of its own: in `policy.head` the
-section of that name, and for what a head is made of the sections of those. Others may be added from outside of the
-package (`add_encoder`, `add_head`), by a module that a recipe names.
+All defaults are in conf/policy/. A policy is an encoder and a head, each chosen by its name, with a
+configuration of its own: in `policy.head` the section of that name, and for what a head is made of the
+sections of those. Others may be added from outside of the package (`add_encoder`, `add_head`), by a module
+that a recipe names.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import reduce
 from importlib import import_module
 from typing import Any, ClassVar
 
@@ -70,7 +72,9 @@ class KeypointsConfig(EncoderConfig):
     downsample: int = bounded(64, least=1)  # times, of the picture that heat maps cover
     # Pixels, side of the squares of the whole picture that are looked at again; 0: none.
     crop_refinement: int = bounded(LARGEST_PX, least=0)
-    noise: float = bounded(1, least=0)  # on what is seen (m, and parts of a picture), while the rest learns from it
+    noise: float = bounded(
+        1, least=0
+    )  # on what is seen (m, and parts of a picture), while the rest learns from it
     steps: int = bounded(10**9, least=0)  # of a fit of its own, before all others; 0: it learns with the head
     rate: float = bounded(1e3, above=0)  # of learning then, as a multiple of the others'
     shift_px: int = bounded(LARGEST_PX, least=0)  # by which pictures are shifted at most then, either way
@@ -92,7 +96,7 @@ class KeypointsConfig(EncoderConfig):
 
 
 class HeadConfig(Checked):
-    """Of a head, a frozen dataclass. A field that is a configuration of another head has a section of its own."""
+    """Of a head, a frozen dataclass. A field that is the configuration of another has its own section."""
 
     def check_in(self, policy: "PolicyConfig") -> None:
         """Raises ArgumentError for a policy that it does not go with."""
@@ -100,7 +104,7 @@ class HeadConfig(Checked):
 
 @dataclass(frozen=True)
 class DiffusionConfig(HeadConfig):
-    """A trunk, a U-Net and the process of diffusion. The sampler and its steps may be others than in training."""
+    """A trunk, a U-Net and the process of diffusion, whose sampler and steps change no weight."""
 
     trunk: tuple[int, ...] = bounded(above=0, expected="numbers above 0")  # hidden layers before the U-Net
     channels: tuple[int, ...] = bounded()  # of the levels of the U-Net
@@ -179,7 +183,10 @@ PARTS = {"encoder": ENCODERS, "head": HEADS}
 
 
 def add_encoder(name: str, config: type[EncoderConfig], encoder: Callable[..., Any]) -> None:
-    """Make an encoder known: `encoder(config, view, spec)` is an `Encoder`. Raises ArgumentError for a known name."""
+    """Make an encoder known: `encoder(config, view, spec)` is an `Encoder`.
+
+    Raises ArgumentError for a known name.
+    """
     _add("encoder", name, Kind(config, encoder))
 
 
@@ -212,8 +219,8 @@ def import_code(policy: object) -> None:
         import_module(code)
     except Exception as error:  # whatever a module does when it is imported
         raise ArgumentError(
-            f"policy.code: {code!r} cannot be imported: {type(error).__name__}: {error}; expected a module that "
-            "Python finds, in this folder or by PYTHONPATH"
+            f"policy.code: {code!r} cannot be imported: {type(error).__name__}: {error}; expected a module "
+            "that Python finds, in this folder or by PYTHONPATH"
         ) from error
 
 
@@ -235,22 +242,26 @@ class ActingConfig(Checked):
 
 @dataclass(frozen=True)
 class PolicyConfig(Checked):
-    """The networks, what they are shown and what they predict. Pictures must come in `height` x `width` pixels."""
+    """The networks, what they are shown and what they predict, of pictures of `height` x `width` pixels."""
 
     encoder: EncoderConfig
     head: HeadConfig
     acting: ActingConfig = field(metadata={ACTING: True})
-    horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
-    observation_steps: int = bounded(64, above=0)
     context: bool  # told also where the own TCP is and what the own gripper has done
     phases: bool  # predicts its subgoal and whether it may go on
-    phase_dropout: float = bounded(least=0, below=1)
-    proprio_noise: float = bounded(1e3, least=0)  # on normalised joint positions in training, one draw a window
     relative_actions: bool  # joint targets as differences from the newest measured positions
     task_space_actions: bool  # predicts where the TCP goes too, and joints follow that
     binary_grippers: bool  # commands are wholly open or wholly closed
     drop_idle: bool  # learns nothing from moments in which nobody moves
-    crop: float = bounded(1, above=0, expected="a number above 0, at most 1")  # side, as a part of the picture's
+    horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
+    observation_steps: int = bounded(64, above=0)
+    phase_dropout: float = bounded(least=0, below=1)
+    proprio_noise: float = bounded(
+        1e3, least=0
+    )  # on normalised joint positions in training, one draw a window
+    crop: float = bounded(
+        1, above=0, expected="a number above 0, at most 1"
+    )  # side, as a part of the picture's
     height: int = bounded(LARGEST_PX, above=0)  # pixels
     width: int = bounded(LARGEST_PX, above=0)
 
@@ -258,18 +269,19 @@ class PolicyConfig(Checked):
         for name in ("phases", "task_space_actions"):
             needs = self.context or not getattr(self, name)
             require(needs, "context", self.context, f"true with {name}")
+        self.encoder.check_in(self)
+        self.head.check_in(self)
         longest = self.horizon - self.observation_steps + 1
         steps = self.acting.action_steps
         require(steps <= longest, "action_steps", steps, f"at most {longest}")
-        self.encoder.check_in(self)
-        self.head.check_in(self)
 
     @staticmethod
-    def read(node: Mapping[str, Any]) -> "PolicyConfig":
-        """What `identity` has said, or a recipe: sections of parts that are not chosen are not looked at.
+    def read(*nodes: Mapping[str, Any]) -> "PolicyConfig":
+        """A recipe, or what `learned` and `acted` said: later values win, and only chosen parts are read.
 
         Raises ArgumentError that names a key.
         """
+        node = reduce(merged, nodes)
         parts = {kind: _read_part(kind, node.get(kind)) for kind in PARTS}
         return read_values(PolicyConfig, {**node, **parts}, "policy.")
 
@@ -301,7 +313,7 @@ class PolicyConfig(Checked):
 
     def acting_as(self, other: "PolicyConfig") -> "PolicyConfig":
         """The same policy, which acts as another one says of the same parts."""
-        return PolicyConfig.read(merged(self.identity, other.acted))
+        return PolicyConfig.read(self.identity, other.acted)
 
     @property
     def observation(self) -> str:
@@ -316,7 +328,24 @@ class PolicyConfig(Checked):
 def read_recipe(node: Mapping[str, Any], picture: Mapping[str, int]) -> PolicyConfig:
     """The policy of a recipe of the person who runs it, once the module that it names is imported."""
     import_code(node)
-    return PolicyConfig.read({**{key: value for key, value in node.items() if key != CODE}, **picture})
+    return PolicyConfig.read({key: value for key, value in node.items() if key != CODE}, picture)
+
+
+def policy_keys() -> dict[str, Any]:
+    """The keys that `policy` may have in a recipe, and those below them: a section for each part there is."""
+    found: dict[str, Any] = {CODE: None}
+    for each in fields(PolicyConfig):
+        if each.name in PARTS:
+            sections = {name: _own_keys(kind.config) for name, kind in PARTS[each.name].items()}
+            found[each.name] = {"name": None, **{name: own for name, own in sections.items() if own}}
+        elif each.name not in ("height", "width"):  # a policy sees what the cameras take
+            found[each.name] = _own_keys(each.type) if is_dataclass(each.type) else None
+    return found
+
+
+def _own_keys(config: Any) -> dict[str, None]:
+    """Of a configuration, but for parts of it that have a section of their own."""
+    return {each.name: None for each in fields(config) if not is_dataclass(each.type)}
 
 
 def _read_part(kind: str, node: object) -> Any:
@@ -347,7 +376,9 @@ class TrainConfig(Checked):
     batch_size: int = bounded(2**16, above=0)  # windows
     # Part of them that is drawn from those in which an own agent may go on.
     active_agent_sampling: float = bounded(1, least=0)
-    run_length: int = bounded(2**16, above=0)  # consecutive windows drawn together: their frames are encoded once
+    run_length: int = bounded(
+        2**16, above=0
+    )  # consecutive windows drawn together: their frames are encoded once
     learning_rate: float = bounded(math.inf, above=0)
     betas: tuple[float, float] = bounded(least=0, below=1, expected="two numbers in [0, 1)")
     epsilon: float = bounded(1, above=0)
@@ -365,6 +396,12 @@ class TrainConfig(Checked):
         given = {name: value for name, value in budgets.items() if value is not None}
         require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
         require(0 <= self.seed < 2**32, "seed", self.seed, f"0 to {2**32 - 1}")
+
+    @staticmethod
+    def read(identity: Mapping[str, Any]) -> "TrainConfig":
+        """What `identity` has said. Raises ArgumentError that names a key."""
+        how = {"device": "auto", "log_every": 1, "checkpoint_every": 1}
+        return read_values(TrainConfig, {**how, **identity}, "training.")
 
     @property
     def identity(self) -> dict[str, Any]:

@@ -66,7 +66,9 @@ class DiffusionRunner(PolicyRunner):
     def _nothing_yet(self, seed: int) -> _Recent:
         features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
         generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
-        return _Recent(features, proprio, context, Patience(self._config.acting.transition_integrator), generators)
+        return _Recent(
+            features, proprio, context, Patience(self._config.acting.transition_integrator), generators
+        )
 
     @property
     def looks(self) -> bool:
@@ -214,7 +216,9 @@ class DiffusionRunner(PolicyRunner):
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
         if self._config.task_space_actions:
             streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate([joint_actions(self.spec, stream, rows) for stream, rows in streams], axis=1)
+            return np.concatenate(
+                [joint_actions(self.spec, stream, rows) for stream, rows in streams], axis=1
+            )
         return actions.transpose(1, 0, 2).reshape(actions.shape[1], -1, ACTION_SIZE).copy()
 
     def _goes_nowhere(

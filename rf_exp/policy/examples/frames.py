@@ -1,4 +1,4 @@
-"""Frames of a store as arrays over all streams of a view: joints, context and commands; pictures; keypoint labels.
+"""Frames of a store as arrays over all streams of a view: joints, context, commands, pictures, labels.
 
 S streams over T frames become S * T rows, one stream after the other.
 """
@@ -71,7 +71,12 @@ def pictures(store: "Store", view: View, config: PolicyConfig, kept: Kept) -> Te
 
 
 def keypoint_labels(
-    store: "Store", view: View, config: PolicyConfig, spec: ObservationSpec, kept: Kept, numbers: NDArray[np.int64]
+    store: "Store",
+    view: View,
+    config: PolicyConfig,
+    spec: ObservationSpec,
+    kept: Kept,
+    numbers: NDArray[np.int64],
 ) -> tuple[Tensor, ...]:
     """Pixels, points and headings of keypoints, and what the others are doing."""
     if not config.encoder.keypoints:

@@ -39,7 +39,9 @@ class Keypoints:
     headings: NDArray[np.float32]  # (T, M, HEADING)
 
 
-def keypoints(store: "Store", stream: Stream, spec: ObservationSpec, kept: NDArray[np.bool_] | slice) -> Keypoints:
+def keypoints(
+    store: "Store", stream: Stream, spec: ObservationSpec, kept: NDArray[np.bool_] | slice
+) -> Keypoints:
     """The keypoints of the kept frames of a store.
 
     Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
@@ -103,6 +105,8 @@ def _camera(store: "Store", name: str) -> CameraModel:
             f"{store.path} does not say where its cameras stand; generate it again"
         ) from error
     if spec.mount != "world":
-        raise ArgumentError(f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still")
+        raise ArgumentError(
+            f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
+        )
     size = store.attrs["width"], store.attrs["height"]
     return CameraModel(*size, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)

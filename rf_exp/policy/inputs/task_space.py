@@ -23,7 +23,9 @@ CLOSE_RAD = 0.1  # from the predicted joints, where nothing closer is looked for
 FARTHEST_RAD = 0.35  # what is farther is another posture, and not meant
 
 
-def task_space_actions(spec: ObservationSpec, stream: Stream, action: NDArray[np.floating]) -> NDArray[np.float32]:
+def task_space_actions(
+    spec: ObservationSpec, stream: Stream, action: NDArray[np.floating]
+) -> NDArray[np.float32]:
     """Actions (..., n, 8) of the n agents of a stream -> (..., 8n + 9n), with the poses of their TCPs."""
     poses = tcp_poses(spec, stream, action[..., :ARM_JOINTS])
     joined = [action.reshape(*action.shape[:-2], -1), poses.reshape(*poses.shape[:-2], -1)]

@@ -38,7 +38,6 @@ from rf_exp.artifacts import (
     write_json,
 )
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.bounds import merged
 from rf_exp.policy.config import LEARNER, PolicyConfig
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
 from rf_exp.policy.inputs.view import View
@@ -177,7 +176,7 @@ def load_policy(
         raise StageError(f"{found}, this is version {LEARNER}; {ANEW}")
     with _faults_of(folder / CONFIG):
         view, spec = restored(View, said["view"]), restored(ObservationSpec, said["spec"])
-        config = PolicyConfig.read(merged(said["policy"], said["acting"]))
+        config = PolicyConfig.read(said["policy"], said["acting"])
         _check_whole(said, config, view, spec)
         _check_spec(config, view, spec)
         with torch.device("meta"):  # takes no memory, whatever the configuration asks for
@@ -247,9 +246,7 @@ def _check_spec(config: PolicyConfig, view: View, spec: ObservationSpec) -> None
     if config.context != bool(spec.bases):
         raise ArgumentError(f"context is {config.context}, and spec.bases are of {len(spec.bases)} arms")
     if spec.bases and max(view.agents) > len(spec.bases):
-        raise ArgumentError(
-            f"agent {max(view.agents)} has no base; spec.bases are of {len(spec.bases)} arms"
-        )
+        raise ArgumentError(f"agent {max(view.agents)} has no base; spec.bases are of {len(spec.bases)} arms")
     if bool(spec.subgoals) != (config.phases or view.coordinated):
         raise ArgumentError(
             f"spec.subgoals is {spec.subgoals} with phases {config.phases} and a view that is "

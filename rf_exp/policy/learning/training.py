@@ -1,8 +1,8 @@
 """The one training loop: a store and a view in, a folder with a policy out.
 
-What is learned, from which loss and for how long is a list of fits, which the policy says. Every random number of
-step k comes from (seed, k) and every epoch's order from (seed, epoch), so going on after an interruption needs no
-generator state and gives the same weights, bit for bit on a CPU.
+What is learned, from which loss and for how long is a list of fits, which the policy says. Every random
+number of step k comes from (seed, k) and every epoch's order from (seed, epoch), so going on after an
+interruption needs no generator state and gives the same weights, bit for bit on a CPU.
 """
 
 import math
@@ -61,8 +61,8 @@ def train(
 ) -> Path:
     """Train one policy into its folder (layout: `rf_exp.policy.learning.checkpoint`) and return the folder.
 
-    A first fit that other trainings may share is taken from the folder `shared` where one of them has left it, or
-    left there. The weights are those of one that has done it itself.
+    A first fit that other trainings may share is taken from the folder `shared` where one of them has left
+    it, or left there. The weights are those of one that has done it itself.
 
     A finished folder of the same configuration is returned untouched, an unfinished one is gone on with.
     Ctrl-C and SIGTERM are answered between two steps by a KeyboardInterrupt, once the state is written.
@@ -170,7 +170,9 @@ class Training:
         self._order: Sequence[NDArray[np.int64]] = ()  # of the windows of this epoch, in batches
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
         self._samples, self._since = 0, time.perf_counter()  # the same of windows, and when that was
-        self.first_fit: Path | None = None  # where what is learned first lies, or will, for other trainings too
+        self.first_fit: Path | None = (
+            None  # where what is learned first lies, or will, for other trainings too
+        )
         self._began_s = time.process_time()
 
     @property

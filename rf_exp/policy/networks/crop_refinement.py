@@ -1,6 +1,6 @@
-"""Crop refinement: a second look at small squares of the whole picture, round where heat maps see their keypoints.
+"""Crop refinement: a second look at small squares of the whole picture, round what heat maps have found.
 
-Heat maps cover the picture downsampled, so that they are cheap. What they have found to a pixel of that, a few
+Heat maps cover the picture downsampled, so that they are cheap. What they have found to a pixel of that, some
 convolutions find to a fraction of a pixel of the whole picture, at the cost of a few small squares.
 """
 

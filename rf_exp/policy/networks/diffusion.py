@@ -1,4 +1,4 @@
-"""Heads that sample by diffusion (Chi et al. 2023): the whole chunk, or what to change about one of regression.
+"""Diffusion heads (Chi et al. 2023): they sample the whole chunk, or what to change about one of regression.
 
 Sampling computes what stays the same once: the FiLM table over the diffusion steps and the projection of the
 condition.
@@ -68,7 +68,9 @@ class DiffusionHead(Head):
         table = self.unet.film_of_steps(torch.arange(count, device=device))
         projected = self.unet.film_of_observations(self.trunk(condition))
         film = table[steps] + projected.repeat_interleave(draws, 0)
-        prediction = self._predicted(noisy, film, None if given is None else given.repeat_interleave(draws, 0))
+        prediction = self._predicted(
+            noisy, film, None if given is None else given.repeat_interleave(draws, 0)
+        )
         error = functional.mse_loss if self._config.loss == "mse" else functional.l1_loss
         return error(prediction.float(), self._target(clean, noise, steps))
 
@@ -124,7 +126,11 @@ class RefinedHead(Head):
 
     def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
         given = self._given(condition)
-        return self.diffusion.sample(condition, generators, given) if self._config.diffusion.inference_steps else given
+        return (
+            self.diffusion.sample(condition, generators, given)
+            if self._config.diffusion.inference_steps
+            else given
+        )
 
     def fits(self) -> list[Fit]:
         first = Fit("regression", [self.regression], self.regression.loss, self._config.regression_steps)

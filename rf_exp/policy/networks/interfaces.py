@@ -1,7 +1,7 @@
-"""The three interfaces of learning: an encoder of pictures, a head that predicts actions, and what is fitted when.
+"""The three interfaces of learning: an encoder of pictures, a head that predicts actions, a fit of them.
 
-A policy is an encoder, a head and what lies between them (`rf_exp.policy.networks.policy`); it knows none by its name.
-A training is a list of fits (`rf_exp.policy.learning.training`), composed by encoder and head.
+A policy is an encoder, a head and what lies between them (`rf_exp.policy.networks.policy`); it knows none by
+name. A training is a list of fits (`rf_exp.policy.learning.training`), composed by encoder and head.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -46,9 +46,10 @@ class Fit:
 
 
 class Encoder(nn.Module):
-    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, F). Made with its configuration, a view and a spec.
+    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, F).
 
-    Who only computes features from pictures sets `features` and overrides `forward`.
+    Made with its configuration, a view and a spec. Who only computes features from pictures sets `features`
+    and overrides `forward`.
     """
 
     features = 0  # F; 0: looks at nothing
@@ -59,7 +60,7 @@ class Encoder(nn.Module):
         return self.features
 
     def see(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds in them, for recordings."""
+        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there, for recordings."""
         return self(pictures), None
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:

@@ -70,8 +70,8 @@ class _Each(nn.Module):
 class KeypointEncoder(Encoder):
     """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT + N * S).
 
-    Of M keypoints, each P = len(HAND) points: of each own agent at its keyframes, and of the others now. And of
-    each of N others how likely it is at each of S subgoals.
+    Of M keypoints, each P = len(HAND) points: of each own agent at its keyframes, and of the others now. And
+    of each of N others how likely it is at each of S subgoals.
     """
 
     lift: Tensor  # (M * P, TERMS, 3) m

@@ -1,7 +1,8 @@
-"""A policy: pictures and joint positions in, a chunk of actions out. An encoder, a head, and what lies between them.
+"""A policy: pictures and joint positions in, a chunk of actions out, by an encoder and a head.
 
-The condition of the head is [features, joint positions, context] of each observed frame, oldest first, each scaled to
-its range in the demonstrations. The predictor of transitions, where there is one, learns with the first fit of the head.
+The condition of the head is [features, joint positions, context] of each observed frame, oldest first, each
+scaled to its range in the demonstrations. The predictor of transitions, where there is one, learns with the
+first fit of the head.
 """
 
 from collections.abc import Callable
@@ -25,7 +26,7 @@ from rf_exp.types import ARM_JOINTS
 class Policy(nn.Module):
     """One policy of a view: actions (T, A) from O frames of pictures, proprioception and context.
 
-    Of actions the first count joints and grippers; with task-space actions the poses of TCPs come behind them.
+    Actions are of joints and grippers; with task-space actions the poses of TCPs come behind them.
     """
 
     def __init__(self, config: PolicyConfig, view: View, spec: ObservationSpec | None = None) -> None:
