@@ -1,4 +1,4 @@
-"""A head of one's own: the transformer decoder of ACT (Zhao et al. 2023), with a learned query for each action.
+"""A head of one's own: ACT's transformer decoder (Zhao et al. 2023), with a learned query for each action.
 
 Without its variational encoder, which its authors need for demonstrations of people, not for scripted ones.
 """

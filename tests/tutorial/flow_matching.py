@@ -1,6 +1,6 @@
 """A head of one's own: flow matching (Lipman et al. 2023), straight lines from noise to actions.
 
-The U-Net of the suite predicts where a line ends; the velocity along it follows, and Euler's method goes along.
+The U-Net of the suite predicts where a line ends; the velocity along it follows, and Euler's method takes it.
 """
 
 from dataclasses import dataclass
