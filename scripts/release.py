@@ -23,7 +23,7 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts import plain, whole
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import MODEL, PolicyConfig, made_of, write_small
+from rf_exp.policy import MODEL, PolicyConfig, provenance, write_small
 from rf_exp.progress import console
 from rf_exp.release import EXPERIMENT, GROUPS, read_release
 
@@ -87,7 +87,7 @@ def pack(folder: Path, to: Path) -> None:
 
 def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:
     """An experiment in which policies act that were learned as the one in this folder."""
-    made = made_of(folder)
+    made = provenance(folder)
     policy = PolicyConfig.read(made["policy"], made["acting"]).identity
     training = {key: value for key, value in made["train"].items() if key != "seed"}
     said = {

@@ -60,11 +60,11 @@ def correct(cell: Cell) -> None:
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
     before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
     who = acting(before)
-    made_of = cell.correction_identity(who.limit, learning(before).made_of)
+    provenance = cell.correction_identity(who.limit, learning(before).provenance)
     data, demos = demonstrations(before)
     source = Store.open(data).first(demos)
     path, rows_path = cell.corrected_path, cell.correction_path
-    with owned(rows_path, made_of, [path]), owned(path), _continued(path, source, made_of) as store:
+    with owned(rows_path, provenance, [path]), owned(path), _continued(path, source, provenance) as store:
         expert = partial(
             make_episode,
             cell.settings,
@@ -90,14 +90,14 @@ def correct(cell: Cell) -> None:
 
 
 @contextmanager
-def _continued(path: Path, source: Store, made_of: dict[str, Any]) -> Iterator[Store]:
+def _continued(path: Path, source: Store, provenance: dict[str, Any]) -> Iterator[Store]:
     """A store for writing that begins with all episodes of another; what is there already stays."""
     if path.exists():
-        store = Store.open(path, made_of, writable=True)
+        store = Store.open(path, provenance, writable=True)
     else:
         of = source.attrs
         size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        store = Store.create(path, made_of, *size, source.description)
+        store = Store.create(path, provenance, *size, source.description)
     with store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))

@@ -66,7 +66,7 @@ def start_of(task: "Task", seed: int) -> Start:
                 f"table's edge at {edge} and fall; move its range, or what it is relative to"
             )
     rest = np.array([robot.rest_rad for robot in task.robots])
-    noise = rng.normal(0.0, task.randomisation.rest_qpos_rad, rest.shape)
+    noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, rest.shape)
     fingers = np.full((len(task.robots), 2), FINGERS_OPEN_M)
     light = 1.0 + rng.uniform(-task.randomisation.light, task.randomisation.light)
     spread = task.randomisation.colour
@@ -77,8 +77,8 @@ def start_of(task: "Task", seed: int) -> Start:
 
 def _mass_kg(task: "Task", name: str, draw: float) -> float:
     asset = task.asset(name)
-    heaviest_kg = asset.heavy_kg or asset.mass_kg
-    return asset.mass_kg + draw * task.randomisation.heavy * (heaviest_kg - asset.mass_kg)
+    heaviest_kg = asset.heaviest_kg or asset.mass_kg
+    return asset.mass_kg + draw * task.randomisation.mass_scale * (heaviest_kg - asset.mass_kg)
 
 
 def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:

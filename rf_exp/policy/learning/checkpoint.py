@@ -120,16 +120,16 @@ def _damaged(path: Path, what: str) -> StageError:
     return StageError(f"{path} is damaged: {what}; delete it and train again (stages=[train])")
 
 
-def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
+def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
     """Take a folder for a training made of these values; whether it is finished there already.
 
     Raises StageError naming the keys that differ when the folder holds another training.
     """
     sweep(folder)
     if (folder / CONFIG).exists():
-        expect_policy(folder, made_of)
+        expect_policy(folder, provenance)
     else:
-        write_json(folder / CONFIG, plain(made_of))
+        write_json(folder / CONFIG, plain(provenance))
     return (folder / MODEL).exists()
 
 
@@ -140,7 +140,7 @@ def expect_policy(folder: Path, wanted: Mapping[str, Any]) -> None:
     expect_same(folder, made, asked, "delete the folder or choose another `out`")
 
 
-def made_of(folder: Path) -> dict[str, Any]:
+def provenance(folder: Path) -> dict[str, Any]:
     """What a trained policy was made of, and the checksum of its weights. Raises StageError where none is."""
     _require_model(folder)
     with _opened(folder / MODEL) as file:

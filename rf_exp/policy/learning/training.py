@@ -69,7 +69,7 @@ def train(
     Raises StageError when the folder holds another configuration or the loss is no longer finite,
     ArgumentError when the store does not fit the view or the pictures.
     """
-    made_of = {
+    provenance = {
         "learner": LEARNER,
         "policy": policy_config.learned,
         "acting": policy_config.acted,
@@ -78,12 +78,12 @@ def train(
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
-    if claim(folder, made_of):
+    if claim(folder, provenance):
         return folder
     windows = Windows(store, view, policy_config, device_of(train_config.device))
     training = Training(windows, view, policy_config, train_config)
     if shared is not None and (decides := training.fits[0].shared) is not None:
-        of_all = {key: made_of[key] for key in ("learner", "view", "spec", "data")}
+        of_all = {key: provenance[key] for key in ("learner", "view", "spec", "data")}
         named = digest({**of_all, "fit": decides, "train": train_config.pace})
         training.first_fit = shared / f"{view.name}-{named}.safetensors"
     training.resume(folder / STATE)
