@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.errors import ArgumentError
+from rf_exp.keys import RENAMED
 from rf_exp.keys.files import content
 from rf_exp.keys.known import known, possible, unknown
 from rf_exp.keys.likeness import nearest
@@ -209,6 +210,29 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
 def test_a_key_that_lacks_or_holds_something_else_is_told(command, own, tmp_path, arguments, said) -> None:
     done = command(f"hydra.searchpath=[file://{own}]", *arguments, f"out={tmp_path / 'out'}")
     assert told(done).startswith(f"wrong argument: {said}")
+
+
+def test_every_old_key_has_its_new_name() -> None:
+    node = composed("scripted")
+    keys = set(possible(node, known(node, OWN_TASKS)))
+    assert set(RENAMED.values()) <= keys
+    assert {old for old in RENAMED if old in keys} == {"policy.encoder"}  # which was a word
+
+
+@pytest.mark.slow
+def test_an_old_key_is_refused_with_its_new_name(command, own, tmp_path) -> None:
+    (own / "policy/old.yaml").write_text(HEADED + "defaults: [fast, _self_]\ntraining: {draft_steps: 3}\n")
+    for arguments, said in (
+        (["policy.hold_rad=0.1"], "there is no key 'policy.hold_rad'; it is policy.acting.deadband_rad now."),
+        (["+training.going=1"], "'training.going' on the command line; it is training.active_agent_sampling"),
+        (["policy=old"], "policy/old.yaml; it is policy.head.refined.regression_steps now."),
+        (
+            ["policy.encoder=heatmaps"],
+            "policy.encoder is 'heatmaps'; expected keys below it: name, keypoints; policy.encoder.name is",
+        ),
+    ):
+        folder = f"hydra.searchpath=[file://{own}]"
+        assert said in told(command(folder, *arguments, f"out={tmp_path / 'out'}"))
 
 
 @pytest.mark.slow

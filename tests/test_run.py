@@ -82,7 +82,7 @@ def run(*arguments, environment=None, timeout_s=600):
         (["episodes=3", "demos=5"], "episodes=3 demos=5: 3 seeds cannot give 5 demonstrations"),
         (["experiment=ablation", "demos=5"], "episodes=1000 demos=5: episodes already says"),
         (["demoz=3"], "there is no key 'demoz'; did you mean demos? The keys are in conf/config.yaml and"),
-        (["policy.hold_rads=0.1"], "did you mean policy.hold_rad?"),
+        (["policy.acting.deadband_rads=0.1"], "did you mean policy.acting.deadband_rad?"),
         (
             ["task.lift_barrier.objects.barier.x_m=[0,0]"],
             "did you mean task.lift_barrier.objects.barrier.x_m?",
