@@ -54,11 +54,11 @@ def theirs(what: str) -> Any:
     """Their policy, of our paper's shapes."""
     from lerobot.configs.types import FeatureType, PolicyFeature
     from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
-    from lerobot.policies.diffusion.modeling_diffusion import DiffusionPolicy
+    from lerobot.policies.diffusion.modeling_diffusion import Policy
 
     sampler = {"noise_scheduler_type": "DDIM", "num_inference_steps": 10} if what == "ddim" else {}
     torch.manual_seed(0)
-    return DiffusionPolicy(
+    return Policy(
         DiffusionConfig(
             n_obs_steps=FRAMES,
             horizon=HORIZON,

@@ -17,23 +17,34 @@ from statistics import median
 
 import numpy as np
 import torch
+from hydra import compose, initialize_config_dir
 from numpy.typing import NDArray
+from omegaconf import OmegaConf
 
+from rf_exp.command import CONF
+from rf_exp.experiment import Experiment, read_experiment
 from rf_exp.policy import PolicyConfig, Stream, View, Windows
 
 EPISODES, STEPS, BATCH, RUN = 4, 60, 128, 8
 VIEW = View("agent1", (Stream("agent1", (1,)),))
 
-COMPACT = PolicyConfig(
-    encoder="compact",
-    unet_channels=(32, 64),
-    sampler="ddim",
-    inference_diffusion_steps=10,
-    prediction="sample",
-    relative_actions=True,
-    height=96,
-    width=128,
+COMPACT = (
+    *(
+        "policy.encoder.name=compact",
+        "policy.head.diffusion.channels=[32,64]",
+        "policy.relative_actions=true",
+    ),
+    *("policy.head.diffusion.sampler=ddim", "policy.head.diffusion.inference_steps=10"),
+    *("policy.head.diffusion.prediction=sample", "picture={width: 128, height: 96}"),
 )
+
+
+def recipe(size: str, *changes: str) -> Experiment:
+    """The paper's, or with `compact` a small one; with overrides."""
+    small = COMPACT if size == "compact" else ()
+    with initialize_config_dir(str(CONF), version_base=None):
+        node = compose("config", ["recipe=paper", "policy=paper", *small, *changes])
+    return read_experiment(OmegaConf.to_container(node, resolve=True))  # pyright: ignore[reportArgumentType]
 
 
 @dataclass(frozen=True)
@@ -104,7 +115,7 @@ def main() -> None:
     parser.add_argument("--size", choices=("paper", "compact"), default="paper")
     parser.add_argument("--batches", type=int, default=5)
     arguments = parser.parse_args()
-    config = PolicyConfig() if arguments.size == "paper" else COMPACT
+    config = recipe(arguments.size).policy
     store = noise(config)
     windows = Windows(store, VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
     rng = np.random.default_rng(0)

@@ -15,27 +15,27 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
 import torch
 from lerobot_steps import LeRobot
-from loader import COMPACT
+from loader import VIEW, recipe
 
-from rf_exp.policy import DiffusionPolicy, PolicyConfig, load_policy
+from rf_exp.policy import Policy, load_policy
+from rf_exp.policy.networks.diffusion import DiffusionHead
 
 PROPRIO = ACTION = 8
 
 
-def make(config: PolicyConfig, sampler: str, steps: int) -> DiffusionPolicy:
+def make(size: str, sampler: str, steps: int) -> Policy:
     torch.manual_seed(0)
-    changed = replace(config, sampler=sampler, inference_diffusion_steps=steps)
-    return DiffusionPolicy(changed, PROPRIO, ACTION).eval()
+    samples = f"policy.head.diffusion.sampler={sampler}", f"policy.head.diffusion.inference_steps={steps}"
+    return Policy(recipe(size, *samples).policy, VIEW).eval()
 
 
 @torch.inference_mode()
-def call(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
+def call(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """Encode the pictures, put their features behind the known ones, and sample."""
     features = torch.cat([known, policy.encode_whole(pictures)])[None]
     proprio, nothing = (torch.zeros(1, features.shape[1], size) for size in (PROPRIO, 0))
@@ -43,16 +43,17 @@ def call(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -
 
 
 @torch.inference_mode()
-def call_without_table(policy: DiffusionPolicy, pictures: torch.Tensor, known: torch.Tensor) -> None:
+def call_without_table(policy: Policy, pictures: torch.Tensor, known: torch.Tensor) -> None:
     """The same by the U-Net's reference computation, which projects step and observation every time."""
-    config = policy.config
+    config, head = policy.config, policy.head
+    assert isinstance(head, DiffusionHead)
     features = torch.cat([known, policy.encode_whole(pictures)])[None]
     proprio, nothing = (torch.zeros(1, config.observation_steps, size) for size in (PROPRIO, 0))
-    observation = policy.trunk(policy.observation(features, proprio, nothing))
+    condition = head.trunk(policy.condition(features, proprio, nothing))
     sample = torch.randn(1, config.horizon, ACTION, generator=torch.Generator().manual_seed(0))
-    for step in policy.scheduler.timesteps:
-        prediction = policy.unet(sample, step[None], observation)
-        sample = policy.scheduler.step(prediction, step, sample).prev_sample  # pyright: ignore
+    for step in head.scheduler.timesteps:
+        prediction = head.unet(sample, step[None], condition)
+        sample = head.scheduler.step(prediction, step, sample).prev_sample  # pyright: ignore
 
 
 def trained(folder: Path, calls: int) -> dict[str, object]:
@@ -96,8 +97,8 @@ def main() -> None:
     if arguments.policy:
         print(json.dumps(trained(arguments.policy, arguments.calls)))
         return
-    config = PolicyConfig() if arguments.size == "paper" else COMPACT
-    ddpm, ddim = make(config, "ddpm", 100), make(config, "ddim", 10)
+    ddpm, ddim = make(arguments.size, "ddpm", 100), make(arguments.size, "ddim", 10)
+    config = ddim.config
     seen = torch.randint(256, (config.observation_steps, config.height, config.width, 3), dtype=torch.uint8)
     with torch.inference_mode():
         features = ddim.encode_whole(seen)

@@ -18,9 +18,9 @@ from statistics import median
 import numpy as np
 import torch
 from lerobot_steps import LeRobot
-from loader import COMPACT, VIEW, noise
+from loader import VIEW, noise, recipe
 
-from rf_exp.policy import Batch, DiffusionPolicy, PolicyConfig, TrainConfig, Windows
+from rf_exp.policy import Batch, Policy, Windows
 
 
 def per_window(batch: Batch) -> Batch:
@@ -29,10 +29,11 @@ def per_window(batch: Batch) -> Batch:
     return replace(batch, pictures=pictures, frames=torch.arange(len(pictures)).view_as(batch.frames))
 
 
-def milliseconds(policy: DiffusionPolicy, batch: Batch, draws: int) -> float:
+def milliseconds(policy: Policy, batch: Batch) -> float:
     generator = torch.Generator().manual_seed(0)
     begin = time.perf_counter()
-    policy.loss(batch, generator, draws).backward()
+    condition = policy.condition(policy.encode(batch.pictures)[batch.frames], batch.proprio, batch.context)
+    policy.head.loss(condition, policy.normaliser.action.normalise(batch.action), generator).backward()
     elapsed = (time.perf_counter() - begin) * 1e3
     policy.zero_grad()
     return elapsed
@@ -50,18 +51,16 @@ def main() -> None:
     paper = arguments.size == "paper"
     if arguments.lerobot and not paper:
         parser.error("--lerobot is of the paper's shapes; add --size paper")
-    config, train = (
-        (PolicyConfig(), TrainConfig())
-        if paper
-        else (COMPACT, TrainConfig(epochs=None, steps=1, run_length=4, noise_draws=4))
-    )
+    small = ("training.run_length=4", "policy.head.diffusion.noise_draws=4")
+    chosen = recipe(arguments.size, *(() if paper else small))
+    config, train = chosen.policy, chosen.training
     count = arguments.batch or (8 if paper else 32)
 
     torch.manual_seed(0)
     windows = Windows(noise(config), VIEW, config, torch.device("cpu"))  # pyright: ignore[reportArgumentType]
     policies = {}
     for layout in (torch.channels_last, torch.contiguous_format):
-        policies[layout] = DiffusionPolicy(config, VIEW.proprio_size, VIEW.action_size)
+        policies[layout] = Policy(config, VIEW)
         policies[layout].to(memory_format=layout)
     rng = np.random.default_rng(0)
     batches = windows.epoch(count, train.run_length, rng)
@@ -79,7 +78,7 @@ def main() -> None:
                     laid = batch.pictures
                     if layout is torch.contiguous_format:
                         laid = laid.permute(0, 3, 1, 2).contiguous().permute(0, 2, 3, 1)
-                    elapsed = milliseconds(policies[layout], replace(batch, pictures=laid), train.noise_draws)
+                    elapsed = milliseconds(policies[layout], replace(batch, pictures=laid))
                     times.setdefault(f"{kind}_{name}", []).append(elapsed)
             if other:
                 times.setdefault("lerobot", []).append(other.milliseconds())

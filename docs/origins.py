@@ -18,9 +18,18 @@ from rf_exp.ablation import (
     rows_file,
     title_of,
 )
+from rf_exp.artifacts import leaves, plain
 from rf_exp.experiment import read_experiment
+from rf_exp.keys import RENAMED
 
 ROOT = Path(__file__).parents[1]
+UNUSED = {  # what came later was not recorded where it was not used
+    "policy.acting.ensemble": None,
+    "policy.acting.transition_integrator": 0.0,
+    "policy.encoder.keypoints.downsample": 1,
+    "policy.encoder.keypoints.crop_refinement": 0,
+    "training.active_agent_sampling": 0.0,
+}
 
 
 def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
@@ -40,9 +49,9 @@ def origin(row: EvaluationRow) -> tuple[str, str]:
     if row.train_seed not in rows.made:
         return "-", "not recorded"
     generator = rows.made[row.train_seed]["data"]["identity"]["generator"].partition(".")[0]
-    then, now = flat(rows.asked), today(row.recipe.partition("+")[0])
-    told = [f"`{key}` {then[key]}" for key in sorted(then) if key not in now or then[key] != now[key]]
-    if missing := [f"`{key}`" for key in sorted(now.keys() - then.keys())]:
+    then, now = as_now(rows.asked), today(row.recipe.partition("+")[0])
+    told = [f"`{key}` {then[key]}" for key in sorted(then) if key in now and then[key] != now[key]]
+    if missing := [f"`{key}`" for key in sorted(now.keys() - then.keys()) if now[key] != UNUSED.get(key)]:
         told.append(f"without {', '.join(missing)}")
     return generator, ", ".join(told)
 
@@ -66,11 +75,20 @@ def today(recipe: str) -> Mapping[str, Any]:
     return flat({"policy": experiment.policy.identity, "training": experiment.training.identity})
 
 
-def flat(node: Mapping[str, Any]) -> Mapping[str, Any]:
+def flat(node: Mapping[str, Any]) -> dict[str, Any]:
     """What decides policy and training, by dotted keys."""
-    return {
-        f"{part}.{key}": list(value) if isinstance(value, tuple) else value
-        for part in ("policy", "training")
-        for key, value in node[part].items()
-        if key != "seed"
-    }
+    found = leaves(plain({part: node[part] for part in ("policy", "training")}))
+    return {key: value for key, value in found.items() if key != "training.seed"}
+
+
+def as_now(node: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What was recorded, by the keys of now: when encoder and head had no sections of their own, too."""
+    then = flat(node)
+    if isinstance(node["policy"]["encoder"], Mapping):
+        return then
+    seen, drafted = then.pop("policy.observation", "pictures"), then.get("policy.draft")
+    found = {RENAMED.get(key, key): value for key, value in then.items()}
+    encoder = {"heatmaps": "keypoints"}.get(found["policy.encoder.name"], found["policy.encoder.name"])
+    found["policy.encoder.name"] = "privileged" if seen == "state" else encoder
+    found["policy.head.name"] = "refined" if drafted else "diffusion"
+    return {**found, "policy.phase_dropout": then.get("policy.dropout", 0.0)}

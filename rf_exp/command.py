@@ -141,6 +141,10 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
     def run(config: DictConfig) -> None:
         end_with_parent()
         try:
+            if (policy := config.get("policy")) is not None:
+                from rf_exp.policy import import_code  # without torch, unless that module wants it
+
+                import_code(policy)
             refuse_unknown_keys(config)
             main(config)
         except (*WRONG, RfError, BrokenPipeError):

@@ -2,17 +2,16 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
-
-import dacite
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from rf_exp.arguments import checked_folder
+from rf_exp.artifacts import read_values
 from rf_exp.datagen.brain import BrainSpec, FaultySpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.launch import Launch
-from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy
+from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
 from rf_exp.tasks import Task, load_task
 from rf_exp.types import FOREIGN, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
@@ -118,11 +117,11 @@ class Experiment:
 
     def _check_pictures(self) -> None:
         """Nothing is asked for that needs pictures where none are made."""
-        looks = self.policy.observation == "pictures" and self.foreign is None
+        looks = self.policy.encoder.pictures and self.foreign is None
         if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(
                 "render=false makes no pictures to learn from; use it with stages=[generate], "
-                "or with policy.observation=state"
+                "or with policy.encoder.name=privileged"
             )
         for key in ("depth", "segmentation"):
             if getattr(self.store, key) and not self.pictures.render:
@@ -240,13 +239,12 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             "brain": read_brain(node["brain"]),
             "out": Path(checked_folder(node["out"])),
             "pictures": {**picture, "render": node["render"], "cameras": node["cameras"]},
-            "policy": {**node["policy"], **picture},  # a policy sees what the cameras take
+            "policy": read_recipe(node["policy"], picture),  # a policy sees what the cameras take
             "foreign": foreign,
         }
         if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
             plain |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
-        _expect_lists(Experiment, plain)
-        experiment = dacite.from_dict(Experiment, plain, dacite.Config(cast=[tuple, float], strict=True))
+        experiment = read_values(Experiment, plain)
         if any(override.startswith("demos=") for override in given):
             _refuse_demos_without_effect(experiment)
         drawn = node["randomisation"]
@@ -259,25 +257,8 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             for task in experiment.tasks:
                 experiment.brain.fits(task)
         return experiment
-    except dacite.WrongTypeError as error:
-        kind = getattr(error.field_type, "__name__", None) if isinstance(error.field_type, type) else None
-        expected = kind or error.field_type
-        raise ArgumentError(f"{error.field_path} is {error.value!r}; expected {expected}") from error
-    except (dacite.DaciteError, TypeError) as error:
+    except TypeError as error:
         raise ArgumentError(f"configuration: {error}") from error
-
-
-def _expect_lists(kind: Any, values: Mapping[str, Any], within: str = "") -> None:
-    """Raises ArgumentError for one value where a dataclass holds several: a word would be its letters."""
-    for field in fields(kind):
-        if field.name not in values:
-            continue
-        key, value = within + field.name, values[field.name]
-        if is_dataclass(field.type) and isinstance(value, Mapping):
-            _expect_lists(field.type, value, f"{key}.")
-        many = isinstance(value, Sequence) and not isinstance(value, str)
-        if get_origin(field.type) is tuple and not many:
-            raise ArgumentError(f"{key} is {value!r}; expected a list: {key}=[...]")
 
 
 def _refuse_demos_without_effect(experiment: Experiment) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-from rf_exp.artifacts import plain, restored
+from rf_exp.artifacts import leaves, plain, restored
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, TrainConfig
 
@@ -76,14 +76,13 @@ class Released:
     def overrides(self) -> list[str]:
         """What it says, as arguments; how a training runs, which changes nothing, it does not say."""
         chosen = [f"{group}={value}" for each in self.defaults for group, value in _chosen(each)]
-        policy = asdict(restored(PolicyConfig, {**self.policy, **asdict(self.picture)}))
-        training = restored(TrainConfig, self.training)
+        policy = PolicyConfig.read(self.policy, asdict(self.picture)).identity
+        training = TrainConfig.read(self.training)
         named = {key: getattr(self, key) for key in ("stages", "recipe", "demos", "train_seed")}
         named |= {key: getattr(self, key) for key in ("disturbance_rad", "delay_s")}
         named |= {f"picture.{side}": policy.pop(side) for side in ("width", "height")}
-        named |= {f"policy.{key}": value for key, value in policy.items()}
-        decides = {**training.identity, "going": training.going}
-        named |= {f"training.{key}": value for key, value in decides.items() if key != "seed"}
+        named |= leaves(policy, "policy")
+        named |= {f"training.{key}": value for key, value in training.identity.items() if key != "seed"}
         return chosen + [f"{key}={_written(value)}" for key, value in plain(named).items()]
 
 

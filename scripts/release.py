@@ -16,15 +16,14 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 
 from omegaconf import OmegaConf
 
-from rf_exp.artifacts import plain, restored, whole
+from rf_exp.artifacts import plain, whole
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, provenance, write_small
+from rf_exp.policy import MODEL, PolicyConfig, provenance, write_small
 from rf_exp.progress import console
 from rf_exp.release import EXPERIMENT, GROUPS, read_release
 
@@ -89,9 +88,8 @@ def pack(folder: Path, to: Path) -> None:
 def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:
     """An experiment in which policies act that were learned as the one in this folder."""
     made = provenance(folder)
-    policy = asdict(restored(PolicyConfig, made["policy"]))
-    training = asdict(restored(TrainConfig, made["train"]))
-    del training["seed"]
+    policy = PolicyConfig.read(made["policy"], made["acting"]).identity
+    training = {key: value for key, value in made["train"].items() if key != "seed"}
     said = {
         "defaults": [{f"override /{group}": value} for group, value in chosen.items()],
         "stages": ["evaluate", "report"],

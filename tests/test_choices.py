@@ -11,7 +11,7 @@ from rf_exp.command import CONF
 from rf_exp.datagen import Settings
 from rf_exp.experiment import Experiment
 from rf_exp.observations import Observations
-from rf_exp.policy import PolicyConfig, TrainConfig
+from rf_exp.policy import TrainConfig
 from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task
 from rf_exp.types import Arch, ConstraintSet
 from tests.conftest import experiment
@@ -60,15 +60,14 @@ def test_the_paper_profile_has_the_papers_settings():
     paper = experiment("profile=paper")
     assert (paper.demos, paper.scenes, paper.pictures.width, paper.pictures.height) == (150, 100, 320, 240)
     policy, training = paper.policy, paper.training
-    assert (policy.horizon, policy.observation_steps, policy.action_steps) == (8, 3, 6)
+    assert (policy.horizon, policy.observation_steps, policy.acting.action_steps) == (8, 3, 6)
     assert (training.batch_size, training.epochs, training.warmup_steps) == (128, 300, 500)
     assert (training.learning_rate, training.betas, training.epsilon) == (1e-4, (0.95, 0.999), 1e-8)
 
 
 # What is read from elsewhere than conf/, or made by hand, and so has defaults; they are held to conf/ below.
 WITH_DEFAULTS = {
-    PolicyConfig,  # read from what was stored before a field came
-    TrainConfig,
+    TrainConfig,  # its seed is train_seed
     ConstraintSet,  # of who names no row of the ablation
     Observations,  # of environments and policies of others, which are made by hand
 }
@@ -118,9 +117,9 @@ def test_a_default_lives_in_conf_alone():
 
 
 def test_defaults_beside_conf_say_what_conf_says():
-    paper, (full,) = experiment("policy=paper"), experiment().constraint_sets
-    assert (paper.policy, paper.training) == (PolicyConfig(), TrainConfig())
+    (full,) = experiment().constraint_sets
     assert full == ConstraintSet("full")
+    assert [each.name for each in fields(TrainConfig) if each.default is not MISSING] == ["seed"]
 
 
 def test_settings_of_who_has_no_command_are_those_of_the_command(lift_barrier):

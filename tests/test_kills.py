@@ -32,10 +32,10 @@ TINY = (
 )
 TINY = (
     *TINY,
-    "training.eyes_steps=2",
-    "training.draft_steps=2",
+    "policy.encoder.keypoints.steps=2",
+    "policy.head.refined.regression_steps=2",
     "training.batch_size=8",
-    "+training.log_every=5",
+    "training.log_every=5",
 )
 LONG_S = 900.0  # against a test that hangs
 

@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.errors import ArgumentError
+from rf_exp.keys import RENAMED
 from rf_exp.keys.files import content
 from rf_exp.keys.known import known, possible, unknown
 from rf_exp.keys.likeness import nearest
@@ -77,7 +78,7 @@ def test_of_every_key_a_wrong_letter_is_missed_and_the_right_one_proposed(brain:
 def test_a_key_that_is_most_like_one_of_another_parent() -> None:
     there = [
         "picture.width",
-        "policy.draft",
+        "policy.head.regression.hidden",
         "seed",
         "training.steps",
         "randomisation.mass_scale",
@@ -131,7 +132,7 @@ def test_a_misspelt_key_is_refused_with_the_file_it_stands_in(command, own, tmp_
     ]
     said = told(command(*arguments, f"out={tmp_path / 'out'}"))
     for key, file, near in (
-        ("policy.unet_chanels", "policy/mine", "policy.unet_channels"),
+        ("policy.unet_chanels", "policy/mine", "policy.head.diffusion.channels"),
         ("disturbance", "policy/mine", "disturbance_rad"),
         ("delays_s", "policy/mine", "delay_s"),
         ("sceens", "experiment/mine", "scenes"),
@@ -198,7 +199,10 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
             "arch.separate_local is 3; expected keys below it: shared_policy, global_view",
         ),
         (["demos=null"], "demos is None; expected int"),
-        (["training.draft_steps=many"], "training.draft_steps is 'many'; expected int"),
+        (
+            ["policy.head.refined.regression_steps=many"],
+            "policy.head.refined.regression_steps is 'many'; expected int",
+        ),
         (["~brain"], "no brain chosen; use brain=NAME"),
         (
             ["policy=diffusion_10"],
@@ -210,6 +214,29 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
 def test_a_key_that_lacks_or_holds_something_else_is_told(command, own, tmp_path, arguments, said) -> None:
     done = command(f"hydra.searchpath=[file://{own}]", *arguments, f"out={tmp_path / 'out'}")
     assert told(done).startswith(f"wrong argument: {said}")
+
+
+def test_every_old_key_has_its_new_name() -> None:
+    node = composed("scripted")
+    keys = set(possible(node, known(node, OWN_TASKS)))
+    assert set(RENAMED.values()) <= keys
+    assert {old for old in RENAMED if old in keys} == {"policy.encoder"}  # which was a word
+
+
+@pytest.mark.slow
+def test_an_old_key_is_refused_with_its_new_name(command, own, tmp_path) -> None:
+    (own / "policy/old.yaml").write_text(HEADED + "defaults: [fast, _self_]\ntraining: {draft_steps: 3}\n")
+    for arguments, said in (
+        (["policy.hold_rad=0.1"], "there is no key 'policy.hold_rad'; it is policy.acting.deadband_rad now."),
+        (["+training.going=1"], "'training.going' on the command line; it is training.active_agent_sampling"),
+        (["policy=old"], "policy/old.yaml; it is policy.head.refined.regression_steps now."),
+        (
+            ["policy.encoder=heatmaps"],
+            "policy.encoder is 'heatmaps'; expected keys below it: name, keypoints; policy.encoder.name is",
+        ),
+    ):
+        folder = f"hydra.searchpath=[file://{own}]"
+        assert said in told(command(folder, *arguments, f"out={tmp_path / 'out'}"))
 
 
 @pytest.mark.slow
@@ -233,7 +260,7 @@ def test_a_key_of_a_sweep_is_refused_in_each_of_its_processes(own, tmp_path) -> 
 def test_what_is_a_person_s_own_to_name_is_taken(command, tmp_path) -> None:
     """Rows, architectures, objects, options of factories and engines."""
     arguments = ["+constraints.space={logical: true, spatial: true, temporal: false}"]
-    arguments += ["+arch.mine={shared_policy: true, global_view: false}", "+training.log_every=5"]
+    arguments += ["+arch.mine={shared_policy: true, global_view: false}", "training.log_every=5"]
     arguments += ["+task.lift_barrier.objects.cube={asset: cube, x_m: 0.6}", "foreign.name=hold"]
     arguments += ["foreign.factory=examples.foreign.hold:make", "+foreign.options.steps=8"]
     done = command(*arguments, "stages=[bake]", f"out={tmp_path / 'out'}")

@@ -20,8 +20,8 @@ TINY = (
     "wandb=offline",
     "picture={width: 64, height: 48}",
     "training.steps=3",
-    "training.eyes_steps=2",
-    "training.draft_steps=2",
+    "policy.encoder.keypoints.steps=2",
+    "policy.head.refined.regression_steps=2",
     "training.batch_size=8",
 )
 
@@ -50,8 +50,8 @@ def run(*arguments, environment=None, timeout_s=600):
         (["stages=[bake]"], "unknown stage 'bake'; available: generate, train, evaluate, report"),
         (["stages=generate"], "stages is 'generate'; expected a list: stages=[...]"),
         (
-            ["policy.unet_channels=32"],
-            "policy.unet_channels is 32; expected a list: policy.unet_channels=[...]",
+            ["policy.head.diffusion.channels=32"],
+            "policy.head.diffusion.channels is 32; expected a list: policy.head.diffusion.channels=[...]",
         ),
         (["demos=-3"], "demos is -3; it must be at least 1"),
         (["attempts=0"], "attempts is 0; it must be at least 1"),
@@ -82,7 +82,7 @@ def run(*arguments, environment=None, timeout_s=600):
         (["episodes=3", "demos=5"], "episodes=3 demos=5: 3 seeds cannot give 5 demonstrations"),
         (["experiment=ablation", "demos=5"], "episodes=1000 demos=5: episodes already says"),
         (["demoz=3"], "there is no key 'demoz'; did you mean demos? The keys are in conf/config.yaml and"),
-        (["policy.hold_rads=0.1"], "did you mean policy.hold_rad?"),
+        (["policy.acting.deadband_rads=0.1"], "did you mean policy.acting.deadband_rad?"),
         (
             ["task.lift_barrier.objects.barier.x_m=[0,0]"],
             "did you mean task.lift_barrier.objects.barrier.x_m?",

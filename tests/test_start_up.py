@@ -35,7 +35,12 @@ LISTING = "import atexit, json, runpy, sys\n" + (
         (["brain.api_key=sk-12345678"], 2, "brain.api_key is not taken", {"numpy"}),
         (["stages=[bake]"], 2, "unknown stage 'bake'", set()),
         (["training.steps=-5"], 2, "steps is -5", set()),
-        (["policy.encoder=vit"], 2, "unknown encoder 'vit'; available: compact, heatmaps, resnet18", set()),
+        (
+            ["policy.encoder.name=vit"],
+            2,
+            "unknown encoder 'vit'; available: compact, keypoints, privileged, resnet18",
+            set(),
+        ),
         (["brain=openai", "brain.retries=-1"], 2, "brain.retries is -1", set()),
         (["task.lift_barrier.objects.barrier.asset=lamp"], 2, "unknown asset 'lamp'", set()),
     ],

@@ -10,7 +10,17 @@ from rf_exp.artifacts.files import (
     write_json,
     write_text,
 )
-from rf_exp.artifacts.identity import canonical, differing, digest, expect_same, plain, restored, without
+from rf_exp.artifacts.identity import (
+    canonical,
+    differing,
+    digest,
+    expect_same,
+    leaves,
+    plain,
+    read_values,
+    restored,
+    without,
+)
 from rf_exp.artifacts.lines import append_line, read_lines
 from rf_exp.artifacts.locks import hold_folder, locked
 from rf_exp.artifacts.pages import rendered
@@ -29,10 +39,12 @@ __all__ = [
     "hold_folder",
     "installed",
     "keep_text",
+    "leaves",
     "locked",
     "plain",
     "read_json",
     "read_lines",
+    "read_values",
     "rendered",
     "restored",
     "sweep",

@@ -2,11 +2,11 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 import dacite
 
@@ -39,6 +39,35 @@ def restored(kind: type[T], values: Mapping[str, Any]) -> T:
         raise ArgumentError(str(error)) from error
 
 
+def read_values(kind: type[T], values: Mapping[str, Any], within: str = "") -> T:
+    """The dataclass that a configuration has the values of; inner ones may have been made already.
+
+    Raises ArgumentError naming the dotted key, which begins with `within`, that cannot be used.
+    """
+    try:
+        _expect_lists(kind, values, within)
+        return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float], strict=True))
+    except dacite.WrongTypeError as error:
+        wanted = getattr(error.field_type, "__name__", None) if isinstance(error.field_type, type) else None
+        expected = wanted or error.field_type
+        raise ArgumentError(f"{within}{error.field_path} is {error.value!r}; expected {expected}") from error
+    except (dacite.DaciteError, TypeError) as error:
+        raise ArgumentError(f"{within.rstrip('.') or 'configuration'}: {error}") from error
+
+
+def _expect_lists(kind: Any, values: Mapping[str, Any], within: str) -> None:
+    """Raises ArgumentError for one value where a dataclass holds several: a word would be its letters."""
+    for field in fields(kind):
+        if field.name not in values:
+            continue
+        key, value = within + field.name, values[field.name]
+        if is_dataclass(field.type) and isinstance(value, Mapping):
+            _expect_lists(field.type, value, f"{key}.")
+        many = isinstance(value, Sequence) and not isinstance(value, str)
+        if get_origin(field.type) is tuple and not many:
+            raise ArgumentError(f"{key} is {value!r}; expected a list: {key}=[...]")
+
+
 def canonical(value: object, ascii: bool = False) -> bytes:
     """Plain values as the one JSON there is of them: keys sorted, no spaces; UTF-8, or escaped to ASCII."""
     text = json.dumps(value, ensure_ascii=ascii, sort_keys=True, separators=(",", ":"))
@@ -58,9 +87,20 @@ def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
 
 
+def leaves(value: Any, prefix: str = "") -> dict[str, Any]:
+    """The values in nested mappings by dotted keys, which begin with `prefix`."""
+    if isinstance(value, Mapping) and (value or not prefix):
+        return {
+            key: leaf
+            for name, item in value.items()
+            for key, leaf in leaves(item, f"{prefix}.{name}" if prefix else str(name)).items()
+        }
+    return {prefix: value}
+
+
 def differing(found: object, wanted: object) -> tuple[str, ...]:
     """`key: found x, wanted y` for every leaf of two nested mappings that differs, by dotted key."""
-    old, new = _leaves(plain(found)), _leaves(plain(wanted))
+    old, new = leaves(plain(found)), leaves(plain(wanted))
     nothing = object()
     return tuple(
         f"{key}: found {_text(old, key)}, wanted {_text(new, key)}"
@@ -93,13 +133,3 @@ def _simpler(item: object) -> object:
 
 def _text(leaves: Mapping[str, Any], key: str) -> str:
     return json.dumps(leaves[key], sort_keys=True) if key in leaves else "nothing"
-
-
-def _leaves(value: Any, prefix: str = "") -> dict[str, Any]:
-    if isinstance(value, Mapping) and (value or not prefix):
-        return {
-            key: leaf
-            for name, item in value.items()
-            for key, leaf in _leaves(item, f"{prefix}.{name}" if prefix else str(name)).items()
-        }
-    return {prefix: value}

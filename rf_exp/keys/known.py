@@ -7,7 +7,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 from rf_exp.datagen.brain import SPECS
 from rf_exp.keys.files import Key, content
 from rf_exp.keys.likeness import ALWAYS, nearest
-from rf_exp.policy import PolicyConfig, TrainConfig
+from rf_exp.policy import TrainConfig, policy_keys
 from rf_exp.tasks import CameraSpec, Task
 from rf_exp.types import Arch, ConstraintSet
 
@@ -46,7 +46,7 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
     brain = node.get("brain")
     spec = SPECS.get(str(brain.get("name"))) if isinstance(brain, Mapping) else None
     return found | {
-        "policy": _fields(PolicyConfig, *found["picture"]),  # a policy sees what the cameras take
+        "policy": policy_keys(),
         "training": _fields(TrainConfig, "seed"),  # that is train_seed
         "task": replace(_entries(Task), own={name: _of_task(task) for name, task in tasks.items()}),
         "arch": _entries(Arch, "name"),

@@ -5,10 +5,13 @@ from difflib import SequenceMatcher
 from functools import cache
 from pathlib import Path
 
+import yaml
+
 from rf_exp.installed import CONF
 from rf_exp.keys.files import content, inner
 
 ALWAYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"  # of which every configuration is made
+RENAMED: Mapping[str, str] = yaml.safe_load(Path(__file__).with_name("renamed.yaml").read_text("utf-8"))
 ALIKE = 0.65  # of 1, from here on one word may be meant by another: of three letters one may be wrong
 
 
@@ -45,6 +48,8 @@ def no_key(key: str, possible: Iterable[str], where: str = "") -> str:
     """The sentence about a key that is not there."""
     if choice := keys_of_files().get(key):
         return f"there is no key {key!r}{where}; it comes with {choice}."
+    if key in RENAMED:
+        return f"there is no key {key!r}{where}; it is {RENAMED[key]} now."
     near = nearest(key, possible)
     return f"there is no key {key!r}{where}" + (f"; did you mean {' or '.join(near)}?" if near else ".")
 

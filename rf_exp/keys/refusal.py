@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.errors import ArgumentError
 from rf_exp.keys.files import File, Key, composed_files, content, found_file
-from rf_exp.keys.likeness import ALWAYS, keys_are_in, no_key, shown
+from rf_exp.keys.likeness import ALWAYS, RENAMED, keys_are_in, no_key, shown
 
 LISTED = 3  # keys in one sentence
 
@@ -20,7 +20,8 @@ def refuse_unknown_keys(config: DictConfig) -> None:
     node: Any = OmegaConf.to_container(config)
     keys = known(node, _own_tasks(node))
     for key, value, below in flat(node, keys):
-        raise ArgumentError(f"{key} is {value!r}; expected keys below it: {', '.join(below)}")
+        moved = f"; {RENAMED[key]} is what it was" if key in RENAMED else ""
+        raise ArgumentError(f"{key} is {value!r}; expected keys below it: {', '.join(below)}{moved}")
     if found := list(unknown(node, keys)):
         there, files = list(possible(node, keys)), composed_files()
         first, *others = (_told(key, there, files) for key in found)

@@ -1,275 +1,414 @@
-"""What a policy is and how it is trained, as frozen values that check themselves.
+"""The configuration of a policy and of its training, as frozen values that check themselves.
 
-Defaults are the paper's (section 4, supplementary "Implementation details") where it states them and
-the authors' release where it does not. `conf/policy/` holds the recipes; `paper.yaml`
-says the same. They stand here as well since what was stored before a field came is read without it.
+All defaults are in conf/policy/. A policy is an encoder and a head, each chosen by its name, with a
+configuration of its own: in `policy.head` the section of that name, and for what a head is made of the
+sections of those. Others may be added from outside of the package (`add_encoder`, `add_head`), by a module
+that a recipe names.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import reduce
+from importlib import import_module
+from typing import Any, ClassVar
 
-from rf_exp.artifacts import without
+from rf_exp.artifacts import read_values
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, require, values
 from rf_exp.types import LARGEST_PX
 
-ENCODERS = ("resnet18", "compact", "heatmaps")
-SAMPLERS = ("ddpm", "ddim")
-PREDICTIONS = ("epsilon", "sample", "v_prediction")
-OBSERVATIONS = ("pictures", "state")
-LOSSES = ("mse", "l1")
-# Of a policy; they change no weight.
-ACTING = ("action_steps", "ensemble", "hold_rad", "patience", "sampler", "inference_diffusion_steps")
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
 LEARNER = 6
-SMALLEST_SQUARE = 8  # pixels
-CELL = 4  # pixels of a picture, shrunk, to a cell of a heat map
+CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
+SMALLEST_CROP = 8  # pixels
+CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
-# Of a policy and of its training, what heat maps that are learned first (`eyes_steps`) do not depend on.
-BESIDE_EYES = (
-    *(*ACTING, "keypoint_noise", "unet_channels", "horizon", "observation_steps", "train_diffusion_steps"),
-    *(
-        "prediction",
-        "relative_actions",
-        "trunk",
-        "draft",
-        "dropout",
-        "tcp_actions",
-        "binary_grippers",
-        "loss",
-    ),
-)
-AFTER_EYES = ("epochs", "steps", "draft_steps", "noise_draws", "proprio_noise")
-# What each number may be at most: far above what is of use, and below what would take all memory, or for
-# ever. A configuration may come with the policy of somebody else.
-MOST_POLICY = {
-    "keypoint_noise": 1.0,
-    "shrink": 64,
-    "close_up": LARGEST_PX,
-    "horizon": 512,
-    "observation_steps": 64,
-    "action_steps": 512,
-    "ensemble": 1e3,
-    "hold_rad": math.pi,
-    "patience": 1e6,
-    "train_diffusion_steps": 1000,
-    "inference_diffusion_steps": 1000,
-    "height": LARGEST_PX,
-    "width": LARGEST_PX,
-}
-MOST_TRAINING = {
-    "epochs": 10**6,
-    "steps": 10**9,
-    "batch_size": 2**16,
-    "run_length": 2**16,
-    "noise_draws": 1024,
-    "eyes_rate": 1e3,
-    "eyes_shift_px": LARGEST_PX,
-    "eyes_steps": 10**9,
-    "draft_steps": 10**9,
-    "epsilon": 1.0,
-    "weight_decay": 1e3,
-    "warmup_steps": 10**9,
-    "ema_power": 1e3,
-    "proprio_noise": 1e3,
-    "seed": 2**32 - 1,
-    "log_every": 10**9,
-    "checkpoint_every": 10**9,
-}
-LAYERS, WIDEST = 8, 8192  # levels of a U-Net and hidden layers; channels of one
+BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
+
+# -- encoders ------------------------------------------------------------------------------------------
 
 
-def _require(holds: bool, field: str, got: object, expected: str) -> None:
-    if not holds:
-        raise ArgumentError(f"{field} is {got!r}; expected {expected}")
+class EncoderConfig(Checked):
+    """Of an encoder, a frozen dataclass. What it has to be shown is said of its class."""
 
+    pictures: ClassVar[bool] = True  # whether it looks at pictures
+    keypoints: ClassVar[bool] = False  # whether it learns from where grippers change, and hands are then
+    privileged: ClassVar[bool] = False  # whether the true poses of all things are part of the context instead
+    large: ClassVar[bool] = False  # whether more than one thread makes it faster
 
-def _bounded(config: object, most: Mapping[str, float]) -> None:
-    """Numbers are finite, no truth values, and not too large; of layers there are not too many."""
-    for name, value in vars(config).items():
-        for each in value if isinstance(value, tuple) else (value,):
-            truth = isinstance(each, bool) and isinstance(getattr(type(config), name), bool)
-            if isinstance(each, bool):
-                _require(truth, name, value, "a number")
-            elif isinstance(each, int | float):
-                high = WIDEST if isinstance(value, tuple) else most.get(name, math.inf)
-                finite = isinstance(each, int) or math.isfinite(each)
-                _require(finite and each <= high, name, value, f"finite, and at most {high:g}")
-        if isinstance(value, tuple):
-            _require(len(value) <= LAYERS, name, value, f"at most {LAYERS} of them")
-
-
-def _positive(config: object, *fields: str) -> None:
-    for name in fields:
-        value = getattr(config, name)
-        _require(value > 0, name, value, "a number above 0")
-
-
-def _one_of(config: object, name: str, available: object) -> None:
-    if getattr(config, name) not in available:  # pyright: ignore[reportOperatorIssue]
-        raise choices(name, getattr(config, name), available)
+    def check_in(self, policy: "PolicyConfig") -> None:
+        """Raises ArgumentError for a policy that it does not go with."""
 
 
 @dataclass(frozen=True)
-class PolicyConfig:
-    """The networks and the diffusion process. Pictures must come in `height` x `width` pixels."""
+class ResNet18Config(EncoderConfig):
+    """The paper's encoder."""
 
-    encoder: str = "resnet18"  # resnet18 | compact | heatmaps: see eyes.py
-    # On what heat maps see (m, and parts of a picture), while the rest learns from it.
-    keypoint_noise: float = 0.0
-    shrink: int = 1  # times, of the picture that heat maps cover
-    close_up: int = 0  # pixels, side of the squares of the whole picture that are looked at again; 0: none
-    unet_channels: tuple[int, ...] = (256, 512, 1024)
-    horizon: int = 8  # actions predicted, the first at the oldest observation
-    observation_steps: int = 3
-    action_steps: int = 6  # executed before the next prediction
+    large: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class CompactConfig(EncoderConfig):
+    """Three small convolutions."""
+
+
+@dataclass(frozen=True)
+class PrivilegedConfig(EncoderConfig):
+    """In place of an encoder: the truth, the ceiling of a recipe."""
+
+    pictures: ClassVar[bool] = False
+    privileged: ClassVar[bool] = True
+
+    def check_in(self, policy: "PolicyConfig") -> None:
+        require(policy.context, "context", policy.context, "true with encoder privileged")
+
+
+@dataclass(frozen=True)
+class KeypointsConfig(EncoderConfig):
+    """Heat maps for keypoints, which are learned first where `steps` says so, and then stay as they are."""
+
+    keypoints: ClassVar[bool] = True
+    downsample: int = bounded(64, least=1)  # times, of the picture that heat maps cover
+    # Pixels, side of the squares of the whole picture that are looked at again; 0: none.
+    crop_refinement: int = bounded(LARGEST_PX, least=0)
+    noise: float = bounded(
+        1, least=0
+    )  # on what is seen (m, and parts of a picture), while the rest learns from it
+    steps: int = bounded(10**9, least=0)  # of a fit of its own, before all others; 0: it learns with the head
+    rate: float = bounded(1e3, above=0)  # of learning then, as a multiple of the others'
+    shift_px: int = bounded(LARGEST_PX, least=0)  # by which pictures are shifted at most then, either way
+
+    def check_in(self, policy: "PolicyConfig") -> None:
+        looks = policy.context and policy.crop == 1.0
+        require(looks, "encoder", "keypoints", "context=true and crop=1 with keypoints")
+        cell = CELL * self.downsample
+        expected = f"a multiple of {cell} with encoder keypoints and downsample={self.downsample}"
+        for side in ("height", "width"):
+            require(getattr(policy, side) % cell == 0, side, getattr(policy, side), expected)
+        most = min(policy.height, policy.width)
+        fits = not self.crop_refinement or SMALLEST_CROP <= self.crop_refinement <= most
+        expected = f"0, or {SMALLEST_CROP} to {most} pixels"
+        require(fits, "crop_refinement", self.crop_refinement, expected)
+
+
+# -- heads ---------------------------------------------------------------------------------------------
+
+
+class HeadConfig(Checked):
+    """Of a head, a frozen dataclass. A field that is the configuration of another has its own section."""
+
+    def check_in(self, policy: "PolicyConfig") -> None:
+        """Raises ArgumentError for a policy that it does not go with."""
+
+
+@dataclass(frozen=True)
+class DiffusionConfig(HeadConfig):
+    """A trunk, a U-Net and the process of diffusion, whose sampler and steps change no weight."""
+
+    trunk: tuple[int, ...] = bounded(above=0, expected="numbers above 0")  # hidden layers before the U-Net
+    channels: tuple[int, ...] = bounded()  # of the levels of the U-Net
+    train_timesteps: int = bounded(1000, above=0)
+    prediction: str = one_of("epsilon", "sample", "v_prediction")
+    loss: str = one_of("mse", "l1")
+    noise_draws: int = bounded(1024, above=0)  # for each window in a batch
+    sampler: str = one_of("ddpm", "ddim", acting=True)
+    inference_steps: int = bounded(1000, acting=True)  # 0: the chunk that is refined, as it is
+
+    def check_in(self, policy: "PolicyConfig", least: int = 1) -> None:
+        halvings = 2 ** max(0, len(self.channels) - 1)
+        require(policy.horizon % halvings == 0, "horizon", policy.horizon, f"a multiple of {halvings}")
+        steps, most = self.inference_steps, self.train_timesteps
+        require(least <= steps <= most, "inference_steps", steps, f"{least} to {most}")
+        whole = self.sampler != "ddpm" or steps == most
+        require(whole, "inference_steps", steps, f"{most} with sampler ddpm")
+
+
+@dataclass(frozen=True)
+class RegressionConfig(HeadConfig):
+    """A perceptron."""
+
+    hidden: tuple[int, ...] = bounded(above=0, expected="numbers above 0")
+    dropout: float = bounded(least=0, below=1)
+
+    def check(self) -> None:
+        require(len(self.hidden) > 0, "hidden", self.hidden, "at least one hidden layer")
+
+
+@dataclass(frozen=True)
+class RefinedConfig(HeadConfig):
+    """Regression first, for so many steps; then its chunk is refined by diffusion."""
+
+    regression: RegressionConfig
+    diffusion: DiffusionConfig
+    regression_steps: int = bounded(10**9, least=0)
+
+    def check_in(self, policy: "PolicyConfig") -> None:
+        clean = self.diffusion.prediction == "sample"
+        expected = "sample, where a chunk of actions is refined"
+        require(clean, "prediction", self.diffusion.prediction, expected)
+        self.diffusion.check_in(policy, least=0)
+
+
+# -- which there are -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a part is configured, and its class, or where that is: it needs torch, a configuration does not."""
+
+    config: type
+    part: Callable[..., Any] | str
+
+    def make(self, *given: Any) -> Any:
+        """A part, from its configuration and what else its class is given."""
+        if not isinstance(self.part, str):
+            return self.part(*given)
+        module, _, name = self.part.partition(":")
+        return getattr(import_module(f"rf_exp.policy.networks.{module}"), name)(*given)
+
+
+ENCODERS: dict[str, Kind] = {
+    "resnet18": Kind(ResNet18Config, "encoders:ResNet18"),
+    "compact": Kind(CompactConfig, "encoders:Compact"),
+    "keypoints": Kind(KeypointsConfig, "keypoint_encoder:KeypointEncoder"),
+    "privileged": Kind(PrivilegedConfig, "encoders:Privileged"),
+}
+HEADS: dict[str, Kind] = {
+    "diffusion": Kind(DiffusionConfig, "diffusion:DiffusionHead"),
+    "regression": Kind(RegressionConfig, "regression:RegressionHead"),
+    "refined": Kind(RefinedConfig, "diffusion:RefinedHead"),
+}
+PARTS = {"encoder": ENCODERS, "head": HEADS}
+
+
+def add_encoder(name: str, config: type[EncoderConfig], encoder: Callable[..., Any]) -> None:
+    """Make an encoder known: `encoder(config, view, spec)` is an `Encoder`.
+
+    Raises ArgumentError for a known name.
+    """
+    _add("encoder", name, Kind(config, encoder))
+
+
+def add_head(name: str, config: type[HeadConfig], head: Callable[..., Any]) -> None:
+    """Make a head known: `head(config, condition, horizon, actions)`, of these sizes, is a `Head`.
+
+    Raises ArgumentError for a known name.
+    """
+    _add("head", name, Kind(config, head))
+
+
+def _add(kind: str, name: str, part: Kind) -> None:
+    if name in PARTS[kind] or not name.isidentifier() or name == "name":
+        why = "is there already" if name in PARTS[kind] else "is no name for a key"
+        raise ArgumentError(f"{kind} {name!r} {why}")
+    PARTS[kind][name] = part
+
+
+def name_of(part: EncoderConfig | HeadConfig) -> str:
+    """The name by which a part is chosen."""
+    every = (each for kinds in PARTS.values() for each in kinds.items())
+    return next(name for name, kind in every if kind.config is type(part))
+
+
+def import_code(policy: object) -> None:
+    """Import the module that a recipe names, if it names one. Raises ArgumentError where that fails."""
+    if not isinstance(policy, Mapping) or (code := policy.get(CODE)) is None:
+        return
+    try:
+        import_module(code)
+    except Exception as error:  # whatever a module does when it is imported
+        raise ArgumentError(
+            f"policy.code: {code!r} cannot be imported: {type(error).__name__}: {error}; expected a module "
+            "that Python finds, in this folder or by PYTHONPATH"
+        ) from error
+
+
+# -- the whole -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ActingConfig(Checked):
+    """What a policy does with the chunks that its head samples."""
+
+    action_steps: int = bounded(512, above=0)  # executed before the next prediction
     # Of all predictions of a control step the k-th oldest weighs exp(-ensemble k); None: the newest alone.
-    ensemble: float | None = None
-    hold_rad: float = 0.0  # a chunk whose joints all stay so near to where they are moves nothing
+    ensemble: float | None = bounded(1e3, least=0)
+    deadband_rad: float = bounded(math.pi, least=0)  # a chunk whose joints all stay so near moves nothing
     # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
-    # 0: it waits until one look says more than a half. See patience.py.
-    patience: float = 0.0
-    train_diffusion_steps: int = 100
-    inference_diffusion_steps: int = 100  # 0: the draft alone
-    sampler: str = "ddpm"  # ddpm | ddim
-    prediction: str = "epsilon"  # epsilon | sample | v_prediction
-    relative_actions: bool = False  # joint targets as differences from the newest measured positions
-    observation: str = "pictures"  # pictures | state: the true poses of all things, the ceiling of a recipe
-    context: bool = False  # told also where the own TCP is and what the own gripper has done
-    trunk: tuple[int, ...] = ()  # hidden layers between the observation and the U-Net
-    draft: tuple[int, ...] = ()  # hidden layers of a perceptron whose chunk the U-Net refines; none: no draft
-    dropout: float = 0.0  # in the draft
-    drop_idle: bool = False  # learn nothing from moments in which nobody moves
-    phases: bool = False  # predicts its subgoal and whether it may go on: see coordination.py
-    tcp_actions: bool = False  # predicts where the TCP goes too, and joints follow that: see hands.py
-    binary_grippers: bool = False  # commands are wholly open or wholly closed
-    loss: str = "mse"  # mse | l1
-    crop: float = 0.9  # side of the crop, as a part of the picture's
-    height: int = 240  # pixels
-    width: int = 320
+    # 0: it waits until one look says more than a half.
+    transition_integrator: float = bounded(1e6, least=0)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "unet_channels", tuple(self.unet_channels))
-        for name in ("trunk", "draft"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        _bounded(self, MOST_POLICY)
-        _require(all(width > 0 for width in self.trunk), "trunk", self.trunk, "numbers above 0")
-        _require(all(width > 0 for width in self.draft), "draft", self.draft, "numbers above 0")
-        _one_of(self, "encoder", ENCODERS)
-        _one_of(self, "sampler", SAMPLERS)
-        _one_of(self, "prediction", PREDICTIONS)
-        _one_of(self, "observation", OBSERVATIONS)
-        _one_of(self, "loss", LOSSES)
-        self._require_eyes()
-        _require(self.hold_rad >= 0, "hold_rad", self.hold_rad, "0 or above")
-        _require(self.patience >= 0, "patience", self.patience, "0 or above")
-        refines = not self.draft or self.prediction == "sample"
-        _require(refines, "prediction", self.prediction, "sample, where a draft of the actions is refined")
-        _require(0.0 <= self.dropout < 1.0, "dropout", self.dropout, "a number in [0, 1)")
-        told = self.context or self.observation != "state"
-        _require(told, "context", self.context, "true with observation=state")
-        predicts = not self.phases or (self.context and bool(self.draft))
-        _require(predicts, "phases", self.phases, "false without context and a draft, beside which it learns")
-        _require(self.context or not self.tcp_actions, "context", self.context, "true with tcp_actions")
-        _positive(self, "horizon", "observation_steps", "action_steps", "height", "width")
-        _positive(self, "train_diffusion_steps")
-        _require(0.0 < self.crop <= 1.0, "crop", self.crop, "a number above 0, at most 1")
-        halvings = 2 ** max(0, len(self.unet_channels) - 1)
-        _require(self.horizon % halvings == 0, "horizon", self.horizon, f"a multiple of {halvings}")
+
+@dataclass(frozen=True)
+class PolicyConfig(Checked):
+    """The networks, what they are shown and what they predict, of pictures of `height` x `width` pixels."""
+
+    encoder: EncoderConfig
+    head: HeadConfig
+    acting: ActingConfig = field(metadata={ACTING: True})
+    context: bool  # told also where the own TCP is and what the own gripper has done
+    phases: bool  # predicts its subgoal and whether it may go on
+    relative_actions: bool  # joint targets as differences from the newest measured positions
+    task_space_actions: bool  # predicts where the TCP goes too, and joints follow that
+    binary_grippers: bool  # commands are wholly open or wholly closed
+    drop_idle: bool  # learns nothing from moments in which nobody moves
+    horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
+    observation_steps: int = bounded(64, above=0)
+    phase_dropout: float = bounded(least=0, below=1)
+    proprio_noise: float = bounded(
+        1e3, least=0
+    )  # on normalised joint positions in training, one draw a window
+    crop: float = bounded(
+        1, above=0, expected="a number above 0, at most 1"
+    )  # side, as a part of the picture's
+    height: int = bounded(LARGEST_PX, above=0)  # pixels
+    width: int = bounded(LARGEST_PX, above=0)
+
+    def check(self) -> None:
+        for name in ("phases", "task_space_actions"):
+            needs = self.context or not getattr(self, name)
+            require(needs, "context", self.context, f"true with {name}")
+        self.encoder.check_in(self)
+        self.head.check_in(self)
         longest = self.horizon - self.observation_steps + 1
-        _require(self.action_steps <= longest, "action_steps", self.action_steps, f"at most {longest}")
-        most = self.train_diffusion_steps
-        steps = self.inference_diffusion_steps
-        least = 0 if self.draft else 1
-        _require(least <= steps <= most, "inference_diffusion_steps", steps, f"{least} to {most}")
-        _require(
-            self.ensemble is None or self.ensemble >= 0, "ensemble", self.ensemble, "0 or above, or null"
-        )
-        if self.sampler == "ddpm":
-            _require(steps == most, "inference_diffusion_steps", steps, f"{most} with sampler ddpm")
+        steps = self.acting.action_steps
+        require(steps <= longest, "action_steps", steps, f"at most {longest}")
 
-    def _require_eyes(self) -> None:
-        """What heat maps need, and what only they can do."""
-        eyes = self.encoder == "heatmaps"
-        looks = not eyes or (self.context and self.crop == 1.0)
-        _require(looks, "encoder", self.encoder, "context=true and crop=1 with heatmaps")
-        _require(self.keypoint_noise >= 0, "keypoint_noise", self.keypoint_noise, "0 or above")
-        _require(self.shrink == 1 or eyes, "shrink", self.shrink, f"1 with encoder={self.encoder}")
-        _require(self.shrink >= 1, "shrink", self.shrink, "1 or above")
-        for side in ("height", "width") if eyes else ():
-            cell = CELL * self.shrink
-            expected = f"a multiple of {cell} with encoder=heatmaps and shrink={self.shrink}"
-            _require(getattr(self, side) % cell == 0, side, getattr(self, side), expected)
-        _require(not self.close_up or eyes, "close_up", self.close_up, f"0 with encoder={self.encoder}")
-        most = min(self.height, self.width)
-        fits = not self.close_up or SMALLEST_SQUARE <= self.close_up <= most
-        _require(fits, "close_up", self.close_up, f"0, or {SMALLEST_SQUARE} to {most} pixels")
+    @staticmethod
+    def read(*nodes: Mapping[str, Any]) -> "PolicyConfig":
+        """A recipe, or what `learned` and `acted` said: later values win, and only chosen parts are read.
+
+        Raises ArgumentError that names a key.
+        """
+        node = reduce(merged, nodes)
+        parts = {kind: _read_part(kind, node.get(kind)) for kind in PARTS}
+        return read_values(PolicyConfig, {**node, **parts}, "policy.")
 
     @property
     def identity(self) -> dict[str, Any]:
-        """All fields, but for those that came later, where they change nothing."""
-        return without(asdict(self), ensemble=None, patience=0.0, shrink=1, close_up=0)
+        """All of it, as a recipe says it."""
+        return self._values(None)
+
+    @property
+    def learned(self) -> dict[str, Any]:
+        """What decides the weights."""
+        return self._values(False)
+
+    @property
+    def acted(self) -> dict[str, Any]:
+        """What decides only how it acts."""
+        return self._values(True)
+
+    def _values(self, acting: bool | None) -> dict[str, Any]:
+        found = values(self, acting)
+        for kind in PARTS:
+            part, fields_of = getattr(self, kind), found.pop(kind, {})
+            own = {key: value for key, value in fields_of.items() if not is_dataclass(getattr(part, key))}
+            inner = {key: value for key, value in fields_of.items() if key not in own}
+            name = name_of(part)
+            said = ({} if acting else {"name": name}) | ({name: own} if own else {}) | inner
+            found |= {kind: said} if said else {}
+        return found
+
+    def acting_as(self, other: "PolicyConfig") -> "PolicyConfig":
+        """The same policy, which acts as another one says of the same parts."""
+        return PolicyConfig.read(self.identity, other.acted)
+
+    @property
+    def observation(self) -> str:
+        """What rows say of its observations: `state` where it is told the true poses."""
+        return "state" if self.encoder.privileged else "pictures"
 
     def cropped(self, height: int, width: int) -> tuple[int, int]:
         """Height and width of what the encoder sees of such a picture, pixels."""
         return round(self.crop * height), round(self.crop * width)
 
 
+def read_recipe(node: Mapping[str, Any], picture: Mapping[str, int]) -> PolicyConfig:
+    """The policy of a recipe of the person who runs it, once the module that it names is imported."""
+    import_code(node)
+    return PolicyConfig.read({key: value for key, value in node.items() if key != CODE}, picture)
+
+
+def policy_keys() -> dict[str, Any]:
+    """The keys that `policy` may have in a recipe, and those below them: a section for each part there is."""
+    found: dict[str, Any] = {CODE: None}
+    for each in fields(PolicyConfig):
+        if each.name in PARTS:
+            sections = {name: _own_keys(kind.config) for name, kind in PARTS[each.name].items()}
+            found[each.name] = {"name": None, **{name: own for name, own in sections.items() if own}}
+        elif each.name not in ("height", "width"):  # a policy sees what the cameras take
+            found[each.name] = _own_keys(each.type) if is_dataclass(each.type) else None
+    return found
+
+
+def _own_keys(config: Any) -> dict[str, None]:
+    """Of a configuration, but for parts of it that have a section of their own."""
+    return {each.name: None for each in fields(config) if not is_dataclass(each.type)}
+
+
+def _read_part(kind: str, node: object) -> Any:
+    """The configuration of the part of a kind that is chosen, from the sections of all."""
+    name = node.get("name") if isinstance(node, Mapping) else None
+    if not isinstance(node, Mapping) or not isinstance(name, str):
+        raise ArgumentError(f"policy.{kind} is {node!r}; expected a mapping with a name")
+    if name not in PARTS[kind]:
+        raise choices(kind, name, PARTS[kind])
+    config = PARTS[kind][name].config
+    inner = {each.name: node.get(each.name, {}) for each in fields(config) if is_dataclass(each.type)}
+    own = node.get(name, {})
+    if not isinstance(own, Mapping):
+        raise ArgumentError(f"policy.{kind}.{name} is {own!r}; expected a mapping")
+    parts = {
+        key: read_values(config.__dataclass_fields__[key].type, value, f"policy.{kind}.{key}.")
+        for key, value in inner.items()
+    }
+    return read_values(config, {**own, **parts}, f"policy.{kind}.{name}.")
+
+
 @dataclass(frozen=True)
-class TrainConfig:
+class TrainConfig(Checked):
     """How a policy is trained. Exactly one of `epochs` and `steps` is the budget."""
 
-    epochs: int | None = 300
-    steps: int | None = None
-    batch_size: int = 128  # windows
-    going: float = 0.0  # part of them that is drawn from those in which an own agent may go on
-    run_length: int = 8  # consecutive windows drawn together, so that their frames are encoded once
-    noise_draws: int = 1  # for each window in a batch
-    eyes_rate: float = 1.0  # learning rate of the heat maps, as a multiple of the others'
-    eyes_shift_px: int = 0  # by which the pictures for the heat maps are shifted at most, either way
-    eyes_steps: int = 0  # before all others, of the heat maps alone, which then stay as they are
-    draft_steps: int = 0  # before the others, of the draft alone
-    learning_rate: float = 1e-4
-    betas: tuple[float, float] = (0.95, 0.999)
-    epsilon: float = 1e-8
-    weight_decay: float = 1e-6
-    warmup_steps: int = 500
-    ema_power: float = 0.75
-    ema_max_decay: float = 0.9999
-    proprio_noise: float = 0.0  # standard deviation on normalised joint positions, one draw a window
-    seed: int = 0
-    device: str = "auto"  # auto | cpu | cuda
-    log_every: int = 20  # steps between rows of the curves
-    checkpoint_every: int = 1000  # steps between resumable states
+    epochs: int | None = bounded(10**6, above=0)
+    steps: int | None = bounded(10**9, above=0)
+    batch_size: int = bounded(2**16, above=0)  # windows
+    # Part of them that is drawn from those in which an own agent may go on.
+    active_agent_sampling: float = bounded(1, least=0)
+    run_length: int = bounded(
+        2**16, above=0
+    )  # consecutive windows drawn together: their frames are encoded once
+    learning_rate: float = bounded(math.inf, above=0)
+    betas: tuple[float, float] = bounded(least=0, below=1, expected="two numbers in [0, 1)")
+    epsilon: float = bounded(1, above=0)
+    weight_decay: float = bounded(1e3, least=0)
+    warmup_steps: int = bounded(10**9, least=0)
+    ema_power: float = bounded(1e3, above=0)
+    ema_max_decay: float = bounded(least=0, below=1)
+    device: str = one_of("auto", "cpu", "cuda")
+    log_every: int = bounded(10**9, above=0)  # steps between rows of the curves
+    checkpoint_every: int = bounded(10**9, above=0)  # steps between resumable states
+    seed: int = 0  # of an experiment, `train_seed`
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "betas", tuple(self.betas))
-        _bounded(self, MOST_TRAINING)
-        budgets = {name: getattr(self, name) for name in ("epochs", "steps")}
+    def check(self) -> None:
+        budgets = {name: getattr(self, name) for name in BUDGET}
         given = {name: value for name, value in budgets.items() if value is not None}
-        _require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
-        _positive(
-            self, *given, "batch_size", "run_length", "noise_draws", "learning_rate", "eyes_rate", "epsilon"
-        )
-        _positive(self, "log_every", "checkpoint_every", "ema_power")
-        counts = "warmup_steps", "eyes_shift_px", "eyes_steps", "draft_steps", "seed"
-        for name in ("weight_decay", "proprio_noise", *counts):
-            _require(getattr(self, name) >= 0, name, getattr(self, name), "0 or above")
-        _require(all(0 <= beta < 1 for beta in self.betas), "betas", self.betas, "two numbers in [0, 1)")
-        _require(0 <= self.going <= 1, "going", self.going, "a number from 0 to 1")
-        _require(0 <= self.ema_max_decay < 1, "ema_max_decay", self.ema_max_decay, "a number in [0, 1)")
-        _one_of(self, "device", ("auto", "cpu", "cuda"))
+        require(len(given) == 1, "the training budget", given, "exactly one of epochs and steps")
+        require(0 <= self.seed < 2**32, "seed", self.seed, f"0 to {2**32 - 1}")
+
+    @staticmethod
+    def read(identity: Mapping[str, Any]) -> "TrainConfig":
+        """What `identity` has said. Raises ArgumentError that names a key."""
+        how = {"device": "auto", "log_every": 1, "checkpoint_every": 1}
+        return read_values(TrainConfig, {**how, **identity}, "training.")
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The fields that decide what comes out, but for those that came later, where they change nothing."""
-        decides = {name: value for name, value in asdict(self).items() if name not in HOW}
-        return without(decides, going=0.0)
+        """The fields that decide what comes out."""
+        return {name: value for name, value in values(self).items() if name not in HOW}
 
-    def rate(self, step: int, steps: int) -> float:
-        """Of learning: linear warm-up, then half a cosine down to zero at the end (paper, supplementary)."""
-        if step < self.warmup_steps:
-            return self.learning_rate * (step + 1) / self.warmup_steps
-        part = (step - self.warmup_steps) / max(1, steps - self.warmup_steps)
-        return self.learning_rate * 0.5 * (1.0 + math.cos(math.pi * part))
+    @property
+    def pace(self) -> dict[str, Any]:
+        """Those of them that decide what comes of a fit that says its own steps."""
+        return {name: value for name, value in self.identity.items() if name not in BUDGET}

@@ -75,7 +75,7 @@ def _provenance(cell: Cell) -> dict[str, Any]:
     for view in cell.views:
         made[view.name] = provenance(cell.policy_path / view.name)
         config = replace(experiment.training, seed=experiment.train_seed)
-        wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
+        wanted = {"learner": LEARNER, "policy": experiment.policy.learned, "train": config.identity}
         expect_policy(cell.policy_path / view.name, wanted)
     weights = {name: one.pop("weights") for name, one in made.items()}
     return {"data": next(iter(made.values()))["data"], "weights": weights}

@@ -6,6 +6,7 @@ from typing import Any
 import yaml
 
 from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
+from rf_exp.artifacts import leaves
 from rf_exp.experiment import Experiment
 from rf_exp.policy import MODEL
 from rf_exp.progress import console
@@ -27,8 +28,8 @@ def foretold(experiment: Experiment) -> str:
         return ""
     learning_s: dict[str, float] = known["learning_s"]
     policy_s = learning_s["once"]
-    for phase in ("eyes_steps", "draft_steps", "steps"):
-        policy_s += learning_s[phase] * (getattr(experiment.training, phase) or 0)
+    said = leaves({"policy": experiment.policy.identity, "training": experiment.training.identity})
+    policy_s += sum(step_s * (said.get(key) or 0) for key, step_s in learning_s.items())
     left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
     for cell in cells(experiment):
         cost = known["tasks"][cell.task.name]

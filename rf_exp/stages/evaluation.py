@@ -200,7 +200,7 @@ def _subgoals(runners: Sequence[PolicyRunner]) -> tuple[tuple[str, ...], ...]:
     """Of each agent, that trained policies know by their numbers."""
     (first, *_) = runners
     assert isinstance(first, DiffusionRunner)
-    return first.senses.names
+    return first.spec.names
 
 
 def _failed(seed: int, timeout: Timeout) -> tuple[Rollout, float]:

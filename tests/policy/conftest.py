@@ -2,18 +2,23 @@
 
 import csv
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from omegaconf import OmegaConf
 
+from rf_exp.artifacts import plain, read_values
 from rf_exp.observations import Observation, observe
 from rf_exp.policy import CURVES, PolicyConfig, PolicyRunner, TrainConfig
+from rf_exp.policy.bounds import merged
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import Arch, Episode, Scene
+from tests.conftest import CONF
 
 HEIGHT, WIDTH, STEPS = 32, 48, 24
 STILL = 5  # steps before the arms move: until then only the picture tells where to
@@ -135,19 +140,51 @@ def make_store(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int, int],
     return make
 
 
+def varied(config: PolicyConfig, changes: Mapping[str, Any]) -> PolicyConfig:
+    """The policy with other values: dotted key -> value. What it does not say is as in the paper's recipe."""
+    node = merged(_paper()["policy"], plain(config.identity))
+    return PolicyConfig.read(merged(node, _nested(changes)))
+
+
 def small_policy(**changes: Any) -> PolicyConfig:
-    """The paper's windows, and networks that learn in seconds."""
-    values = {
-        "encoder": "compact",
-        "unet_channels": (16, 32),
-        "sampler": "ddim",
-        "inference_diffusion_steps": 10,
-        "prediction": "sample",
+    """The paper's windows, and networks that learn in seconds; changes of the outermost keys."""
+    diffusion = {"channels": (16, 32), "sampler": "ddim", "inference_steps": 10, "prediction": "sample"}
+    small = {
+        "encoder.name": "compact",
+        **{f"head.diffusion.{key}": value for key, value in diffusion.items()},
         "relative_actions": True,
         "height": 96,
         "width": 128,
     }
-    return PolicyConfig(**(values | changes))
+    return PolicyConfig.read(merged(_paper()["policy"], _nested(small | changes)))
+
+
+def paper_policy(height: int = 240, width: int = 320) -> PolicyConfig:
+    """The paper's recipe."""
+    return PolicyConfig.read({**_paper()["policy"], "height": height, "width": width})
+
+
+def training_of(**changes: Any) -> TrainConfig:
+    """The paper's training with other values."""
+    return read_values(TrainConfig, _paper()["training"] | changes)
+
+
+@cache
+def _paper() -> dict[str, Any]:
+    """`conf/policy/paper.yaml`, in which the defaults are."""
+    node: Any = OmegaConf.to_container(OmegaConf.load(CONF / "policy" / "paper.yaml"))
+    del node["policy"]["code"]
+    return node
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted keys -> mappings of mappings."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        for part in reversed(key.split(".")):
+            value = {part: value}
+        found = merged(found, value)
+    return found
 
 
 def rows(folder: Path) -> list[dict[str, str]]:
@@ -157,17 +194,17 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def small_training(steps: int, **changes: Any) -> TrainConfig:
-    """Small batches, many draws of noise, a larger learning rate than the paper's."""
-    values = {"batch_size": 32, "run_length": 4, "noise_draws": 4, "learning_rate": 1e-3, "warmup_steps": 50}
-    return TrainConfig(**({"epochs": None, "steps": steps} | values | changes))
+    """Small batches, a larger learning rate than the paper's."""
+    values = {"batch_size": 32, "run_length": 4, "learning_rate": 1e-3, "warmup_steps": 50}
+    return training_of(**({"epochs": None, "steps": steps} | values | changes))
 
 
 @pytest.fixture
 def policy_config() -> PolicyConfig:
-    return small_policy(height=HEIGHT, width=WIDTH)
+    return small_policy(**{"height": HEIGHT, "width": WIDTH, "head.diffusion.noise_draws": 2})
 
 
 @pytest.fixture
 def train_config() -> TrainConfig:
     """A few steps only; `checkpoint_every` beyond the end, so that only Ctrl-C writes a state."""
-    return small_training(6, batch_size=16, noise_draws=2, warmup_steps=2, log_every=4, device="cpu")
+    return small_training(6, batch_size=16, warmup_steps=2, log_every=4, device="cpu")

@@ -39,16 +39,22 @@ KERNELS = {
 AGENTS, EPISODES, HELD_OUT = 2, 2, 100  # episodes that are learned from, and the seed of one that is not
 COMMANDS = 20  # control steps of the runner that are kept
 _ALL = ("training.batch_size=8", "training.warmup_steps=2", "training.device=cpu")
-_SMALL = ("training.eyes_steps=4", "training.draft_steps=5", "training.steps=4", "policy.draft=[32,32]")
-_PERCEPTRON = (*_SMALL, "policy.trunk=[16]", "policy.unet_channels=[8,16]", "training.noise_draws=2")
+_ENCODER, _HEAD = "policy.encoder.keypoints", "policy.head"
+_SMALL = (
+    *(f"{_ENCODER}.steps=4", f"{_HEAD}.refined.regression_steps=5", "training.steps=4"),
+    f"{_HEAD}.regression.hidden=[32,32]",
+)
+_UNET = f"{_HEAD}.diffusion.channels=[8,16]"
+_PERCEPTRON = (*_SMALL, f"{_HEAD}.diffusion.trunk=[16]", _UNET, f"{_HEAD}.diffusion.noise_draws=2")
 RECIPES: dict[str, tuple[str, ...]] = {
     "fast": _PERCEPTRON,
-    "state": (*_PERCEPTRON, "training.eyes_steps=0"),
-    "without_draft": (*_PERCEPTRON, "training.draft_steps=0", "policy.draft=[]"),
+    "state": _PERCEPTRON,
+    "without_draft": _PERCEPTRON,
     "without_phases": _PERCEPTRON,
-    "close_up": (*_PERCEPTRON, "policy.close_up=8", "training.eyes_shift_px=4"),
-    "paper": ("training.epochs=null", "training.steps=3", "policy.unet_channels=[8,16]"),
+    "close_up": (*_PERCEPTRON, f"{_ENCODER}.crop_refinement=8", f"{_ENCODER}.shift_px=4"),
+    "paper": ("training.epochs=null", "training.steps=3", _UNET),
 }
+ABLATION = {"without_draft", "without_phases", "close_up"}  # recipes of conf/policy/ablation
 Digests = dict[str, Any]
 
 
@@ -64,15 +70,16 @@ def of(recipe: str, folder: Path) -> Digests:
 
     torch.set_num_threads(1)
     picture = f"picture={{width: {WIDTH}, height: {HEIGHT}}}"
-    asked = experiment(f"policy={recipe}", picture, *_ALL, *RECIPES[recipe])
+    chosen = f"ablation/{recipe}" if recipe in ABLATION else recipe
+    asked = experiment(f"policy={chosen}", picture, *_ALL, *RECIPES[recipe])
     store = Store.open(write_store(folder / "reach.zarr", AGENTS, EPISODES))
     view = views(ARCHS[-1], AGENTS)[0]
     made = train(store, view, asked.policy, replace(asked.training, log_every=1), folder / recipe)
     tensors, _ = read_tensors(made / MODEL)
-    policy, view, senses = load_policy(made, "cpu")
+    policy, view, spec = load_policy(made, "cpu")
     learned = {name for name, _ in policy.named_parameters()}
     weights = sorted(_sha(tensors[name].numpy()) for name in learned)
-    runner, episode = DiffusionRunner(policy, view, senses), make_episode(HELD_OUT, AGENTS)
+    runner, episode = DiffusionRunner(policy, view, spec), make_episode(HELD_OUT, AGENTS)
     runner.reset(HELD_OUT)
     commands = []
     for step in range(COMMANDS):

@@ -1,47 +1,57 @@
-"""The paper's defaults, and errors that name the field."""
+"""The paper's defaults, errors that name the field, and parts that are added from outside."""
 
 from typing import Any
 
 import pytest
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import PolicyConfig, TrainConfig
+from rf_exp.policy import EncoderConfig, PolicyConfig, add_encoder
+from rf_exp.policy.networks.encoders import Compact
+from tests.policy.conftest import paper_policy, training_of, varied
 
 
 def test_defaults_are_the_papers() -> None:
-    policy, train = PolicyConfig(), TrainConfig()
-    assert (policy.horizon, policy.observation_steps, policy.action_steps) == (8, 3, 6)
+    policy, train = paper_policy(), training_of()
+    assert (policy.horizon, policy.observation_steps, policy.acting.action_steps) == (8, 3, 6)
     assert (policy.height, policy.width) == (240, 320)
     assert (train.batch_size, train.learning_rate, train.epochs) == (128, 1e-4, 300)
     assert (train.betas, train.epsilon, train.warmup_steps) == ((0.95, 0.999), 1e-8, 500)
 
 
 def test_lists_become_tuples() -> None:
-    channels: Any = [64, 128]
-    assert PolicyConfig(unet_channels=channels) == PolicyConfig(unet_channels=(64, 128))
+    lists = varied(paper_policy(), {"head.diffusion.channels": [64, 128]})
+    assert lists == varied(paper_policy(), {"head.diffusion.channels": (64, 128)})
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"encoder": "vit"}, "unknown encoder 'vit'; available: compact, heatmaps, resnet18"),
-        ({"sampler": "euler"}, "unknown sampler 'euler'; available: ddim, ddpm"),
-        ({"prediction": "x"}, "unknown prediction 'x'; available: epsilon, sample, v_prediction"),
+        (
+            {"encoder.name": "vit"},
+            "unknown encoder 'vit'; available: compact, keypoints, privileged, resnet18",
+        ),
+        ({"head.name": "gan"}, "unknown head 'gan'; available: diffusion, refined, regression"),
+        ({"head.diffusion.sampler": "euler"}, "unknown sampler 'euler'; available: ddim, ddpm"),
+        (
+            {"head.diffusion.prediction": "x"},
+            "unknown prediction 'x'; available: epsilon, sample, v_prediction",
+        ),
         ({"horizon": 6}, "horizon is 6; expected a multiple of 4"),
         ({"horizon": 0}, "horizon is 0; expected a number above 0"),
-        ({"action_steps": 7}, "action_steps is 7; expected at most 6"),
+        ({"acting.action_steps": 7}, "action_steps is 7; expected at most 6"),
         ({"crop": 0.0}, "crop is 0.0; expected a number above 0, at most 1"),
-        ({"inference_diffusion_steps": 101}, "inference_diffusion_steps is 101; expected 1 to 100"),
+        ({"head.diffusion.inference_steps": 101}, "inference_steps is 101; expected 1 to 100"),
         (
-            {"inference_diffusion_steps": 10},
-            "inference_diffusion_steps is 10; expected 100 with sampler ddpm",
+            {"head.diffusion.inference_steps": 10},
+            "inference_steps is 10; expected 100 with sampler ddpm",
         ),
         ({"width": -1}, "width is -1; expected a number above 0"),
+        ({"head.diffusion.noise_draws": -1}, "noise_draws is -1; expected a number above 0"),
     ],
 )
 def test_policy_errors_name_the_field(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ArgumentError) as error:
-        PolicyConfig(**changes)
+        varied(paper_policy(), changes)
     assert str(error.value) == message
 
 
@@ -57,7 +67,6 @@ def test_policy_errors_name_the_field(changes: dict[str, Any], message: str) -> 
             "the training budget is {'epochs': 300, 'steps': 5}; expected exactly one of epochs and steps",
         ),
         ({"batch_size": 0}, "batch_size is 0; expected a number above 0"),
-        ({"noise_draws": -1}, "noise_draws is -1; expected a number above 0"),
         ({"warmup_steps": -1}, "warmup_steps is -1; expected 0 or above"),
         ({"betas": (0.9, 1.0)}, "betas is (0.9, 1.0); expected two numbers in [0, 1)"),
         ({"ema_max_decay": 1.0}, "ema_max_decay is 1.0; expected a number in [0, 1)"),
@@ -66,5 +75,27 @@ def test_policy_errors_name_the_field(changes: dict[str, Any], message: str) -> 
 )
 def test_training_errors_name_the_field(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(ArgumentError) as error:
-        TrainConfig(**changes)
+        training_of(**changes)
     assert str(error.value) == message
+
+
+def test_sections_of_parts_that_are_not_chosen_are_not_of_the_policy() -> None:
+    small = varied(paper_policy(), {"encoder.name": "compact"})
+    other = varied(paper_policy(), {"encoder.name": "compact", "encoder.keypoints.downsample": 4})
+    assert small == other and "keypoints" not in small.identity["encoder"]
+    assert small.learned["encoder"] == {"name": "compact"}
+
+
+def test_what_decides_acting_alone_and_what_the_weights_are_all() -> None:
+    policy = paper_policy()
+    assert policy.acted["head"] == {"diffusion": {"sampler": "ddpm", "inference_steps": 100}}
+    assert not policy.learned["head"]["diffusion"].keys() & policy.acted["head"]["diffusion"].keys()
+    assert PolicyConfig.read(policy.learned, policy.acted) == policy
+    acts = varied(policy, {"acting.action_steps": 2, "horizon": 16})
+    assert policy.acting_as(acts) == varied(policy, {"acting.action_steps": 2})
+
+
+@pytest.mark.parametrize(("name", "why"), [("compact", "is there already"), ("a b", "is no name for a key")])
+def test_a_part_of_a_known_name_is_refused(name: str, why: str) -> None:
+    with pytest.raises(ArgumentError, match=f"encoder '{name}' {why}"):
+        add_encoder(name, EncoderConfig, Compact)

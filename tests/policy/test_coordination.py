@@ -1,7 +1,6 @@
 """What coordinated policies are told, from demonstrations and while they act."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy import (
-    DiffusionPolicy,
     DiffusionRunner,
+    Policy,
     PolicyConfig,
     TrainConfig,
     Windows,
@@ -23,19 +22,23 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.acting.diffusion_runner import WAIT_STEPS
-from rf_exp.policy.inputs.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, told
-from rf_exp.policy.inputs.observation_spec import senses_of
+from rf_exp.policy.inputs.coordination import GRIPPING_STEPS, hesitates, may_go, numbered, phases
+from rf_exp.policy.inputs.observation_spec import spec_of
 from rf_exp.store import Store
 from rf_exp.types import Arch, Scene
-from tests.policy.conftest import ARCHS, REST, STEPS
+from tests.policy.conftest import ARCHS, REST, STEPS, varied
 from tests.policy.test_rollout import Table, judge
 
 COORDINATED = Arch("separate_coordinated", False, False, True)
+SAYING = {  # policies that say themselves where they are
+    **{"phases": True, "head.name": "refined", "head.regression.hidden": (16,)},
+    **{"head.refined.regression_steps": 4, "acting.action_steps": 8, "horizon": 8, "observation_steps": 1},
+}
 
 
 @pytest.fixture
 def knowing(policy_config: PolicyConfig) -> PolicyConfig:
-    return replace(policy_config, context=True)
+    return varied(policy_config, {"context": True})
 
 
 def test_who_waits_is_who_is_sent_somewhere_later() -> None:
@@ -79,7 +82,7 @@ def test_who_hesitates_means_to_go_on_and_stays(stands: bool) -> None:
 
 
 def test_numbers_beyond_those_learned_are_the_last() -> None:
-    found = told(np.array([0, 2, 7]), np.array([True, False, True]), 3)
+    found = phases(np.array([0, 2, 7]), np.array([True, False, True]), 3)
     assert found.tolist() == [[1, 0, 0, 1], [0, 0, 1, 0], [0, 0, 1, 1]]
 
 
@@ -87,8 +90,8 @@ def test_a_policy_is_told_of_its_own_agent(make_store, knowing: PolicyConfig) ->
     store: Store = make_store(2, 3)
     assert numbered(store)[0].max() + 1 == 2
     for agent, view in enumerate(views(COORDINATED, 2), start=1):
-        windows, senses = Windows(store, view, knowing, torch.device("cpu")), senses_of(knowing, store, view)
-        assert windows.context.shape == (store.steps, senses.size(view))
+        windows, spec = Windows(store, view, knowing, torch.device("cpu")), spec_of(knowing, store, view)
+        assert windows.context.shape == (store.steps, spec.size(view))
         numbers = windows.context[:, -3:-1].argmax(dim=1).numpy()
         assert np.array_equal(numbers, store.subgoal[:, agent - 1])
 
@@ -158,9 +161,9 @@ def test_a_rollout_tells_policies_what_the_coordinator_says(
 def test_what_it_needs_is_said(make_store, policy_config: PolicyConfig) -> None:
     (view, _) = views(COORDINATED, 2)
     with pytest.raises(ArgumentError, match="a coordinated architecture needs policy"):
-        senses_of(policy_config, make_store(2, 3), view)
-    with pytest.raises(ArgumentError, match="phases is True; expected false without context and a draft"):
-        replace(policy_config, context=True, phases=True)
+        spec_of(policy_config, make_store(2, 3), view)
+    with pytest.raises(ArgumentError, match="context is False; expected true with phases"):
+        varied(policy_config, {"phases": True})
 
 
 @pytest.mark.slow
@@ -170,9 +173,9 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
 ) -> None:
     """The last numbers of the context, of each own agent. Who may not go on stays, and looks again soon."""
     store: Store = make_store(2, 3)
-    config = replace(knowing, phases=True, draft=(16,), action_steps=8, horizon=8, observation_steps=1)
+    config = varied(knowing, SAYING)
     for view in views(arch, 2):
-        train(store, view, config, replace(train_config, draft_steps=4), tmp_path / view.name)
+        train(store, view, config, train_config, tmp_path / view.name)
         windows = Windows(store, view, config, torch.device("cpu"))
         for row, stream in enumerate(view.streams):
             said = windows.context[row * store.steps : (row + 1) * store.steps, -3 * len(stream.agents) :]
@@ -183,7 +186,7 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
     looks: list[bool] = []
 
     def stay(runner: DiffusionRunner, context: torch.Tensor, numbers: torch.Tensor, free: torch.Tensor):
-        found = DiffusionPolicy.in_phase(runner._policy, context, numbers, free)
+        found = Policy.in_phase(runner._policy, context, numbers, free)
         own = 3 * len(runner.view.streams[0].agents)
         assert found.shape == context.shape and torch.equal(found[..., :-own], context[..., :-own])
         phase = found[..., -own:].unflatten(-1, (-1, 3))
@@ -193,7 +196,7 @@ def test_a_policy_says_itself_where_it_is_and_who_may_go_on(
         return found
 
     def nobody_goes(runner: DiffusionRunner, *observed: torch.Tensor):
-        chances = DiffusionPolicy.chances(runner._policy, *observed)
+        chances = Policy.chances(runner._policy, *observed)
         assert chances is not None and torch.allclose(chances[..., :-1].sum(dim=2), torch.ones(1))
         return torch.cat([chances[..., :-1], torch.zeros_like(chances[..., -1:])], dim=2)
 
@@ -213,16 +216,16 @@ def test_who_goes_is_not_cut_short_by_another_who_waits(
     make_store, knowing: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch
 ) -> None:
     """One policy for both. Whose chunk opens its gripper at the end would never come to open it."""
-    config = replace(knowing, phases=True, draft=(16,), action_steps=8, horizon=8, observation_steps=1)
+    config = varied(knowing, SAYING)
     (view, *_) = views(ARCHS[0], 2)
-    train(make_store(2, 3), view, config, replace(train_config, draft_steps=4), tmp_path / view.name)
+    train(make_store(2, 3), view, config, train_config, tmp_path / view.name)
     (runner,) = load_runners(tmp_path)
-    assert isinstance(runner, DiffusionRunner) and config.action_steps > WAIT_STEPS
+    assert isinstance(runner, DiffusionRunner) and config.acting.action_steps > WAIT_STEPS
     policy, looks = runner._policy, []
 
     def the_first_goes(*observed: torch.Tensor) -> torch.Tensor | None:
         looks.append(True)
-        chances = DiffusionPolicy.chances(policy, *observed)
+        chances = Policy.chances(policy, *observed)
         assert chances is not None
         return torch.cat([chances[..., :-1], torch.tensor([[[1.0], [0.0]]])], dim=2)
 
@@ -232,17 +235,17 @@ def test_who_goes_is_not_cut_short_by_another_who_waits(
     monkeypatch.setattr(policy, "chances", the_first_goes)
     monkeypatch.setattr(policy, "act", lambda *_: targets.flatten(2))
     world = Table(2)
-    rollout(world, judge, [runner], 1, config.action_steps)
+    rollout(world, judge, [runner], 1, config.acting.action_steps)
     told = np.stack(world.actions)
     assert len(looks) == 1
-    assert told[:, 0, 7].tolist() == [-1.0] * (config.action_steps - 1) + [1.0]
+    assert told[:, 0, 7].tolist() == [-1.0] * (config.acting.action_steps - 1) + [1.0]
     assert (told[:, 1, 7] == 1.0).all() and not np.ptp(told[:, 1, :7], axis=0).any()
 
 
 def test_a_prediction_that_goes_nowhere_moves_nothing(
     make_store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, monkeypatch
 ) -> None:
-    config = replace(policy_config, context=True, hold_rad=0.03)
+    config = varied(policy_config, {"context": True, "acting.deadband_rad": 0.03})
     (view, *_) = views(ARCHS[0], 2)  # one policy for both
     train(make_store(2, 3), view, config, train_config, tmp_path / view.name)
     (runner,) = load_runners(tmp_path)
@@ -263,4 +266,4 @@ def test_a_store_that_does_not_say_who_did_what_is_refused(
     store: Store = make_store(2, 3)
     monkeypatch.setitem(vars(store), "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
     with pytest.raises(ArgumentError, match="does not say who was at which subgoal; generate it again"):
-        senses_of(knowing, store, views(COORDINATED, 2)[0])
+        spec_of(knowing, store, views(COORDINATED, 2)[0])

@@ -18,7 +18,7 @@ from rf_exp.policy.inputs.pictures import crop
 from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.store import Store
 from rf_exp.types import Arch
-from tests.policy.conftest import ARCHS, HEIGHT, STEPS, STILL, WIDTH, make_episode, scene_of
+from tests.policy.conftest import ARCHS, HEIGHT, STEPS, STILL, WIDTH, make_episode, scene_of, varied
 
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
@@ -83,7 +83,8 @@ def test_who_hesitates_learns_to_go_on(arch: Arch, policy_config: PolicyConfig, 
     path = tmp_path / "late.zarr"
     with Store.create(path, identity, 2, cameras, HEIGHT, WIDTH, tuple(made.poses), True) as store:
         store.append(episode)
-    config = replace(policy_config, context=True, tcp_actions=True, observation_steps=1)
+    changes = {"context": True, "task_space_actions": True, "observation_steps": 1}
+    config = varied(policy_config, changes)
     for view in views(arch, 2):
         windows = Windows(Store.open(path), view, config, CPU)
         for row, stream in enumerate(view.streams):
@@ -106,7 +107,7 @@ def test_what_somebody_else_has_done_is_not_learned(policy_config: PolicyConfig,
     with Store.create(path, identity, 1, tuple(made.images), HEIGHT, WIDTH, tuple(made.poses)) as store:
         for episode in (make_episode(0, 1), led):
             store.append(episode)
-    windows = Windows(Store.open(path), LOCAL, replace(policy_config, context=True), CPU)
+    windows = Windows(Store.open(path), LOCAL, varied(policy_config, {"context": True}), CPU)
     assert len(windows) == 2 * STEPS - lead
     assert np.array_equal(windows.action[STEPS:, :8], led.action[lead:, 0])
     counted = windows.context[:, POSE : POSE + CHANGES + 1].argmax(dim=1)
@@ -151,7 +152,7 @@ def test_streams_of_a_shared_policy_do_not_mix(store: Store, policy_config: Poli
 
 
 def test_frames_of_a_run_share_a_crop_and_runs_differ(store: Store, policy_config: PolicyConfig) -> None:
-    config = replace(policy_config, crop=0.5)
+    config = varied(policy_config, {"crop": 0.5})
     windows = Windows(store, LOCAL, config, CPU)
     runs = np.concatenate([np.arange(start, start + 4) for start in range(0, 2 * STEPS, 6)])
     batch = windows.batch(runs, np.random.default_rng(0))
@@ -183,7 +184,7 @@ def test_a_missing_camera_names_what_there_is(store: Store, policy_config: Polic
 
 def test_pictures_of_another_size(store: Store, policy_config: PolicyConfig) -> None:
     with pytest.raises(ArgumentError, match="are 32 x 48 pixels; the policy expects 32 x 64"):
-        Windows(store, LOCAL, replace(policy_config, width=64), CPU)
+        Windows(store, LOCAL, varied(policy_config, {"width": 64}), CPU)
 
 
 def test_a_store_without_episodes(tmp_path, policy_config: PolicyConfig) -> None:
@@ -200,10 +201,10 @@ def test_relative_actions_count_from_the_newest_joints_but_not_for_the_gripper()
 def test_the_range_of_relative_actions_is_that_of_all_windows(
     store: Store, policy_config: PolicyConfig
 ) -> None:
-    windows = Windows(store, LOCAL, replace(policy_config, relative_actions=True), CPU)
+    windows = Windows(store, LOCAL, varied(policy_config, {"relative_actions": True}), CPU)
     batch = windows.batch(np.arange(len(windows)), None)
     found = windows.normaliser().action.normalise(batch.action - action_origin(batch.proprio))
     assert found.amin() == pytest.approx(-1.0, abs=1e-5)
     assert found.amax() == pytest.approx(1.0, abs=1e-5)
-    absolute = Windows(store, LOCAL, replace(policy_config, relative_actions=False), CPU)
+    absolute = Windows(store, LOCAL, varied(policy_config, {"relative_actions": False}), CPU)
     assert absolute.normaliser().action.normalise(batch.action).amax() == pytest.approx(1.0, abs=1e-5)

@@ -13,8 +13,8 @@ from rf_exp.errors import StageError
 from rf_exp.observations import Coordination, Declaration, Observation, Observations, observe
 from rf_exp.policy import DiffusionRunner, Foreign, PolicyRunner, Stream, View, rollout, views
 from rf_exp.policy.foreign.runner import ForeignRunner
-from rf_exp.policy.inputs.observation_spec import senses_of
-from rf_exp.policy.learning.checkpoint import policy_of
+from rf_exp.policy.inputs.observation_spec import spec_of
+from rf_exp.policy.networks.policy import Policy as Networks
 from rf_exp.types import Arch, Episode, Scene, Verdict
 from tests.conftest import experiment, read_task
 from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH, Taken, make_episode, scene_at
@@ -34,7 +34,7 @@ LEARNED = [
     for recipe in ("fast", "state", "paper")
     if not (arch.coordinated and recipe == "paper")  # which knows of no subgoals
 ]
-QUICK = ("policy.train_diffusion_steps=4", "policy.inference_diffusion_steps=4")
+QUICK = ("policy.head.diffusion.train_timesteps=4", "policy.head.diffusion.inference_steps=4")
 Make = Callable[[Arch, str], list[DiffusionRunner]]
 
 
@@ -48,11 +48,11 @@ def make_runners(make_store) -> Make:
         )
         found = []
         for view in views(arch, AGENTS):
-            senses = senses_of(asked.policy, make_store(AGENTS, 3), view)
+            spec = spec_of(asked.policy, make_store(AGENTS, 3), view)
             torch.manual_seed(1)
-            policy = policy_of(asked.policy, view, senses)
+            policy = Networks(asked.policy, view, spec)
             policy.normaliser.fastest.fill_(0.02)
-            found.append(DiffusionRunner(policy, view, senses))
+            found.append(DiffusionRunner(policy, view, spec))
         return found
 
     return make

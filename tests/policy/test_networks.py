@@ -4,11 +4,15 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import DiffusionPolicy, PolicyConfig
-from rf_exp.policy.networks.encoders import SpatialSoftmax, encoder
+from rf_exp.policy import Policy, Stream, View
+from rf_exp.policy.config import ENCODERS
+from rf_exp.policy.networks.diffusion import DiffusionHead, RefinedHead
+from rf_exp.policy.networks.encoders import SpatialSoftmax
 from rf_exp.policy.networks.normaliser import LEAST_RANGE, Range, largest_change
 from rf_exp.policy.networks.unet import ConditionalUNet1D
-from tests.policy.conftest import small_policy
+from tests.policy.conftest import paper_policy, small_policy
+
+LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
 
 def count(module: torch.nn.Module) -> int:
@@ -17,14 +21,15 @@ def count(module: torch.nn.Module) -> int:
 
 @pytest.mark.slow
 def test_the_papers_sizes() -> None:
-    policy = DiffusionPolicy(PolicyConfig(), 8, 8)
-    assert count(policy.unet) == 85_355_912
+    policy = Policy(paper_policy(), LOCAL)
+    assert isinstance(policy.head, DiffusionHead)
+    assert count(policy.head.unet) == 85_355_912
     assert count(policy.encoder) == 11_176_512
 
 
 def test_encoders_give_features_of_any_picture() -> None:
     for name in ("resnet18", "compact"):
-        network = encoder(name)
+        network = ENCODERS[name].make()
         assert network(torch.zeros(2, 3, 64, 80)).shape == (2, network.features)
 
 
@@ -106,7 +111,7 @@ def test_the_fastest_change_is_taken_within_episodes() -> None:
     assert largest_change(action[:1], torch.ones(0, dtype=torch.bool)).item() == 0.0
 
 
-def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
+def sampled(policy: Policy, rows: int) -> torch.Tensor:
     steps = policy.config.observation_steps
     features = torch.linspace(-1, 1, rows * steps * policy.encoder.features)
     generators = [torch.Generator().manual_seed(row) for row in range(rows)]
@@ -124,15 +129,15 @@ def sampled(policy: DiffusionPolicy, rows: int) -> torch.Tensor:
 def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: str) -> None:
     torch.manual_seed(0)
     steps = {"ddpm": 20, "ddim": 5}[sampler]
-    config = small_policy(
-        sampler=sampler,
-        train_diffusion_steps=20,
-        inference_diffusion_steps=steps,
-        prediction=prediction,
-        relative_actions=False,
-        unet_channels=(16, 32),
-    )
-    policy = DiffusionPolicy(config, 8, 8).eval()
+    diffusion = {
+        "sampler": sampler,
+        "train_timesteps": 20,
+        "inference_steps": steps,
+        "prediction": prediction,
+    }
+    changes = {f"head.diffusion.{key}": value for key, value in diffusion.items()}
+    config = small_policy(relative_actions=False, **changes)
+    policy = Policy(config, LOCAL).eval()
     actions = sampled(policy, 2)
     assert actions.shape == (2, 8, 8)
     assert actions.abs().max() <= 1.0 + 1e-5  # clipped to the range of the data
@@ -140,34 +145,36 @@ def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: s
     assert not torch.allclose(actions[0], actions[1])  # rows have noise of their own
 
 
-def test_without_steps_of_diffusion_the_draft_acts() -> None:
+def test_without_steps_of_diffusion_the_regression_acts() -> None:
     torch.manual_seed(0)
-    config = small_policy(unet_channels=(16, 32), draft=(32,), inference_diffusion_steps=0)
-    policy = DiffusionPolicy(config, 8, 8).eval()
+    refined = {"head.name": "refined", "head.regression.hidden": (32,), "head.diffusion.inference_steps": 0}
+    config = small_policy(**refined)
+    policy = Policy(config, LOCAL).eval()
     features = torch.randn(2, 3, policy.encoder.features)
     proprio, context = torch.zeros(2, 3, 8), torch.zeros(2, 3, 0)
-    assert policy.draft is not None
-    drafted = policy.draft(policy.observation(features, proprio, context))
+    assert isinstance(policy.head, RefinedHead)
+    regressed = policy.head.regression.layers(policy.condition(features, proprio, context))
     found = policy.act(features, proprio, context, [torch.Generator().manual_seed(k) for k in range(2)])
-    torch.testing.assert_close(found, policy.normaliser.action.restore(drafted))
+    torch.testing.assert_close(found, policy.normaliser.action.restore(regressed))
 
 
 @pytest.mark.slow
 def test_the_film_table_does_not_outlive_its_weights() -> None:
     torch.manual_seed(0)
-    policy = DiffusionPolicy(small_policy(unet_channels=(16, 32)), 8, 8).eval()
+    policy = Policy(small_policy(), LOCAL).eval()
     before = sampled(policy, 1)
     policy.train()
     with torch.no_grad():
-        policy.unet.film.weight.mul_(3.0)
+        assert isinstance(policy.head, DiffusionHead)
+        policy.head.unet.film.weight.mul_(3.0)
     policy.eval()
     assert not torch.allclose(sampled(policy, 1), before)
 
 
 def test_relative_actions_are_added_to_the_measured_joints() -> None:
     torch.manual_seed(0)
-    config = small_policy(unet_channels=(16, 32), relative_actions=True)
-    policy = DiffusionPolicy(config, 8, 8).eval()
+    config = small_policy(relative_actions=True)
+    policy = Policy(config, LOCAL).eval()
     moved = torch.zeros(1, 3, 8)
     moved[:, -1] = 0.5
     policy.normaliser.proprio.radius.fill_(1e9)  # the network sees no difference

@@ -5,6 +5,8 @@ import re
 import shutil
 import tracemalloc
 from collections.abc import Callable, Iterator
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,9 @@ from torch.utils._pytree import tree_leaves
 from rf_exp.artifacts import digest
 from rf_exp.errors import StageError
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
+from rf_exp.policy.bounds import merged
 from rf_exp.policy.learning.checkpoint import CONFIG, fill, read_tensors, write_tensors
+from rf_exp.policy.networks.diffusion import RefinedHead
 from rf_exp.store import Store
 
 PLACE = View("agent1", (Stream("agent1", (1,)),))
@@ -32,10 +36,20 @@ def sound(
     """A policy with all the parts that one can have, which learned for two steps."""
     from tests.policy.conftest import HEIGHT, WIDTH, small_policy, small_training
 
-    changes: dict[str, Any] = {"encoder": "heatmaps", "context": True, "crop": 1.0, "draft": (32,)}
-    changes |= {"phases": True, "tcp_actions": True, "trunk": (16,), "horizon": 16, "unet_channels": (8, 16)}
+    changes: dict[str, Any] = {
+        "encoder.name": "keypoints",
+        "context": True,
+        "crop": 1.0,
+        "head.name": "refined",
+    }
+    changes |= {
+        "head.regression.hidden": (32,),
+        "head.diffusion.trunk": (16,),
+        "head.diffusion.channels": (8, 16),
+    }
+    changes |= {"phases": True, "task_space_actions": True, "horizon": 16}
     policy: PolicyConfig = small_policy(height=HEIGHT, width=WIDTH, **changes)
-    training: TrainConfig = small_training(2, batch_size=8, noise_draws=1, warmup_steps=1, device="cpu")
+    training: TrainConfig = small_training(2, batch_size=8, warmup_steps=1, device="cpu")
     return train(make_store(2, 2), PLACE, policy, training, tmp_path_factory.mktemp("policy") / "agent1")
 
 
@@ -56,12 +70,13 @@ def signed(folder: Path, to: Path, said: Any = None, tensors: dict[str, Tensor] 
 
 def acts(folder: Path) -> Tensor:
     """(1, T, A) what the policy does where nothing is to be seen."""
-    policy, view, senses = load_policy(folder, "cpu")
+    policy, view, spec = load_policy(folder, "cpu")
     # It takes a second to be made, and computes the same.
-    policy.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
+    assert isinstance(policy.head, RefinedHead)
+    policy.head.diffusion.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     frames = policy.config.observation_steps
     features = torch.zeros(1, frames, policy.encoder.features)
-    proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, senses.size(view))
+    proprio, context = torch.zeros(1, frames, view.proprio_size), torch.zeros(1, frames, spec.size(view))
     return policy.act(features, proprio, context, [torch.Generator().manual_seed(0)])
 
 
@@ -150,7 +165,9 @@ def test_a_distorted_configuration_is_refused_or_means_the_same(
     """Of every key of what a policy is and sees; of what it learned from it says what it likes."""
     monkeypatch.setattr("os.fsync", lambda _: None)  # hundreds of files, of which none need outlive a crash
     expected, said = acts(sound), json.loads((sound / CONFIG).read_text())
-    looked_at = [at for at in paths(said) if at[0] in ("learner", "policy", "view", "senses") or len(at) == 1]
+    looked_at = [
+        at for at in paths(said) if at[0] in ("learner", "policy", "acting", "view", "spec") or len(at) == 1
+    ]
     refused = 0
     for at in looked_at:
         kept = [changed(said, at, None, drop=True)]
@@ -165,13 +182,18 @@ def test_a_distorted_configuration_is_refused_or_means_the_same(
 
 
 @pytest.mark.parametrize(
-    "name", ["horizon", "observation_steps", "unet_channels", "train_diffusion_steps", "trunk"]
+    "key",
+    [
+        *("horizon", "observation_steps", "head.diffusion.channels", "head.diffusion.train_timesteps"),
+        *("head.diffusion.trunk", "head.regression.hidden", "encoder.keypoints.downsample"),
+    ],
 )
-def test_nothing_is_made_of_a_size_that_no_machine_has(sound: Path, tmp_path: Path, name: str) -> None:
-    said = json.loads((sound / CONFIG).read_text())
+def test_nothing_is_made_of_a_size_that_no_machine_has(sound: Path, tmp_path: Path, key: str) -> None:
+    said, at = json.loads((sound / CONFIG).read_text()), ("policy", *key.split("."))
+    name = at[-1]
     for size in (10**9, 2**62, 10**400):
-        value = [8, size] if isinstance(said["policy"][name], list) else size
-        signed(sound, tmp_path / "theirs", changed(said, ("policy", name), value))
+        value = [8, size] if isinstance(reduce(getitem, at, said), list) else size
+        signed(sound, tmp_path / "theirs", changed(said, at, value))
         tracemalloc.start()
         with pytest.raises(StageError, match=rf"config.json describes no policy: {name} is .*at most \d+"):
             load_policy(tmp_path / "theirs", "cpu")
@@ -195,13 +217,19 @@ class Made(TorchDispatchMode):
 
 
 @pytest.mark.parametrize(
-    "most", [{"horizon": 512}, {"unet_channels": [8192] * 8, "horizon": 128}, {"trunk": [8192] * 8}]
+    "most",
+    [
+        {"horizon": 512},
+        {"head": {"diffusion": {"channels": [8192] * 8}}, "horizon": 128},
+        {"head": {"diffusion": {"trunk": [8192] * 8}}},
+        {"head": {"regression": {"hidden": [8192] * 8}}},
+    ],
 )
 def test_a_network_that_is_larger_than_its_file_is_refused_before_it_is_made(
     sound: Path, tmp_path: Path, most: dict[str, Any]
 ) -> None:
     said = json.loads((sound / CONFIG).read_text())
-    said["policy"] |= most
+    said["policy"] = merged(said["policy"], most)
     signed(sound, tmp_path / "theirs", said)
     with Made() as made, pytest.raises(StageError, match="does not fit its configuration"):
         load_policy(tmp_path / "theirs", "cpu")

@@ -6,7 +6,7 @@ import runpy
 import shutil
 import zipfile
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,22 @@ from omegaconf import OmegaConf
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
-from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train, write_small
+from rf_exp.policy import (
+    MODEL,
+    PolicyConfig,
+    Stream,
+    TrainConfig,
+    View,
+    load_policy,
+    read_recipe,
+    train,
+    write_small,
+)
 from rf_exp.release import EXPERIMENT, read_release, unpacked
 from rf_exp.store import Store
 from tests.children import small_files
 from tests.conftest import CONF
+from tests.policy.conftest import paper_policy, training_of
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SCRIPT = Path(__file__).parents[2] / "scripts" / "release.py"
@@ -53,8 +64,8 @@ def test_the_small_copy_of_a_policy_acts_as_the_whole_one(out: Path, tmp_path: P
     whole = out / "policies" / PLACE
     small = write_small(whole, tmp_path / "small")
     assert (small / MODEL).stat().st_size < 0.6 * (whole / MODEL).stat().st_size
-    (one, view, senses), (other, *rest) = load_policy(whole, "cpu"), load_policy(small, "cpu")
-    assert rest == [view, senses]
+    (one, view, spec), (other, *rest) = load_policy(whole, "cpu"), load_policy(small, "cpu")
+    assert rest == [view, spec]
     for weight, half in zip(one.state_dict().values(), other.state_dict().values(), strict=True):
         assert half.dtype == weight.dtype
         torch.testing.assert_close(half, weight, atol=0, rtol=2**-8)
@@ -128,7 +139,7 @@ def test_what_is_no_folder_of_policies_is_refused(out: Path, tmp_path: Path) -> 
 
 def said() -> dict[str, Any]:
     """What the experiment of a release says."""
-    policy, training = asdict(PolicyConfig()), asdict(TrainConfig())
+    policy, training = paper_policy().identity, training_of().identity
     del training["seed"]
     chosen = {"task": "lift_barrier", "constraints": "full", "arch": "separate_local"}
     return {
@@ -171,20 +182,20 @@ def test_the_command_that_is_documented_takes_what_a_release_says(command: Any, 
     config: Any = OmegaConf.load(kept)
     assert (config.scenes, config.demos, config.recipe, config.train_seed) == (7, 50, "fast+dagger1", 1)
     assert config.stages == ["evaluate", "report"] and list(config.task) == ["lift_barrier"]
-    assert PolicyConfig(**config.policy, **config.picture) == PolicyConfig()
+    assert read_recipe(config.policy, config.picture) == paper_policy()
     assert not marker.exists()
 
 
 @pytest.mark.slow
 def test_what_a_person_says_wins(command: Any, tmp_path: Path) -> None:
     folder = packed(tmp_path / "released", said())
-    given = "task=pick_meat", "stages=[report]", "policy.hold_rad=0.02"
+    given = "task=pick_meat", "stages=[report]", "policy.acting.deadband_rad=0.02"
     done = command(*given, f"--config-dir={folder}", "experiment=released", f"out={tmp_path}/out")
     assert done.returncode == 0, done.stderr
     [kept] = tmp_path.glob("out/runs/*/*/.hydra/config.yaml")
     config: Any = OmegaConf.load(kept)
     assert list(config.task) == ["pick_meat"] and config.stages == ["report"]
-    assert config.policy.hold_rad == 0.02 and config.demos == 50
+    assert config.policy.acting.deadband_rad == 0.02 and config.demos == 50
 
 
 @pytest.mark.slow
@@ -233,12 +244,14 @@ def test_no_release_has_its_code_run(command: Any, tmp_path: Path, named: str, b
         ({"delay_s": float("inf")}, "delay_s is inf"),
         ({"picture": {"width": 10**9, "height": 48}}, "width is 1000000000; expected finite"),
         ({"picture": {"width": 64}}, "height"),
-        ({"policy": {"horizon": 10**9}}, "horizon is 1000000000"),
-        ({"policy": {"horizon": "${oc.env:HOME}"}}, "horizon"),
-        ({"policy": {"code": "os"}}, "code"),
+        ({"policy": said()["policy"] | {"horizon": 10**9}}, "horizon is 1000000000"),
+        ({"policy": said()["policy"] | {"horizon": "${oc.env:HOME}"}}, "horizon"),
+        ({"policy": said()["policy"] | {"code": "antigravity"}}, "can not match \"code\""),
+        ({"policy": said()["policy"] | {"head": {"name": "antigravity"}}}, "unknown head 'antigravity'"),
+        ({"policy": said()["policy"] | {"encoder": {"name": ["os"]}}}, "expected a mapping with a name"),
         ({"policy": "fast"}, "policy"),
-        ({"training": {"device": "cuda:x"}}, "device"),
-        ({"training": {"steps": 1e99}}, "steps"),
+        ({"training": said()["training"] | {"device": "cuda:x"}}, "device"),
+        ({"training": said()["training"] | {"steps": 1e99}}, "steps"),
     ],
 )  # fmt: skip
 def test_what_a_release_may_not_say(change: dict[str, Any], message: str, tmp_path: Path) -> None:

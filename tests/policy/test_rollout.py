@@ -14,8 +14,8 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account, Closest, Violation
 from rf_exp.policy import (
     Decision,
-    DiffusionPolicy,
     DiffusionRunner,
+    Policy,
     PolicyConfig,
     View,
     load_runners,
@@ -25,7 +25,7 @@ from rf_exp.policy import (
 from rf_exp.policy.inputs.observation_spec import proprioception
 from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import read_task
-from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture, shown
+from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture, shown, varied
 
 FASTEST_RAD = 0.02  # a control step, of the policies here
 
@@ -73,17 +73,17 @@ def make_runner(policy_config: PolicyConfig):
     """view -> a runner with random weights that demonstrations of FASTEST_RAD a step would give."""
 
     def make(view: View, seed: int = 0, **changes) -> DiffusionRunner:
-        config = replace(policy_config, **changes)
-        return DiffusionRunner(random_policy(config, view.proprio_size, view.action_size, seed), view)
+        config = varied(policy_config, changes)
+        return DiffusionRunner(random_policy(config, view, seed), view)
 
     return make
 
 
 @cache
-def random_policy(config: PolicyConfig, proprio: int, action: int, seed: int) -> DiffusionPolicy:
+def random_policy(config: PolicyConfig, view: View, seed: int) -> Policy:
     """Acting changes no weight, and a policy traces its network once: runners of several tests share it."""
     torch.manual_seed(seed)
-    policy = DiffusionPolicy(config, proprio, action)
+    policy = Policy(config, view)
     policy.normaliser.fastest.fill_(FASTEST_RAD)
     return policy
 
@@ -138,7 +138,7 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
     runner.state.targets.put(target[None, None])
     runner._episode.features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
-    runner._config = replace(runner._config, observation_steps=1)
+    runner._config = varied(runner._config, {"observation_steps": 1})
     assert np.allclose(runner(shown(runner, scene, {}))[0], target)
 
 
@@ -148,7 +148,8 @@ def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
     decay, world = 0.5, Table(2)
     view = views(ARCHS[0], 2)[0]
     alone, runner = (
-        make_runner(view, observation_steps=1, action_steps=3, **how) for how in ({}, {"ensemble": decay})
+        make_runner(view, **{"observation_steps": 1, "acting.action_steps": 3, "acting.ensemble": how})
+        for how in (None, decay)
     )
     first = alone(shown(alone, world.reset(0), world.images()))
     np.testing.assert_allclose(runner(shown(runner, world.reset(0), world.images())), first)
@@ -175,8 +176,8 @@ def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
 def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_runner) -> None:
     """The mean of predictions that do not agree is neither."""
     view, world = views(ARCHS[0], 2)[0], Table(2)
-    config = {"observation_steps": 1, "action_steps": 1, "ensemble": 0.5, "binary_grippers": True}
-    runner = make_runner(view, **config)
+    config = {"observation_steps": 1, "acting.action_steps": 1, "acting.ensemble": 0.5}
+    runner = make_runner(view, binary_grippers=True, **config)
     says = iter([1.0, -1.0, -1.0, -1.0])
 
     def chunk(actions: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ from rf_exp.policy import (
     LEARNER,
     MODEL,
     Curve,
+    Policy,
     PolicyConfig,
     Stream,
     TrainConfig,
@@ -36,9 +37,11 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.learning.checkpoint import CONFIG, STATE, read_tensors, write_tensors
+from rf_exp.policy.learning.training import learning_rate
+from rf_exp.policy.networks.diffusion import DiffusionHead
 from rf_exp.store import Store
 from tests.children import small_files
-from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training
+from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training, training_of, varied
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 
@@ -76,6 +79,15 @@ def test_resuming_equals_an_uninterrupted_run(
     assert [row[0] for row in curves[0]] == ["4", "6"]
 
 
+def losses(training: Training) -> list[float]:
+    """Of the curves of a training to its end."""
+    found = []
+    while not training.done:
+        if (curve := training.step()) is not None:
+            found.append(curve.loss)
+    return found
+
+
 @pytest.mark.slow
 def test_checkpoints_between_curves_resume_too(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
@@ -83,15 +95,14 @@ def test_checkpoints_between_curves_resume_too(
     """A state saved in the middle of the average of a curve keeps that average."""
     windows = Windows(store, LOCAL, policy_config, torch.device("cpu"))
     straight = Training(windows, LOCAL, policy_config, train_config)
-    expected = [curve.loss for curve in straight.run() if curve]
+    expected = losses(straight)
     early = Training(windows, LOCAL, policy_config, train_config)
-    for _ in early.run():
-        if early.step == 3:
-            early.save(tmp_path / STATE)
-            break
+    for _ in range(3):
+        early.step()
+    early.save(tmp_path / STATE)
     late = Training(windows, LOCAL, policy_config, train_config)
     late.resume(tmp_path / STATE)
-    assert [curve.loss for curve in late.run() if curve] == expected
+    assert losses(late) == expected
     averages = straight.averaged().state_dict(), late.averaged().state_dict()
     assert all(torch.equal(value, averages[1][name]) for name, value in averages[0].items())
 
@@ -130,7 +141,7 @@ def test_another_configuration_is_named_key_by_key(
 ) -> None:
     train(store, LOCAL, policy_config, train_config, tmp_path)
     with pytest.raises(StageError) as error:
-        train(store, LOCAL, replace(policy_config, crop=0.8), replace(train_config, seed=4), tmp_path)
+        train(store, LOCAL, varied(policy_config, {"crop": 0.8}), replace(train_config, seed=4), tmp_path)
     assert str(error.value) == (
         f"{tmp_path} was made from another configuration "
         "(policy.crop: found 0.9, wanted 0.8; train.seed: found 0, wanted 4); "
@@ -238,37 +249,32 @@ def test_the_same_seed_gives_the_same_weights_and_another_does_not(
     assert first != other
 
 
-LOSSES = {6: {"compact": -3.78668, "heatmaps": 1.04333, "state": -3.58727}}
-HEATMAPS = {
-    "encoder": "heatmaps",
-    "context": True,
-    "crop": 1.0,
-    "draft": (32,),
-    "phases": True,
-    "tcp_actions": True,
+LOSSES = {6: {"compact": -3.78668, "keypoints": 1.04333, "privileged": -3.58727}}
+CHANGES: dict[str, dict[str, Any]] = {
+    "compact": {},
+    "keypoints": {
+        **{"encoder.name": "keypoints", "encoder.keypoints.steps": 4, "context": True, "crop": 1.0},
+        **{"head.name": "refined", "head.regression.hidden": (32,), "head.refined.regression_steps": 4},
+        **{"phases": True, "task_space_actions": True},
+    },
+    "privileged": {"encoder.name": "privileged", "context": True, "drop_idle": True},
 }
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["compact", "heatmaps", "state"])
+@pytest.mark.parametrize("kind", CHANGES)
 def test_the_version_of_the_learner_stands_for_what_it_learns(
     store: Store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path, kind: str
 ) -> None:
     """Where this fails because learning has changed: raise LEARNER, and take the new losses."""
-    changes: dict[str, Any] = {
-        "compact": {},
-        "heatmaps": HEATMAPS,
-        "state": {"observation": kind, "context": True, "drop_idle": True},
-    }[kind]
-    phases = {"eyes_steps": 4, "eyes_shift_px": 8, "draft_steps": 4} if kind == "heatmaps" else {}
-    config = replace(policy_config, **changes)
-    folder = train(store, LOCAL, config, replace(train_config, log_every=2, **phases), tmp_path / kind)
+    config = varied(policy_config, CHANGES[kind] | {"encoder.keypoints.shift_px": 8})
+    folder = train(store, LOCAL, config, replace(train_config, log_every=2), tmp_path / kind)
     logs = sum(math.log(float(row["loss"])) for row in rows(folder))  # each of them counts alike
     assert logs == pytest.approx(LOSSES[LEARNER][kind], abs=2e-3)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["compact", "heatmaps"])
+@pytest.mark.parametrize("kind", ["compact", "keypoints"])
 def test_an_average_of_what_is_learned_is_one_of_everything(
     store: Store,
     policy_config: PolicyConfig,
@@ -277,11 +283,12 @@ def test_an_average_of_what_is_learned_is_one_of_everything(
     kind: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    if kind == "heatmaps":
-        policy_config = replace(policy_config, **HEATMAPS)
-        train_config = replace(train_config, eyes_steps=4, draft_steps=4)
+    policy_config = varied(policy_config, CHANGES[kind])
     made = train(store, LOCAL, policy_config, train_config, tmp_path / "learned")
-    monkeypatch.setattr(Training, "_learning", lambda training: [training.policy])
+    fits = Policy.fits
+    monkeypatch.setattr(
+        Policy, "fits", lambda policy, on: [replace(fit, parts=[policy]) for fit in fits(policy, on)]
+    )
     whole = train(store, LOCAL, policy_config, train_config, tmp_path / "everything")
     assert (made / MODEL).read_bytes() == (whole / MODEL).read_bytes()
 
@@ -300,14 +307,15 @@ def test_how_a_policy_acts_is_no_part_of_what_it_learned(
     """Steps that are executed and the sampler may be others at a rollout, without training again."""
     train(store, LOCAL, policy_config, train_config, tmp_path)
     before = (tmp_path / MODEL).read_bytes()
-    other = replace(policy_config, action_steps=2, inference_diffusion_steps=4)
+    other = varied(policy_config, {"acting.action_steps": 2, "head.diffusion.inference_steps": 4})
     train(store, LOCAL, other, train_config, tmp_path)
     assert (tmp_path / MODEL).read_bytes() == before
     policy, *_ = load_policy(tmp_path, "cpu", other)
-    assert policy.config == other and len(policy.scheduler.timesteps) == 4
+    assert policy.config == other and isinstance(policy.head, DiffusionHead)
+    assert len(policy.head.scheduler.timesteps) == 4
     assert load_policy(tmp_path, "cpu")[0].config == policy_config
     with pytest.raises(StageError, match=r"configuration \(policy.horizon: found 8, wanted 16\)"):
-        train(store, LOCAL, replace(other, horizon=16), train_config, tmp_path)
+        train(store, LOCAL, varied(other, {"horizon": 16}), train_config, tmp_path)
 
 
 def test_what_another_learner_has_made_is_refused(
@@ -346,8 +354,8 @@ def test_cuda_without_a_gpu() -> None:
 
 
 def test_learning_rate_warms_up_and_falls_to_zero() -> None:
-    config = TrainConfig(epochs=None, steps=100, warmup_steps=10, learning_rate=1.0)
-    rates = [config.rate(step, 100) for step in range(101)]
+    config = training_of(epochs=None, steps=100, warmup_steps=10, learning_rate=1.0)
+    rates = [learning_rate(config, step, 100) for step in range(101)]
     assert rates[0] == pytest.approx(0.1)
     assert rates[9] == rates[10] == 1.0
     assert rates[55] == pytest.approx(0.5)
@@ -362,7 +370,7 @@ def test_it_learns_to_go_where_the_block_lies(
     """From the picture alone, in episodes it has not seen, at less than half the error of the mean action."""
     curves: list[Curve] = []
     # Nothing in these pictures tells where a crop was cut from, so they are seen whole.
-    config = replace(policy_config, crop=1.0)
+    config = varied(policy_config, {"crop": 1.0, "head.diffusion.noise_draws": 4})
     budget = small_training(steps=900, batch_size=16, warmup_steps=20, log_every=50, device="cpu")
     train(make_store(1, 40), LOCAL, config, budget, tmp_path, curves.append)
     assert curves[-1].loss < 0.3 * curves[0].loss

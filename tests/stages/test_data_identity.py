@@ -11,7 +11,6 @@ import trimesh
 from rf_exp.artifacts import differing
 from rf_exp.command import CONF
 from rf_exp.experiment import Experiment
-from rf_exp.policy.config import ACTING
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
 from tests.conftest import cell_of, experiment
@@ -52,7 +51,7 @@ def test_what_decides_evaluation_alone() -> None:
     for override, key in (
         ("demos=7", "demos"),
         ("picture.width=64", "pictures"),
-        ("policy.inference_diffusion_steps=7", "policy.inference_diffusion_steps"),
+        ("policy.head.diffusion.inference_steps=7", "policy.head.diffusion.inference_steps"),
         ("training.steps=7", "training.steps"),
         ("shield=true", "shield"),
     ):
@@ -160,11 +159,10 @@ def test_all_recipes_share_an_output_folder() -> None:
         choice = recipe.relative_to(CONF / "policy").with_suffix("")
         made = experiment("task=pick_meat", f"policy={choice}", f"recipe={recipe.stem}")
         cell = cell_of(made)
-        learned = {name: each for name, each in made.policy.identity.items() if name not in ACTING}
         for path, identity in (
             (cell.generation_path, cell.generation_identity),
             (cell.data_path, cell.store_identity(made.pictures)),
-            (cell.policy_path, {"policy": learned, "training": made.training.identity}),
+            (cell.policy_path, {"policy": made.policy.learned, "training": made.training.identity}),
             (cell.evaluation_path, cell.evaluation_identity(100)),
         ):
             assert not differing(found.setdefault(path, identity), identity), (recipe, path)

@@ -19,8 +19,8 @@ ARGUMENTS = ("task=pick_meat", "demos=2", "scenes=1", "recordings=0", "workers=1
 ARGUMENTS += (
     "picture={width: 64, height: 48}",
     "training.steps=3",
-    "training.eyes_steps=2",
-    "training.draft_steps=2",
+    "policy.encoder.keypoints.steps=2",
+    "policy.head.refined.regression_steps=2",
     "training.batch_size=8",
 )
 ROWS, POLICY = (
@@ -94,9 +94,9 @@ def test_a_policy_that_was_trained_otherwise_is_refused(evaluate, override: str,
 
 def test_a_policy_that_acts_otherwise_has_rows_of_its_own(evaluate) -> None:
     """It is the same policy, but its rollouts are others."""
-    result = evaluate("policy.inference_diffusion_steps=3")
+    result = evaluate("policy.head.diffusion.inference_steps=3")
     assert result.returncode == 1 and "was made from another configuration" in result.stderr
-    assert "policy.inference_diffusion_steps: found 4, wanted 3" in result.stderr
+    assert "policy.head.diffusion.inference_steps: found 4, wanted 3" in result.stderr
 
 
 def test_other_weights_are_refused(evaluate, out: Path) -> None:

@@ -125,8 +125,8 @@ def test_training_and_evaluation_say_what_they_are_about(tmp_path):
         "scenes=2",
         "picture={width: 64, height: 48}",
         "training.steps=3",
-        "training.eyes_steps=2",
-        "training.draft_steps=2",
+        "policy.encoder.keypoints.steps=2",
+        "policy.head.refined.regression_steps=2",
         "train_seed=7",
     )
     done = command(*sizes, "arch=separate_local", "training.batch_size=8", f"out={tmp_path}")

@@ -25,8 +25,18 @@ from tests.viz.recorded import Content
 STEPS = 6  # of a rollout
 SMALL = (
     *("arch=shared_local", "demos=1", "scenes=3", "workers=1", "wandb=disabled", "stages=[evaluate]"),
-    *("policy=paper", "policy.encoder=compact", "policy.sampler=ddim", "policy.inference_diffusion_steps=4"),
-    *("training.epochs=null", "training.steps=1", "training.batch_size=4", "policy.unet_channels=[16,32]"),
+    *(
+        "policy=paper",
+        "policy.encoder.name=compact",
+        "policy.head.diffusion.sampler=ddim",
+        "policy.head.diffusion.inference_steps=4",
+    ),
+    *(
+        "training.epochs=null",
+        "training.steps=1",
+        "training.batch_size=4",
+        "policy.head.diffusion.channels=[16,32]",
+    ),
     *(f"picture={{width: {WIDTH}, height: {HEIGHT}}}", f"task.lift_barrier.step_limit={STEPS}"),
 )
 RRD, MP4, PNG = ".rrd", ".mp4", ".png"

@@ -15,14 +15,14 @@ from rf_exp.observations import Declaration, Observation
 from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.inputs.coordination import told
+from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import Memory
-from rf_exp.policy.inputs.observation_spec import Senses, context, others, proprioception, widths
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, others, proprioception, widths
 from rf_exp.policy.inputs.pictures import side_by_side
-from rf_exp.policy.inputs.task_space import followed
+from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
-from rf_exp.policy.networks.diffusion import DiffusionPolicy
+from rf_exp.policy.networks.policy import Policy
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
@@ -98,13 +98,13 @@ class DiffusionRunner(PolicyRunner):
     a privileged-state policy the joints of all agents and the poses of all objects.
     """
 
-    def __init__(self, policy: DiffusionPolicy, view: View, senses: Senses | None = None) -> None:
-        self._policy, self._config, self.senses = policy.eval(), policy.config, senses or Senses()
+    def __init__(self, policy: Policy, view: View, spec: ObservationSpec | None = None) -> None:
+        self._policy, self._config, self.spec = policy.eval(), policy.config, spec or ObservationSpec()
         self._device = policy.normaliser.fastest.device
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
         of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
-        declared = _declared(self._config, view, self.senses)
+        declared = _declared(self._config, view, self.spec)
         super().__init__(view, np.tile(of_stream, len(view.streams)), declared)
         self._rows = np.array(view.agents) - 1  # of the own agents among all
         self._agents = max(declared.agents)  # rows of what is measured; those of others are NaN
@@ -118,7 +118,10 @@ class DiffusionRunner(PolicyRunner):
     def _begin(self, seed: int) -> _Episode:
         features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
         generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
-        transitions, grippers = TransitionIntegrator(self._config.patience), Memory(self._agents)
+        transitions, grippers = (
+            TransitionIntegrator(self._config.acting.transition_integrator),
+            Memory(self._agents),
+        )
         nothing = np.full(self._agents, np.nan)
         return _Episode(features, proprio, context, transitions, generators, grippers, nothing)
 
@@ -127,7 +130,7 @@ class DiffusionRunner(PolicyRunner):
     @property
     def looks(self) -> bool:
         """Whether the present pictures are part of the observation of the next prediction."""
-        return self._config.observation == "pictures" and self._observes
+        return self._config.encoder.pictures and self._observes
 
     @property
     def _observes(self) -> bool:
@@ -162,12 +165,10 @@ class DiffusionRunner(PolicyRunner):
     def _context(self, observation: Observation, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
         """(S, C) of the streams."""
         memory = self._episode.grippers.vector
-        if self.senses.subgoals:
+        if self.spec.subgoals:
             memory = np.concatenate([memory, self._subgoals(observation)], axis=-1)
         rows = range(len(self.view.streams))
-        return np.stack(
-            [context(self.senses, self.view, row, qpos, observation.poses, memory) for row in rows]
-        )
+        return np.stack([context(self.spec, self.view, row, qpos, observation.poses, memory) for row in rows])
 
     def _subgoals(self, observation: Observation) -> NDArray[np.float32]:
         """(N, subgoals + 1) by which the policy is conditioned: as coordinated, or until it predicts them."""
@@ -179,7 +180,7 @@ class DiffusionRunner(PolicyRunner):
                 )
             for agent, (number, goes) in observation.subgoals.items():
                 numbers[agent - 1], may_go[agent - 1] = number, goes
-        return told(numbers, may_go, self.senses.subgoals)
+        return phases(numbers, may_go, self.spec.subgoals)
 
     def _look(self, observation: Observation) -> Tensor:
         """Features (S, F) of the present pictures; remembers which keypoints were detected in them."""
@@ -202,14 +203,14 @@ class DiffusionRunner(PolicyRunner):
 
     def _detections(self, places: NDArray[np.float64]) -> Iterator[KeypointDetection]:
         """Keypoints detected at (S, M, 2), but for those of gripper changes that are past."""
-        changes, last = self._episode.grippers.changes, self.senses.keys
+        changes, last = self._episode.grippers.changes, self.spec.keyframes
         for stream, of_stream in zip(self.view.streams, places, strict=True):
             meant = [
                 (agent, key == following, key >= following)
                 for agent, following in ((k, min(changes[k - 1], last)) for k in stream.agents)
                 for key in range(last + 1)
             ]
-            meant += [(agent, False, True) for agent in others(self.senses, stream)]
+            meant += [(agent, False, True) for agent in others(self.spec, stream)]
             count = len(stream.cameras)
             parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
             for row, (camera, in_picture) in enumerate(parts):
@@ -257,7 +258,7 @@ class DiffusionRunner(PolicyRunner):
             known, waits = self._policy.in_phase(known, *phase), ~free
         if observation.subgoals is not None:
             waits = np.array([not observation.subgoals[agent][1] for agent in agents])
-        if size := self.senses.told:
+        if size := self.spec.phase_size:
             said = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
             doing = said[:, :-1].argmax(dim=1).tolist()
             self.state.phases = {
@@ -285,7 +286,7 @@ class DiffusionRunner(PolicyRunner):
         In an ensemble (Zhao et al. 2023, temporal ensembling) those predicted earlier for the same control
         steps count too. What was predicted before somebody had to wait is about other steps.
         """
-        steps, decay = self._config.action_steps, self._config.ensemble
+        steps, decay = self._config.acting.action_steps, self._config.acting.ensemble
         if decay is None:
             return self._commands(actions[:, :steps])
         episode = self._episode
@@ -302,9 +303,11 @@ class DiffusionRunner(PolicyRunner):
 
     def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
-        if self._config.tcp_actions:
+        if self._config.task_space_actions:
             streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate([followed(self.senses, stream, rows) for stream, rows in streams], axis=1)
+            return np.concatenate(
+                [joint_actions(self.spec, stream, rows) for stream, rows in streams], axis=1
+            )
         return self._joint_actions(actions).copy()
 
     def _within_deadband(
@@ -316,7 +319,7 @@ class DiffusionRunner(PolicyRunner):
         where no demonstration has been.
         """
         commands = self._joint_actions(actions)
-        near = np.abs(commands[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.hold_rad
+        near = np.abs(commands[..., :ARM_JOINTS] - joints).max(axis=(0, 2)) < self._config.acting.deadband_rad
         return near & ((commands[..., ARM_JOINTS] > 0) == opened).all(axis=0)
 
     def _joint_actions(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -332,14 +335,14 @@ class DiffusionRunner(PolicyRunner):
         return commands
 
 
-def _declared(config: PolicyConfig, view: View, senses: Senses) -> Declaration:
+def _declared(config: PolicyConfig, view: View, spec: ObservationSpec) -> Declaration:
     """What a policy of a view needs: of its own agents, or of everything where it is told the true state."""
-    privileged = bool(senses.objects)
+    privileged = bool(spec.objects)
     cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
     return Declaration(
-        tuple(range(1, len(senses.bases) + 1)) if privileged else view.agents,
-        objects=senses.objects,
-        cameras=tuple(cameras) if config.observation == "pictures" else (),
+        tuple(range(1, len(spec.bases) + 1)) if privileged else view.agents,
+        objects=spec.objects,
+        cameras=tuple(cameras) if config.encoder.pictures else (),
         coordinated=view.agents if view.coordinated else (),
     )
 

@@ -1,4 +1,4 @@
-"""What a policy feels, sees and does in the frames of a store, as one array over all streams of a view.
+"""Frames of a store as arrays over all streams of a view: joints, context, commands, pictures, labels.
 
 S streams over T frames become S * T rows, one stream after the other.
 """
@@ -13,11 +13,11 @@ from torch import Tensor
 
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import keypoints
-from rf_exp.policy.inputs.coordination import told
+from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import remembered
-from rf_exp.policy.inputs.observation_spec import Senses, context, others, proprioception, widths
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, others, proprioception, widths
 from rf_exp.policy.inputs.pictures import pictures_of, side_by_side
-from rf_exp.policy.inputs.task_space import with_hands
+from rf_exp.policy.inputs.task_space import task_space_actions
 from rf_exp.policy.inputs.view import View
 from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
@@ -28,39 +28,39 @@ if TYPE_CHECKING:
 Kept = slice | NDArray[np.bool_]  # the steps of a store that are learned
 
 
-def felt(
+def low_dim(
     store: "Store",
     view: View,
     config: PolicyConfig,
-    senses: Senses,
+    spec: ObservationSpec,
     kept: Kept,
     numbers: NDArray[np.int64],
     free: NDArray[np.bool_],
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Proprioception, the context (grippers, subgoals, true poses, as the senses say), and commands."""
+    """Proprioception, the context (grippers, subgoals, true poses, as the spec says), and commands."""
     qpos, action = store.qpos[kept], store.action[kept]
     columns = [np.array(stream.agents) - 1 for stream in view.streams]
     commands = [action[:, agents] for agents in columns]
-    if config.tcp_actions:
+    if config.task_space_actions:
         streams = zip(view.streams, commands, strict=True)
-        commands = [with_hands(senses, stream, each) for stream, each in streams]
+        commands = [task_space_actions(spec, stream, each) for stream, each in streams]
     else:
         commands = [each.reshape(len(action), -1) for each in commands]
     memory = np.zeros((store.steps, store.agents, 0), np.float32)
-    if senses.bases:
+    if spec.bases:
         told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
         episodes = zip(*map(store.by_episode, told_and_done), strict=True)
         memory = np.concatenate([remembered(*each) for each in episodes])
-    if senses.subgoals:
-        memory = np.concatenate([memory, told(numbers, free, senses.subgoals)], axis=-1)
-    poses = {name: from_quaternion(store.poses[name][kept]) for name in senses.objects}
-    known = [context(senses, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
+    if spec.subgoals:
+        memory = np.concatenate([memory, phases(numbers, free, spec.subgoals)], axis=-1)
+    poses = {name: from_quaternion(store.poses[name][kept]) for name in spec.objects}
+    known = [context(spec, view, row, qpos, poses, memory[kept]) for row in range(len(view.streams))]
     return _stack([proprioception(qpos[:, agents]) for agents in columns]), _stack(known), _stack(commands)
 
 
 def pictures(store: "Store", view: View, config: PolicyConfig, kept: Kept) -> Tensor:
     """(S * T, H, W, 3) uint8 of all streams; nothing for who learns without."""
-    if config.observation != "pictures":
+    if not config.encoder.pictures:
         return torch.empty((0, 0, 0, 3), dtype=torch.uint8)
     return _stack(
         [
@@ -70,14 +70,19 @@ def pictures(store: "Store", view: View, config: PolicyConfig, kept: Kept) -> Te
     )
 
 
-def marks(
-    store: "Store", view: View, config: PolicyConfig, senses: Senses, kept: Kept, numbers: NDArray[np.int64]
+def keypoint_labels(
+    store: "Store",
+    view: View,
+    config: PolicyConfig,
+    spec: ObservationSpec,
+    kept: Kept,
+    numbers: NDArray[np.int64],
 ) -> tuple[Tensor, ...]:
-    """What heat maps are to see: pixels, points and headings of keypoints, and what the others are doing."""
-    if config.encoder != "heatmaps" or config.observation != "pictures":
+    """Pixels, points and headings of keypoints, and what the others are doing."""
+    if not config.encoder.keypoints:
         return (torch.empty(0),) * 4
-    found = [keypoints(store, stream, senses, kept) for stream in view.streams]
-    watched = [np.array(others(senses, stream), int) - 1 for stream in view.streams]
+    found = [keypoints(store, stream, spec, kept) for stream in view.streams]
+    watched = [np.array(others(spec, stream), int) - 1 for stream in view.streams]
     return (
         _stack([each.pixels for each in found]),
         _stack([each.points for each in found]),

@@ -1,4 +1,4 @@
-"""Where an arm will be when its gripper changes next, as demonstrations tell it: what eyes learn to see.
+"""Keypoint labels: where an arm will be when its gripper changes next, as demonstrations tell it.
 
 The keypoints of a stream are, for each of its agents, the TCP at the changes of its own gripper, in their
 order, and at the end of the episode; then the TCPs of all other agents now. No pose of an object is used:
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.gripper_history import changes
-from rf_exp.policy.inputs.observation_spec import Senses, others, widths, world_from_tcp
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, others, widths, world_from_tcp
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import apply, inverse, placed, planar
@@ -39,7 +39,9 @@ class Keypoints:
     headings: NDArray[np.float32]  # (T, M, HEADING)
 
 
-def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.bool_] | slice) -> Keypoints:
+def keypoints(
+    store: "Store", stream: Stream, spec: ObservationSpec, kept: NDArray[np.bool_] | slice
+) -> Keypoints:
     """The keypoints of the kept frames of a store.
 
     Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
@@ -49,14 +51,14 @@ def keypoints(store: "Store", stream: Stream, senses: Senses, kept: NDArray[np.b
     for qpos, action in zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True):
         columns = []
         for agent in stream.agents:
-            tcp = world_from_tcp(senses, agent, qpos)
+            tcp = world_from_tcp(spec, agent, qpos)
             changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
-            columns += _own(tcp, changed, senses.keys)
-        columns += [world_from_tcp(senses, agent, qpos) for agent in others(senses, stream)]
+            columns += _own(tcp, changed, spec.keyframes)
+        columns += [world_from_tcp(spec, agent, qpos) for agent in others(spec, stream)]
         found.append(np.stack(columns, axis=1))
     hands = np.concatenate(found)[kept]  # (T, M, 4, 4)
     world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
-    to_base = inverse(planar(*senses.bases[stream.agents[0] - 1]))
+    to_base = inverse(planar(*spec.bases[stream.agents[0] - 1]))
     fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
     heading = np.arctan2(fingers[..., 1], fingers[..., 0])
     turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
@@ -76,11 +78,11 @@ def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.flo
     return pixels.astype(np.float32)
 
 
-def _own(tcp: NDArray[np.float64], changed: NDArray[np.int64], own_keys: int) -> list[NDArray[np.float64]]:
+def _own(tcp: NDArray[np.float64], changed: NDArray[np.int64], keyframes: int) -> list[NDArray[np.float64]]:
     """The keypoints (T, 4, 4) of an agent of one episode: at each change, until then, and at the end."""
     steps = np.arange(len(tcp))
     columns = []
-    for key in range(own_keys):
+    for key in range(keyframes):
         column = np.full_like(tcp, np.nan)
         if key < len(changed):
             column[steps <= changed[key]] = tcp[changed[key]]
@@ -103,6 +105,8 @@ def _camera(store: "Store", name: str) -> CameraModel:
             f"{store.path} does not say where its cameras stand; generate it again"
         ) from error
     if spec.mount != "world":
-        raise ArgumentError(f"camera {name!r} rides on a hand; heat maps need one that stands still")
+        raise ArgumentError(
+            f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
+        )
     size = store.attrs["width"], store.attrs["height"]
     return CameraModel(*size, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)

@@ -18,10 +18,9 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.examples.frames import felt, marks, pictures
-from rf_exp.policy.examples.moments import Going, by_episode, moving, shown
-from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered
-from rf_exp.policy.inputs.observation_spec import of_agent, senses_of
+from rf_exp.policy.examples.frames import keypoint_labels, low_dim, pictures
+from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, sent_on
+from rf_exp.policy.inputs.observation_spec import of_agent, spec_of
 from rf_exp.policy.inputs.pictures import crop, with_margin
 from rf_exp.policy.inputs.view import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.policy.networks.normaliser import Normaliser, largest_change
@@ -29,6 +28,10 @@ from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
+
+
+LOOK_AT = 256  # pictures at a time
+STILL_M = 5e-4  # less in a control step is no motion of a finger
 
 
 def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
@@ -45,7 +48,46 @@ def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
     return torch.cat([joints, *poses], dim=-1)
 
 
-LOOK_AT = 256  # pictures at a time
+def shown(store: "Store") -> NDArray[np.bool_]:
+    """(T,) the steps that show what to do: those of the expert, where somebody else led to where it began."""
+    said = np.asarray((store.subgoal >= 0).all(axis=1))
+    return said if said.any() else ~said  # an older store does not say
+
+
+def moving(store: "Store") -> NDArray[np.bool_]:
+    """(T,) the steps in which somebody moves or means to: an arm is sent on, or fingers open or close."""
+    kept = []
+    for qpos, action, executed in by_episode(store):
+        sent = (sent_on(qpos, action) | hesitates(action, executed)).any(axis=1)
+        told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
+        fingers = np.diff(
+            qpos[..., ARM_JOINTS:].sum(axis=-1), axis=0, append=qpos[-1:, :, ARM_JOINTS:].sum(axis=-1)
+        )
+        kept.append(sent | told | (np.abs(fingers).max(axis=1) > STILL_M))
+        kept[-1][-1] = True  # an episode keeps its end
+    return np.concatenate(kept)
+
+
+def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+    """Measured joints, intended and executed commands of each episode."""
+    arrays = store.qpos, store.action, store.executed
+    return zip(*(store.by_episode(each) for each in arrays), strict=True)
+
+
+class _Meant:
+    """The steps of an agent in which it does not hesitate."""
+
+    def __init__(self, hesitates: NDArray[np.bool_]) -> None:
+        self._steps = np.flatnonzero(~hesitates)
+        self._next = np.searchsorted(self._steps, np.arange(len(hesitates)))  # for each step, that or a later
+
+    def rows(
+        self, ahead: NDArray[np.int64], first: NDArray[np.int64], last: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """(B, T) consecutive steps from `ahead[:, 0]` on, in episodes from `first` (B, 1) to `last`."""
+        start = np.clip(ahead[:, :1], first, last)
+        at = self._next[start] + ahead - start
+        return self._steps[np.clip(at, self._next[first], self._next[last])]
 
 
 @dataclass(frozen=True)
@@ -82,22 +124,22 @@ class Windows:
         repeats = np.tile(lengths, len(view.streams))
         self._first = np.repeat(self._spans[:, 0], repeats)  # of the episode of each window
         self._last = np.repeat(self._spans[:, 1] - 1, repeats)
-        senses = self.senses = senses_of(config, store, view)
+        spec = self.spec = spec_of(config, store, view)
         # Who is not told of subgoals may learn from a store that does not say.
-        numbers = numbered(store)[0] if senses.subgoals else store.subgoal[:].astype(np.int64)
+        numbers = numbered(store)[0] if spec.subgoals else store.subgoal[:].astype(np.int64)
         free = np.concatenate([may_go(*each) for each in by_episode(store)])
-        feels = felt(store, view, config, senses, kept, numbers, free)
-        self.proprio, self.context, self.action = (each.to(device) for each in feels)  # raw (S * T, ...)
+        known = low_dim(store, view, config, spec, kept, numbers, free)
+        self.proprio, self.context, self.action = (each.to(device) for each in known)  # raw (S * T, ...)
         self._pictures = pictures(store, view, config, kept).to(device)  # (S * T, H, W, 3) uint8
         # Of keypoints, see `Keypoints`, and (S * T, N) the subgoals of the other agents.
-        marked = marks(store, view, config, senses, kept, numbers)
-        self.pixels, self.points, self.headings, self.doing = (each.to(device) for each in marked)
+        labels = keypoint_labels(store, view, config, spec, kept, numbers)
+        self.pixels, self.points, self.headings, self.doing = (each.to(device) for each in labels)
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         # Windows in which an own agent may go on.
-        self.goes = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
+        self.active = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
         late = np.concatenate([hesitates(*each[1:]) for each in by_episode(store)])[kept]
-        self._going = [  # of each agent of a stream
-            Going(np.concatenate([late[:, agents[row]] for agents in columns]))
+        self._meant = [  # of each agent of a stream
+            _Meant(np.concatenate([late[:, agents[row]] for agents in columns]))
             for row in range(len(columns[0]))
         ]
         self._features: Tensor | None = None  # (S * T, F) of all frames, where they do not change any more
@@ -105,9 +147,9 @@ class Windows:
     def __len__(self) -> int:
         return len(self._first)
 
-    def normaliser(self, seen_size: int = 0) -> Normaliser:
-        """Fitted to these windows, but for what is seen by eyes that have to be trained first."""
-        sizes = self.proprio.shape[1], self.action.shape[1], self.context.shape[1], seen_size
+    def normaliser(self, features: int = 0) -> Normaliser:
+        """Fitted to these windows, but for features of pictures, which have to be learned first."""
+        sizes = self.proprio.shape[1], self.action.shape[1], self.context.shape[1], features
         normaliser = Normaliser(*sizes).to(self._device)
         within = torch.from_numpy(self._first[1:] == self._first[:-1]).to(self._device)
         normaliser.proprio.fit(self.proprio)
@@ -121,7 +163,7 @@ class Windows:
         if not self._config.relative_actions:
             return self.action
         actions = self._actions(np.arange(len(self)))
-        context = self.context[:, None] if self._config.tcp_actions else None
+        context = self.context[:, None] if self._config.task_space_actions else None
         origin = action_origin(self.proprio[:, None], context)
         return (actions - origin).flatten(0, 1)
 
@@ -133,7 +175,7 @@ class Windows:
         """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
         first, last = self._first[windows, None], self._last[windows, None]
         ahead = self._oldest(windows) + np.arange(self._config.horizon)
-        found = [self.action[self._index(each.rows(ahead, first, last))] for each in self._going]
+        found = [self.action[self._index(each.rows(ahead, first, last))] for each in self._meant]
         if len(found) == 1:
             return found[0]
         commands = len(found) * ACTION_SIZE
@@ -186,7 +228,7 @@ class Windows:
             features,
         )
 
-    def going(
+    def sample_active(
         self, windows: NDArray[np.int64], part: float, rng: np.random.Generator
     ) -> tuple[NDArray[np.int64], Tensor]:
         """Windows (B,), that part of them replaced by some in which an own agent may go on.
@@ -194,16 +236,16 @@ class Windows:
         And how much each of them counts (B,), where what is learned is how often something is so.
         In a long task an agent waits most of the time, for what is not there yet.
         """
-        if not part or not len(self.goes):
+        if not part or not len(self.active):
             return windows, torch.ones(len(windows), device=self._device)
-        drawn = rng.choice(self.goes, round(part * len(windows)))
+        drawn = rng.choice(self.active, round(part * len(windows)))
         chosen = np.concatenate([drawn, windows[len(drawn) :]])
         part = len(drawn) / len(windows)
-        free = np.isin(chosen, self.goes)
-        weights = 1 / (1 - part + part * free * len(self) / len(self.goes))
+        free = np.isin(chosen, self.active)
+        weights = 1 / (1 - part + part * free * len(self) / len(self.active))
         return chosen, torch.from_numpy(weights.astype(np.float32)).to(self._device)
 
-    def marked(
+    def labelled(
         self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """The newest pictures (B, H, W, 3) of windows, and the pixels and headings of their keypoints.

@@ -1,4 +1,4 @@
-"""What a coordinated policy is told of each own agent: the number of its subgoal, and whether it may go on.
+"""Coordination: what a policy is told of each own agent, the number of its subgoal, and whether it may go on.
 
 While it acts a coordinator says so (`rf_exp.datagen.coordinator`). In demonstrations the stored subgoals say
 the one, and the commands the other: an arm waits that is sent nowhere for a while, until nobody is any more.
@@ -55,7 +55,7 @@ def numbered(store: "Store") -> tuple[NDArray[np.int64], Names]:
     return (stored, ()) if np.array_equal(found, stored) else (found, names)
 
 
-def told(numbers: NDArray[np.integer], may_go: NDArray[np.bool_], subgoals: int) -> NDArray[np.float32]:
+def phases(numbers: NDArray[np.integer], may_go: NDArray[np.bool_], subgoals: int) -> NDArray[np.float32]:
     """(..., N, subgoals + 1) of (..., N) each; numbers beyond those that were learned are the last one."""
     at = np.eye(subgoals)[np.minimum(numbers, subgoals - 1)]
     return np.concatenate([at, may_go[..., None]], axis=-1).astype(np.float32)

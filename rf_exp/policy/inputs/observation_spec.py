@@ -1,7 +1,7 @@
-"""What a policy is told beside its pictures and its own joints: one vector an observation, its context.
+"""The context of an observation: one vector of what a policy is told beside its pictures and its own joints.
 
 For each own agent, in the frame of the base of the first of them: where the TCP is (position, two axes), and
-what its gripper has done so far (`Memory`). A policy of the laboratory (`observation: state`) is told the
+what its gripper has done so far (`Memory`). A privileged-state policy (encoder `privileged`) is told the
 truth instead of pictures: the joints and TCPs of the other agents, the poses of all objects, and once more
 where those are that an own hand is near to. Numbers are scaled by their range in the demonstrations: of a
 thing that goes along the whole table, a millimetre would be less than a thousandth.
@@ -35,12 +35,12 @@ POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 20
 
 
 @dataclass(frozen=True)
-class Senses:
+class ObservationSpec:
     """What the context of a policy is made of. `bases` is empty for a policy that has none."""
 
     bases: tuple[tuple[float, float, float], ...] = ()  # x (m), y (m), yaw (rad) of every arm of the task
     objects: tuple[str, ...] = ()  # whose true poses it is told
-    keys: int = 0  # changes of an own gripper that its heat maps look for
+    keyframes: int = 0  # changes of an own gripper that its encoder looks for
     subgoals: int = 0  # of an own agent, of which it is told
     names: tuple[tuple[str, ...], ...] = ()  # of them, of each agent; empty where they count as they come
 
@@ -54,42 +54,42 @@ class Senses:
         for name, high in most.items():
             if len(getattr(self, name)) > high:
                 raise ArgumentError(f"there are {len(getattr(self, name))} {name}; expected at most {high}")
-        for name, high in (("keys", CHANGES), ("subgoals", MOST_SUBGOALS)):
+        for name, high in (("keyframes", CHANGES), ("subgoals", MOST_SUBGOALS)):
             if not 0 <= (value := getattr(self, name)) <= high:
                 raise ArgumentError(f"{name} is {value}; expected 0 to {high}")
 
     def keypoints(self, view: View) -> int:
-        """That heat maps look for, in the picture of each camera: of each own agent, and all the others."""
+        """That an encoder looks for, in the picture of each camera: of each own agent, and all the others."""
         own = len(view.streams[0].agents)
-        return len(view.streams[0].cameras) * (own * (self.keys + 1) + len(self.bases) - own)
+        return len(view.streams[0].cameras) * (own * (self.keyframes + 1) + len(self.bases) - own)
 
     def size(self, view: View) -> int:
         """Of the context of a stream of a view."""
         if not self.bases:
             return 0
         own = len(view.streams[0].agents)
-        told = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * (POSE + 3 * own)
+        truth = (len(self.bases) - own) * (PROPRIO_SIZE + POSE) + len(self.objects) * (POSE + 3 * own)
         return (
-            own * (POSE + MEMORY + self.told)
-            + (told if self.objects else 0)
+            own * (POSE + MEMORY + self.phase_size)
+            + (truth if self.objects else 0)
             + len(view.streams) * (len(view.streams) > 1)
         )
 
     @property
-    def told(self) -> int:
+    def phase_size(self) -> int:
         """Numbers by which it is told of a subgoal of an own agent, and whether that may go on."""
         return self.subgoals + (self.subgoals > 0)
 
 
-def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
-    """The senses of a policy that learns a view. Raises ArgumentError where the store lacks them."""
+def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec:
+    """The spec of a policy that learns a view. Raises ArgumentError where the store lacks them."""
     if any(model.joints != DEFAULT.measured for model in store.models):
         found = ", ".join(sorted({model.title for model in store.models}))
         raise ArgumentError(f"{store.path} is of {found}; policies learn to move a {DEFAULT.title} only")
     if not config.context:
         if view.coordinated:
             raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
-        return Senses()
+        return ObservationSpec()
     subgoals, names = 0, ()
     if view.coordinated or config.phases:
         numbers, names = numbered(store)
@@ -99,17 +99,17 @@ def senses_of(config: PolicyConfig, store: "Store", view: View) -> Senses:
     except KeyError as error:
         raise ArgumentError(f"{store.path} does not say where its arms stand; generate it again") from error
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
-    if config.observation != "state":
-        keys = _keys(store, view) if config.encoder == "heatmaps" else 0
-        return Senses(bases, keys=keys, subgoals=subgoals, names=names)
+    if not config.encoder.privileged:
+        keyframes = _keyframes(store, view) if config.encoder.keypoints else 0
+        return ObservationSpec(bases, keyframes=keyframes, subgoals=subgoals, names=names)
     if not store.objects:
         raise ArgumentError(
-            f"observation=state needs the poses of the objects, and {store.path} has none; generate it again"
+            f"encoder privileged needs the poses of the objects, and {store.path} has none; generate it again"
         )
-    return Senses(bases, store.objects, subgoals=subgoals, names=names)
+    return ObservationSpec(bases, store.objects, subgoals=subgoals, names=names)
 
 
-def _keys(store: "Store", view: View) -> int:
+def _keyframes(store: "Store", view: View) -> int:
     """The largest number of changes of the gripper of one of the agents of a view in an episode."""
     episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
     most = max(
@@ -135,7 +135,7 @@ def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def context(
-    senses: Senses,
+    spec: ObservationSpec,
     view: View,
     row: int,
     qpos: NDArray[np.floating],
@@ -148,21 +148,21 @@ def context(
     grippers have done (..., N, M), see `Memory`; behind that what is told of their subgoals, which comes last
     in the context.
     """
-    if not senses.bases:
+    if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
     stream = view.streams[row]
-    base_from_world = inverse(_base(senses, stream.agents[0]))
+    base_from_world = inverse(_base(spec, stream.agents[0]))
     parts: list[NDArray[np.floating]] = []
-    hands = [_flat(base_from_world @ world_from_tcp(senses, agent, qpos)) for agent in stream.agents]
+    hands = [_flat(base_from_world @ world_from_tcp(spec, agent, qpos)) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
         parts += [hand, memory[..., agent - 1, :MEMORY]]
-    if senses.objects:
-        for agent in others(senses, stream):
+    if spec.objects:
+        for agent in others(spec, stream):
             parts += [
                 proprioception(qpos[..., agent - 1 : agent, :]),
-                _flat(base_from_world @ world_from_tcp(senses, agent, qpos)),
+                _flat(base_from_world @ world_from_tcp(spec, agent, qpos)),
             ]
-        things = [_flat(base_from_world @ poses[name]) for name in senses.objects]
+        things = [_flat(base_from_world @ poses[name]) for name in spec.objects]
         parts += [*things, *(near(thing[..., :3] - hand[..., :3]) for hand in hands for thing in things)]
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
@@ -170,19 +170,19 @@ def context(
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
-def tcp_poses(senses: Senses, stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
+def tcp_poses(spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
-    base_from_world = inverse(_base(senses, stream.agents[0]))
+    base_from_world = inverse(_base(spec, stream.agents[0]))
     poses = [
-        _flat(base_from_world @ _base(senses, agent) @ DEFAULT.tcp_pose(joints[..., row, :]))
+        _flat(base_from_world @ _base(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :]))
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-2)
 
 
-def others(senses: Senses, stream: Stream) -> list[int]:
+def others(spec: ObservationSpec, stream: Stream) -> list[int]:
     """The agents of the task that a stream does not command."""
-    return [agent for agent in range(1, len(senses.bases) + 1) if agent not in stream.agents]
+    return [agent for agent in range(1, len(spec.bases) + 1) if agent not in stream.agents]
 
 
 def near(offset_m: Array) -> Array:
@@ -190,13 +190,13 @@ def near(offset_m: Array) -> Array:
     return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
-def _base(senses: Senses, agent: int) -> Matrix:
-    return planar(*senses.bases[agent - 1])
+def _base(spec: ObservationSpec, agent: int) -> Matrix:
+    return planar(*spec.bases[agent - 1])
 
 
-def world_from_tcp(senses: Senses, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+def world_from_tcp(spec: ObservationSpec, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., 4, 4) of an agent, from the joints of all agents (..., N, 7 or more)."""
-    return _base(senses, agent) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+    return _base(spec, agent) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:

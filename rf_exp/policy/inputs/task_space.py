@@ -1,4 +1,4 @@
-"""Actions as motions of hands: where the TCP is sent, beside the joints that it takes.
+"""Task-space actions: where the TCP is sent, beside the joints that it takes.
 
 A network that predicts seven joints makes small mistakes in each, which add up at the fingers; where the TCP
 goes it predicts more sharply. Its joints say which of the arm's many postures is meant:
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.inputs.observation_spec import POSE, Senses, tcp_poses
+from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec, tcp_poses
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.transforms import from_axes, planar
@@ -23,21 +23,23 @@ CLOSE_RAD = 0.1  # from the predicted joints, where nothing closer is looked for
 FARTHEST_RAD = 0.35  # what is farther is another posture, and not meant
 
 
-def with_hands(senses: Senses, stream: Stream, action: NDArray[np.floating]) -> NDArray[np.float32]:
+def task_space_actions(
+    spec: ObservationSpec, stream: Stream, action: NDArray[np.floating]
+) -> NDArray[np.float32]:
     """Actions (..., n, 8) of the n agents of a stream -> (..., 8n + 9n), with the poses of their TCPs."""
-    poses = tcp_poses(senses, stream, action[..., :ARM_JOINTS])
+    poses = tcp_poses(spec, stream, action[..., :ARM_JOINTS])
     joined = [action.reshape(*action.shape[:-2], -1), poses.reshape(*poses.shape[:-2], -1)]
     return np.concatenate(joined, axis=-1).astype(np.float32)
 
 
-def followed(senses: Senses, stream: Stream, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_actions(spec: ObservationSpec, stream: Stream, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
     """Predicted actions (T, 8n + 9n) -> joints and grippers (T, n, 8) that put the TCPs where they belong."""
     agents: Sequence[int] = stream.agents
     actions = chunk[:, : len(agents) * ACTION_SIZE].reshape(len(chunk), len(agents), ACTION_SIZE).copy()
     poses = chunk[:, len(agents) * ACTION_SIZE :].reshape(len(chunk), len(agents), POSE)
-    world_from_base = planar(*senses.bases[agents[0] - 1])  # in whose frame the poses are
+    world_from_base = planar(*spec.bases[agents[0] - 1])  # in whose frame the poses are
     for row, agent in enumerate(agents):
-        arm = Arm(DEFAULT, planar(*senses.bases[agent - 1]))
+        arm = Arm(DEFAULT, planar(*spec.bases[agent - 1]))
         joints, pose = actions[:, row, :ARM_JOINTS], poses[:, row]
         x, y = pose[:, 3:6], pose[:, 6:9]
         axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)

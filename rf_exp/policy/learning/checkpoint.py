@@ -1,12 +1,9 @@
 """The folder of a policy: configuration, weights with normaliser, curves; never a pickle.
 
-config.json         policy, view, train, data: what made it; written before training starts
+config.json         policy, acting, view, spec, train, data: what made it; written before training starts
 model.safetensors   averaged weights and normaliser, and the digest of config.json; there once finished
 curves.csv          loss and learning rate over the steps
 state.safetensors   what an interrupted training goes on from; removed at the end
-
-Heat maps that are learned first are the same for all policies that differ in what comes after them, and lie
-where all of those find them (`eyes_file`).
 
 Tensors are written with a SHA-256 of all that is in their file, which is checked when they are read. That
 tells of accidents; whoever makes a policy makes its checksum too. So the folder of a stranger is read as
@@ -19,7 +16,7 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +38,10 @@ from rf_exp.artifacts import (
     write_json,
 )
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import ACTING, AFTER_EYES, BESIDE_EYES, LEARNER, PolicyConfig
-from rf_exp.policy.inputs.observation_spec import Senses
+from rf_exp.policy.config import LEARNER, PolicyConfig
+from rf_exp.policy.inputs.observation_spec import ObservationSpec
 from rf_exp.policy.inputs.view import View
-from rf_exp.policy.networks.diffusion import DiffusionPolicy
+from rf_exp.policy.networks.policy import Policy
 from rf_exp.texts import printable
 
 CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
@@ -139,25 +136,8 @@ def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
 def expect_policy(folder: Path, wanted: Mapping[str, Any]) -> None:
     """Raises StageError naming what differs unless the policy of a folder is made of these values."""
     found = _described(folder)
-    made, asked = ({key: _weighty(key, each.get(key)) for key in wanted} for each in (found, wanted))
+    made, asked = ({key: each.get(key) for key in wanted if key != "acting"} for each in (found, wanted))
     expect_same(folder, made, asked, "delete the folder or choose another `out`")
-
-
-def _weighty(key: str, value: Any) -> Any:
-    """A part of what a policy is made of, without what decides how it acts and not what it has learned."""
-    if key != "policy" or not isinstance(value, Mapping):
-        return value
-    return {name: each for name, each in value.items() if name not in ACTING}
-
-
-def eyes_file(shared: Path, name: str, provenance: Mapping[str, Any]) -> Path:
-    """Where in a folder the heat maps are that are learned first by a policy made of these values."""
-    left_out = {"policy": BESIDE_EYES, "train": AFTER_EYES}
-    seeing = {
-        key: {each: v for each, v in value.items() if each not in left_out[key]} if key in left_out else value
-        for key, value in provenance.items()
-    }
-    return shared / f"{name}-{digest(seeing)}.safetensors"
 
 
 def provenance(folder: Path) -> dict[str, Any]:
@@ -176,20 +156,12 @@ def _described(folder: Path) -> dict[str, Any]:
     return said
 
 
-def policy_of(config: PolicyConfig, view: View, senses: Senses) -> DiffusionPolicy:
-    """A freshly initialised policy of a view."""
-    sizes = view.proprio_size, view.action_size, senses.size(view), senses.keypoints(view), senses.keys
-    phase = senses.told if config.phases and not view.coordinated else 0
-    others = len(senses.bases) - len(view.streams[0].agents) if config.phases else 0
-    return DiffusionPolicy(config, *sizes, phase, (others, senses.subgoals))
-
-
 def load_policy(
     folder: Path, device: str = "auto", acting: PolicyConfig | None = None
-) -> tuple[DiffusionPolicy, View, Senses]:
-    """A trained policy, ready to act, its view and its senses.
+) -> tuple[Policy, View, ObservationSpec]:
+    """A trained policy, ready to act, its view and its spec.
 
-    It acts as it was configured when it was trained, or as `acting` says (`rf_exp.policy.config.ACTING`).
+    It acts as it was configured when it was trained, or as `acting` says.
     Raises StageError where there is none, or one of another version of the learner.
     """
     _require_model(folder)
@@ -203,18 +175,16 @@ def load_policy(
         found = f"the policy in {folder} is by version {said.get('learner')!r} of the learner"
         raise StageError(f"{found}, this is version {LEARNER}; {ANEW}")
     with _faults_of(folder / CONFIG):
-        view, senses = restored(View, said["view"]), restored(Senses, said["senses"])
-        config = restored(PolicyConfig, said["policy"])
-        _check_whole(said, config, view, senses)
-        _check_senses(config, view, senses)
+        view, spec = restored(View, said["view"]), restored(ObservationSpec, said["spec"])
+        config = PolicyConfig.read(said["policy"], said["acting"])
+        _check_whole(said, config, view, spec)
+        _check_spec(config, view, spec)
         with torch.device("meta"):  # takes no memory, whatever the configuration asks for
-            expected = policy_of(config, view, senses).state_dict()
+            expected = Policy(config, view, spec).state_dict()
     _check_tensors(tensors, expected, folder / MODEL)
-    if acting is not None:
-        config = replace(config, **{name: getattr(acting, name) for name in ACTING})
-    policy = policy_of(config, view, senses)
+    policy = Policy(config if acting is None else config.acting_as(acting), view, spec)
     policy.load_state_dict(tensors)
-    return policy.to(device_of(device)).eval(), view, senses
+    return policy.to(device_of(device)).eval(), view, spec
 
 
 def fill(module: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
@@ -256,31 +226,30 @@ def _faults_of(path: Path) -> Iterator[None]:
         raise StageError(f"{path} describes no policy: {error}; get it again, or {ANEW}") from error
 
 
-def _check_whole(said: Mapping[str, Any], config: PolicyConfig, view: View, senses: Senses) -> None:
+def _check_whole(said: Mapping[str, Any], config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
     """Raises ArgumentError that names a key which is not said: its value would not be that of then."""
-    meant = {"policy": config.identity, "view": view.identity, "senses": identity_of(senses)}
+    meant = {"policy": config.learned, "acting": config.acted}
+    meant |= {"view": view.identity, "spec": identity_of(spec)}
     if wrong := differing({key: said[key] for key in meant}, meant):
         raise ArgumentError(
             f"it is not as this version of the learner writes it: {'; '.join(wrong[:LISTED])}"
         )
 
 
-def identity_of(senses: Senses) -> dict[str, Any]:
-    """What a policy is told, as its configuration says it: without what says nothing."""
-    return without(asdict(senses), subgoals=0, names=())
+def identity_of(spec: ObservationSpec) -> dict[str, Any]:
+    """A spec as the configuration of a policy says it: without what says nothing."""
+    return without(asdict(spec), subgoals=0, names=())
 
 
-def _check_senses(config: PolicyConfig, view: View, senses: Senses) -> None:
-    """Raises ArgumentError where a policy would be told of arms or subgoals that its senses lack."""
-    if config.context != bool(senses.bases):
-        raise ArgumentError(f"context is {config.context}, and senses.bases are of {len(senses.bases)} arms")
-    if senses.bases and max(view.agents) > len(senses.bases):
+def _check_spec(config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
+    """Raises ArgumentError where a policy would be told of arms or subgoals that its spec lack."""
+    if config.context != bool(spec.bases):
+        raise ArgumentError(f"context is {config.context}, and spec.bases are of {len(spec.bases)} arms")
+    if spec.bases and max(view.agents) > len(spec.bases):
+        raise ArgumentError(f"agent {max(view.agents)} has no base; spec.bases are of {len(spec.bases)} arms")
+    if bool(spec.subgoals) != (config.phases or view.coordinated):
         raise ArgumentError(
-            f"agent {max(view.agents)} has no base; senses.bases are of {len(senses.bases)} arms"
-        )
-    if bool(senses.subgoals) != (config.phases or view.coordinated):
-        raise ArgumentError(
-            f"senses.subgoals is {senses.subgoals} with phases {config.phases} and a view that is "
+            f"spec.subgoals is {spec.subgoals} with phases {config.phases} and a view that is "
             f"{'' if view.coordinated else 'not '}coordinated"
         )
 

@@ -1,13 +1,17 @@
 """The one training loop: a store and a view in, a folder with a policy out.
 
-Every random number of step k comes from (seed, k) and every epoch's order from (seed, epoch), so going
-on after an interruption needs no generator state and gives the same weights, bit for bit on a CPU.
+What is learned, from which loss and for how long is a list of fits, which the policy says. Every random
+number of step k comes from (seed, k) and every epoch's order from (seed, epoch), so going on after an
+interruption needs no generator state and gives the same weights, bit for bit on a CPU.
 """
 
 import math
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import pairwise
+from contextlib import contextmanager
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +25,7 @@ from rf_exp.artifacts import digest, read_json
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.examples.windows import Windows
-from rf_exp.policy.inputs.observation_spec import senses_of
+from rf_exp.policy.inputs.observation_spec import spec_of
 from rf_exp.policy.inputs.view import View
 from rf_exp.policy.learning.checkpoint import (
     ANEW,
@@ -31,16 +35,14 @@ from rf_exp.policy.learning.checkpoint import (
     STATE,
     claim,
     device_of,
-    eyes_file,
     fill,
     identity_of,
-    policy_of,
     read_tensors,
     write_tensors,
 )
 from rf_exp.policy.learning.curves import Curve, curves
-from rf_exp.policy.learning.interrupts import deferred_interrupt
-from rf_exp.policy.networks.diffusion import DiffusionPolicy
+from rf_exp.policy.networks.interfaces import Draw
+from rf_exp.policy.networks.policy import Policy
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -59,8 +61,8 @@ def train(
 ) -> Path:
     """Train one policy into its folder (layout: `rf_exp.policy.learning.checkpoint`) and return the folder.
 
-    Heat maps that are learned first are taken from the folder `shared` where another training has left the
-    same ones, or left there. The weights are those of one that has learned them itself.
+    A first fit that other trainings may share is taken from the folder `shared` where one of them has left
+    it, or left there. The weights are those of one that has done it itself.
 
     A finished folder of the same configuration is returned untouched, an unfinished one is gone on with.
     Ctrl-C and SIGTERM are answered between two steps by a KeyboardInterrupt, once the state is written.
@@ -69,9 +71,10 @@ def train(
     """
     provenance = {
         "learner": LEARNER,
-        "policy": policy_config.identity,
+        "policy": policy_config.learned,
+        "acting": policy_config.acted,
         "view": view.identity,
-        "senses": identity_of(senses_of(policy_config, store, view)),
+        "spec": identity_of(spec_of(policy_config, store, view)),
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
@@ -79,17 +82,20 @@ def train(
         return folder
     windows = Windows(store, view, policy_config, device_of(train_config.device))
     training = Training(windows, view, policy_config, train_config)
-    if shared is not None and train_config.eyes_steps:
-        training.eyes = eyes_file(shared, view.name, provenance)
+    if shared is not None and (decides := training.fits[0].shared) is not None:
+        of_all = {key: provenance[key] for key in ("learner", "view", "spec", "data")}
+        named = digest({**of_all, "fit": decides, "train": train_config.pace})
+        training.first_fit = shared / f"{view.name}-{named}.safetensors"
     training.resume(folder / STATE)
-    with curves(folder / CURVES, training.step) as write, deferred_interrupt() as interrupted:
-        for curve in training.run():
+    with curves(folder / CURVES, training.step_number) as write, deferred_interrupt() as interrupted:
+        while not training.done:
+            curve = training.step()
             if curve is not None:
                 write(curve)
                 if progress is not None:
                     progress(curve)
-            done = training.step == training.steps
-            if interrupted.is_set() or (training.step % train_config.checkpoint_every == 0 and not done):
+            due = training.step_number % train_config.checkpoint_every == 0 and not training.done
+            if interrupted.is_set() or due:
                 training.save(folder / STATE)
             if interrupted.is_set():
                 raise KeyboardInterrupt
@@ -97,6 +103,36 @@ def train(
     write_tensors(folder / MODEL, training.averaged().state_dict(), {"config": said})
     (folder / STATE).unlink(missing_ok=True)
     return folder
+
+
+@contextmanager
+def deferred_interrupt() -> Iterator[threading.Event]:
+    """Within, Ctrl-C and SIGTERM only set the event: no step is torn. A second Ctrl-C acts at once."""
+    event = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield event  # signals reach the main thread only
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def note(*_: object) -> None:
+        event.set()
+        signal.signal(signal.SIGINT, before[signal.SIGINT])
+
+    for number in before:
+        signal.signal(number, note)
+    try:
+        yield event
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def learning_rate(config: TrainConfig, step: int, steps: int) -> float:
+    """Linear warm-up, then half a cosine down to zero at the end of so many steps (paper, supplementary)."""
+    if step < config.warmup_steps:
+        return config.learning_rate * (step + 1) / config.warmup_steps
+    part = (step - config.warmup_steps) / max(1, steps - config.warmup_steps)
+    return config.learning_rate * 0.5 * (1.0 + math.cos(math.pi * part))
 
 
 class Training:
@@ -107,18 +143,20 @@ class Training:
     ) -> None:
         self._windows, self._config = windows, train_config
         self._per_epoch = windows.batches(train_config.batch_size)
-        self.steps = train_config.steps or (train_config.epochs or 0) * self._per_epoch
-        self.steps += train_config.eyes_steps + train_config.draft_steps
-        self.step = 0
         self._device = windows.action.device
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(train_config.seed)
-            self.policy = policy_of(policy_config, view, windows.senses)
-        seen = self.policy.normaliser.seen.centre
-        self.policy.normaliser.load_state_dict(windows.normaliser(len(seen)).state_dict())
+            self.policy = Policy(policy_config, view, windows.spec)
+        self.policy.normaliser.load_state_dict(windows.normaliser(self.policy.encoder.size).state_dict())
         self.policy.to(self._device)
         if self._device.type == "cpu":  # GroupNorm on CUDA wants NCHW, the CPU's convolutions do not
             self.policy.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        budget = train_config.steps or (train_config.epochs or 0) * self._per_epoch
+        self.fits = self.policy.fits(windows)
+        # The first step of each fit, and the last of all.
+        self._bounds = [0, *accumulate(budget if fit.steps is None else fit.steps for fit in self.fits)]
+        self.steps = self._bounds[-1]
+        self.step_number = 0  # of those that are done
         self._parameters = list(self.policy.parameters())
         self._optimiser = torch.optim.AdamW(
             self._parameters,
@@ -128,127 +166,117 @@ class Training:
             fused=True,
         )
         self._average = self._ema(self._parameters)
-        self._stage: tuple[EMAModel, list[nn.Parameter]] | None = None  # an average of what is learned now
+        self._learned: tuple[EMAModel, list[nn.Parameter]] | None = None  # now, and an average of that alone
+        self._order: Sequence[NDArray[np.int64]] = ()  # of the windows of this epoch, in batches
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
-        self.eyes: Path | None = None  # where heat maps lie, or will, for other trainings too
+        self._samples, self._since = 0, time.perf_counter()  # the same of windows, and when that was
+        self.first_fit: Path | None = (
+            None  # where what is learned first lies, or will, for other trainings too
+        )
         self._began_s = time.process_time()
+
+    @property
+    def done(self) -> bool:
+        """Whether all fits are."""
+        return self.step_number == self.steps
+
+    def step(self) -> Curve | None:
+        """One step of the optimiser; returns a curve when one is due."""
+        config, number = self._config, self.step_number
+        if self._learned is None:
+            self._begin()
+        if not self._order or number % self._per_epoch == 0:
+            rng = np.random.default_rng([config.seed, ORDER, number // self._per_epoch])
+            self._order = self._windows.epoch(config.batch_size, config.run_length, rng)
+        batch, fit = self._order[number % self._per_epoch], self.fits[self._current]
+        first, last = self._bounds[self._current : self._current + 2]
+        rate = fit.rate * learning_rate(config, number - first, last - first)
+        rng = np.random.default_rng([config.seed, CROPS, number])
+        noise_seed = int(np.random.SeedSequence([config.seed, NOISE, number]).generate_state(1)[0])
+        generator = torch.Generator(self._device).manual_seed(noise_seed)
+        with (
+            torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"),
+            torch.random.fork_rng(devices=[]),  # dropout draws from the global generator
+        ):
+            torch.manual_seed(noise_seed)
+            drawn = self._windows.sample_active(batch, config.active_agent_sampling, rng)
+            loss = fit.loss(Draw(*drawn, rng, generator))
+        for group in self._optimiser.param_groups:
+            group["lr"] = rate
+        self._optimiser.zero_grad()
+        loss.backward()
+        self._optimiser.step()
+        assert self._learned is not None
+        average, learned = self._learned
+        average.step(learned)
+        self._loss += loss.detach()
+        self.step_number, self._samples = number + 1, self._samples + len(batch)
+        due = self.step_number % config.log_every == 0 or self.done
+        curve = self._curve(rate) if due else None
+        if self.step_number == last and not self.done:
+            self._settle()
+        return curve
+
+    @property
+    def _current(self) -> int:
+        """The number of the fit of this step."""
+        return next(k for k, last in enumerate(self._bounds[1:]) if self.step_number < last)
+
+    def _begin(self) -> None:
+        """What the current fit learns has an average; all else equals its own, which need not be kept up."""
+        learned = {id(weight) for part in self.fits[self._current].parts for weight in part.parameters()}
+        chosen = [k for k, weight in enumerate(self._parameters) if id(weight) in learned]
+        for weight in self._parameters:
+            weight.requires_grad_(id(weight) in learned)
+        average = self._ema([self._parameters[k] for k in chosen])
+        average.shadow_params = [self._average.shadow_params[k] for k in chosen]
+        average.optimization_step = self.step_number
+        self._learned = average, [self._parameters[k] for k in chosen]
+
+    def _settle(self) -> None:
+        """What a fit has learned stays, averaged, and what follows from it is done."""
+        self._average.copy_to(self._parameters)
+        self._learned = None
+        self.fits[self._current - 1].settle()
+        if self._current == 1 and self.first_fit is not None and not self.first_fit.exists():
+            self._write(self.first_fit, self._first.state_dict())
 
     def _ema(self, parameters: Sequence[nn.Parameter]) -> EMAModel:
         """An average over time of parameters, from now on."""
         decay, power = self._config.ema_max_decay, self._config.ema_power
         return EMAModel(parameters, decay=decay, use_ema_warmup=True, power=power, foreach=True)
 
-    def _learning(self) -> list[nn.Module]:
-        """What is learned at this step. All else equals its average, which need not be kept up."""
-        policy, seen = self.policy, self._config.eyes_steps
-        drawn = seen + self._config.draft_steps
-        if self.step < seen:
-            return [policy.encoder]
-        parts = [policy.draft, policy.phase] if self.step < drawn else [policy.trunk, policy.unet]
-        return [part for part in (*parts, None if seen else policy.encoder) if part is not None]
-
-    def _keep_average(self) -> None:
-        """After a step of the optimiser."""
-        if self._stage is None:
-            learned = {id(weight) for part in self._learning() for weight in part.parameters()}
-            chosen = [k for k, weight in enumerate(self._parameters) if id(weight) in learned]
-            average = self._ema([self._parameters[k] for k in chosen])
-            average.shadow_params = [self._average.shadow_params[k] for k in chosen]
-            average.optimization_step = self.step
-            self._stage = average, [self._parameters[k] for k in chosen]
-        average, parameters = self._stage
-        average.step(parameters)
-
-    def run(self) -> Iterator[Curve | None]:
-        """Step until the end; yields after every step, a curve when one is due."""
-        config, since = self._config, time.perf_counter()
-        samples, order = 0, self._order()
-        eyes, drafts = config.eyes_steps, config.eyes_steps + config.draft_steps
-        if eyes and self.step > eyes:  # gone on with: what the eyes see is the same again
-            self._windows.look_once(self.policy.eval().encode_whole)
-            self.policy.train()
-        while self.step < self.steps:
-            if self.step % self._per_epoch == 0:
-                order = self._order()
-            if self.step and self.step in (eyes, drafts):
-                self._settle(eyes == self.step)
-            batch = order[self.step % self._per_epoch]
-            stages = pairwise((0, eyes, drafts, self.steps))
-            done, steps = next((a, b) for a, b in stages if a <= self.step < b)
-            rate = config.rate(self.step - done, steps - done)
-            if self.step < eyes:
-                rate *= config.eyes_rate
-            self._update(batch, rate)
-            self.step += 1
-            samples += len(batch)
-            if self.step % config.log_every and self.step < self.steps:
-                yield None
-                continue
-            count = self.step % config.log_every or config.log_every
-            loss = self._loss.item() / count  # the only time the host waits for the device
-            self._loss.zero_()
-            if not math.isfinite(loss):
-                raise StageError(
-                    f"the training loss is {loss} at step {self.step}; expected a finite number: "
-                    f"lower learning_rate (now {config.learning_rate:g}) or check the data"
-                )
-            now = time.perf_counter()
-            epoch = (self.step - 1) // self._per_epoch
-            yield Curve(self.step, self.steps, epoch, loss, rate, samples / (now - since), self._spent_s)
-            since, samples = now, 0
+    def _curve(self, rate: float) -> Curve:
+        count = self.step_number % self._config.log_every or self._config.log_every
+        loss = self._loss.item() / count  # the only time the host waits for the device
+        self._loss.zero_()
+        if not math.isfinite(loss):
+            raise StageError(
+                f"the training loss is {loss} at step {self.step_number}; expected a finite number: "
+                f"lower learning_rate (now {self._config.learning_rate:g}) or check the data"
+            )
+        now, epoch = time.perf_counter(), (self.step_number - 1) // self._per_epoch
+        speed = self._samples / (now - self._since)
+        self._samples, self._since = 0, now
+        return Curve(self.step_number, self.steps, epoch, loss, rate, speed, self._spent_s)
 
     @property
     def _spent_s(self) -> float:
         """CPU seconds of all threads since the beginning, in earlier processes too."""
         return round(time.process_time() - self._began_s, 2)
 
-    def _order(self) -> Sequence[NDArray[np.int64]]:
-        rng = np.random.default_rng([self._config.seed, ORDER, self.step // self._per_epoch])
-        return self._windows.epoch(self._config.batch_size, self._config.run_length, rng)
-
-    def _update(self, windows: NDArray[np.int64], rate: float) -> None:
-        config = self._config
-        seeing = self.step < config.eyes_steps
-        rng = np.random.default_rng([config.seed, CROPS, self.step])
-        noise_seed = np.random.SeedSequence([config.seed, NOISE, self.step]).generate_state(1)[0]
-        generator = torch.Generator(self._device).manual_seed(int(noise_seed))
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=self._device.type == "cuda"):
-            windows, weights = self._windows.going(windows, config.going, rng)
-            if seeing:
-                loss = self.policy.eyes_loss(*self._windows.marked(windows, config.eyes_shift_px, rng))
-            else:
-                batch = self._windows.batch(windows, rng)
-                if self.step < config.eyes_steps + config.draft_steps:
-                    with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
-                        torch.manual_seed(int(noise_seed))
-                        loss = self.policy.draft_loss(batch, weights, generator, config.proprio_noise)
-                else:
-                    loss = self.policy.loss(batch, generator, config.noise_draws, config.proprio_noise)
-        for group in self._optimiser.param_groups:
-            group["lr"] = rate
-        self._optimiser.zero_grad()
-        loss.backward()
-        self._optimiser.step()
-        self._keep_average()
-        self._loss += loss.detach()
-
-    def _settle(self, seeing: bool) -> None:
-        """What has been learned so far stays, averaged; after `seeing`, all pictures are looked at once."""
-        self._average.copy_to(self._parameters)
-        self._stage = None
-        if seeing:
-            self.policy.lift_eyes(self._windows.pixels, self._windows.points)
-            if self.eyes is not None and not self.eyes.exists():
-                self._write(self.eyes, self.policy.encoder.state_dict())
-            features = self._windows.look_once(self.policy.eval().encode_whole)
-            pointed = self.policy.pointed(features[:, None], self._windows.context[:, None])[:, 0]
-            self.policy.normaliser.seen.fit(pointed)
-            self.policy.train()
-
-    def averaged(self) -> DiffusionPolicy:
+    def averaged(self) -> Policy:
         """The policy with its averaged weights, for acting. Training cannot go on from it."""
         self._average.copy_to(self._parameters)
         return self.policy.eval()
+
+    # -- its state in files --------------------------------------------------------------------------
+
+    @property
+    def _first(self) -> nn.Module:
+        """What the first fit learns, of one that is shared."""
+        (part,) = self.fits[0].parts
+        return part
 
     def save(self, path: Path) -> None:
         """Write everything that `resume` needs."""
@@ -259,15 +287,15 @@ class Training:
         self._write(path, tensors)
 
     def _write(self, path: Path, tensors: dict[str, Tensor]) -> None:
-        said = {"step": str(self.step), "core_s": str(self._spent_s)}
+        said = {"step": str(self.step_number), "core_s": str(self._spent_s)}
         write_tensors(path, tensors | {"loss": self._loss}, said)
 
     def resume(self, path: Path) -> None:
-        """Go on from a saved state, if there is one, else from heat maps that are there already.
+        """Go on from a saved state, if there is one, else from a first fit that is there already.
 
         Raises StageError for one that is of another training.
         """
-        found = next((each for each in (path, self.eyes) if each is not None and each.exists()), None)
+        found = next((each for each in (path, self.first_fit) if each is not None and each.exists()), None)
         if found is None:
             return
         try:
@@ -278,14 +306,21 @@ class Training:
             ) from error
 
     def _go_on(self, found: Path, tensors: dict[str, Tensor], metadata: Mapping[str, str]) -> None:
-        self.step = int(metadata["step"])
+        self.step_number = int(metadata["step"])
         self._began_s -= float(metadata["core_s"])
         self._loss.copy_(tensors.pop("loss"))
-        self._stage = None
-        if found == self.eyes:
-            fill(self.policy.encoder, tensors, found)
+        self._learned = None
+        if found == self.first_fit:
+            fill(self._first, tensors, found)
             self._average = self._ema(self._parameters)
-            return
+        else:
+            self._restore(found, tensors)
+        for fit, last in zip(self.fits, self._bounds[1:], strict=True):
+            if last <= self.step_number < self.steps:
+                fit.settle()
+
+    def _restore(self, found: Path, tensors: dict[str, Tensor]) -> None:
+        """The weights, their averages and the moments of the optimiser, of a state that was saved."""
         parts: dict[str, dict[str, Tensor]] = {"policy": {}, "average": {}, "optimiser": {}}
         for key, value in tensors.items():
             part, name = key.split(".", 1)

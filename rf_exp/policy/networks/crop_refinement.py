@@ -1,6 +1,6 @@
-"""A second look: small squares of the whole picture, cut out round where heat maps have seen their keypoints.
+"""Crop refinement: a second look at small squares of the whole picture, round what heat maps have found.
 
-Heat maps cover the picture shrunk, so that they are cheap. What they have found to a pixel of that, a few
+Heat maps cover the picture downsampled, so that they are cheap. What they have found to a pixel of that, some
 convolutions find to a fraction of a pixel of the whole picture, at the cost of a few small squares.
 """
 
@@ -15,7 +15,7 @@ STRIDE = 2  # pixels of the picture to a cell of a square
 REACH = 0.25  # of a square's side: in training its middle is at most so far from its keypoint
 
 
-class CloseUp(nn.Module):
+class CropRefinement(nn.Module):
     """Squares of `side` pixels round K places of a picture -> where in them the K points are."""
 
     def __init__(self, points: int, side: int) -> None:

@@ -1,11 +1,15 @@
-"""Picture encoders: the paper's ResNet-18 with GroupNorm, and a compact one for a CPU.
+"""Encoders that learn with the head: the paper's ResNet-18 with GroupNorm, a compact one for a CPU, and none.
 
-Both take pictures (B, 3, H, W) in [-1, 1] and give features (B, F); neither uses pretrained weights.
+Neither of the two uses pretrained weights.
 """
+
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
+
+from rf_exp.policy.networks.interfaces import Encoder
 
 CHANNELS_PER_GROUP = 16  # of ResNet-18's GroupNorm (Diffusion Policy)
 
@@ -34,19 +38,27 @@ class BasicBlock(nn.Module):
         return functional.relu(self.norm2(self.conv2(hidden)) + self.skip(x))
 
 
-class ResNet18(nn.Sequential):
+class _Layers(Encoder):
+    """Whatever its layers make of a picture."""
+
+    def __init__(self, layers: nn.Module) -> None:
+        super().__init__()
+        self.layers = layers
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        return self.layers(pictures)
+
+
+class ResNet18(_Layers):
     """ResNet-18 from scratch with GroupNorm and without its classifier: 11,176,512 parameters."""
 
     features = 512
 
-    def __init__(self) -> None:
+    def __init__(self, *_: Any) -> None:
         stages = [(64, 64, 1), (64, 128, 2), (128, 256, 2), (256, 512, 2)]
-        super().__init__(
-            nn.Sequential(_conv(3, 64, 7, 2), _norm(64), nn.ReLU(), nn.MaxPool2d(3, 2, padding=1)),
-            *(nn.Sequential(BasicBlock(a, b, stride), BasicBlock(b, b, 1)) for a, b, stride in stages),
-            nn.AdaptiveAvgPool2d(1),
-            nn.Flatten(),
-        )
+        stem = nn.Sequential(_conv(3, 64, 7, 2), _norm(64), nn.ReLU(), nn.MaxPool2d(3, 2, padding=1))
+        blocks = (nn.Sequential(BasicBlock(a, b, stride), BasicBlock(b, b, 1)) for a, b, stride in stages)
+        super().__init__(nn.Sequential(stem, *blocks, nn.AdaptiveAvgPool2d(1), nn.Flatten()))
 
 
 class SpatialSoftmax(nn.Module):
@@ -61,7 +73,7 @@ class SpatialSoftmax(nn.Module):
         return (attention @ grid).flatten(1)
 
 
-class Compact(nn.Sequential):
+class Compact(_Layers):
     """Three small convolutions and a spatial softmax: where things are, at a hundredth of ResNet's cost.
 
     The first convolution divides the resolution by 4 at once: most of the time would go into the large
@@ -70,26 +82,17 @@ class Compact(nn.Sequential):
 
     features = 64
 
-    def __init__(self) -> None:
+    def __init__(self, *_: Any) -> None:
         def layer(inputs: int, kernel: int, stride: int) -> nn.Sequential:
             return nn.Sequential(_conv(inputs, 32, kernel, stride), nn.GroupNorm(4, 32), nn.ReLU())
 
-        super().__init__(
-            layer(3, 8, 4),
-            layer(32, 3, 1),
-            layer(32, 3, 1),
-            nn.Conv2d(32, 32, 1),
-            SpatialSoftmax(),
-            nn.Linear(64, self.features),
-        )
+        small = layer(3, 8, 4), layer(32, 3, 1), layer(32, 3, 1)
+        read = nn.Conv2d(32, 32, 1), SpatialSoftmax(), nn.Linear(64, self.features)
+        super().__init__(nn.Sequential(*small, *read))
 
 
-class Blind(nn.Module):
+class Privileged(Encoder):
     """In place of an encoder where no pictures are looked at."""
 
-    features = 0
-
-
-def encoder(name: str) -> ResNet18 | Compact:
-    """A freshly initialised encoder, by its name in the configuration."""
-    return {"resnet18": ResNet18, "compact": Compact}[name]()
+    def __init__(self, *_: Any) -> None:
+        super().__init__()

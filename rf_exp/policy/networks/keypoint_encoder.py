@@ -1,4 +1,4 @@
-"""Eyes with millimetres: one heat map for each keypoint, in place of features that nobody can name.
+"""The keypoint encoder: one heat map for each keypoint, read to millimetres.
 
 A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over its
 cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's peak
@@ -6,14 +6,24 @@ is a picture coordinate finer than a cell. Cameras stand still, so that the poin
 is a smooth function of it: a polynomial, fitted to the labels in closed form once the maps are learned.
 """
 
+from dataclasses import asdict
+from functools import partial
+from typing import TYPE_CHECKING
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rf_exp.policy.config import CELL
+from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, HEADING
-from rf_exp.policy.networks.crop_refinement import CloseUp
-from rf_exp.policy.networks.layers import inside_picture
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, near, of_agent
+from rf_exp.policy.inputs.view import View
+from rf_exp.policy.networks.crop_refinement import CropRefinement
+from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit
+from rf_exp.policy.networks.layers import inside_picture, scaled
+
+if TYPE_CHECKING:
+    from rf_exp.policy.examples.windows import Windows
 
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
@@ -22,6 +32,7 @@ PEAK = 5  # cells, side of the square round the largest one whose middle is take
 # What moves through the room, as another arm does, has a place in the picture to half a pixel, but no point.
 PLACED = (3 + 2) * len(HAND)
 OUT = PLACED + HEADING + 1
+NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
 PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropies
 TERMS = 10  # of a polynomial of third degree in two variables
 RIDGE = 1e-6
@@ -56,22 +67,22 @@ class _Each(nn.Module):
         return (self.bent(flat) + self.straight(flat)).reshape(*x.shape[:2], -1)
 
 
-class Eyes(nn.Module):
+class KeypointEncoder(Encoder):
     """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT + N * S).
 
-    Of M keypoints, each P = len(HAND) points, and of each of N others how likely it is at each of S subgoals.
-    Maps are of pictures shrunk so many times; with `close_up`, squares of so many pixels of the whole picture
-    are looked at once more.
+    Of M keypoints, each P = len(HAND) points: of each own agent at its keyframes, and of the others now. And
+    of each of N others how likely it is at each of S subgoals.
     """
 
     lift: Tensor  # (M * P, TERMS, 3) m
 
-    def __init__(
-        self, keypoints: int, others: int = 0, subgoals: int = 0, shrink: int = 1, close_up: int = 0
-    ) -> None:
+    def __init__(self, config: KeypointsConfig, view: View, spec: ObservationSpec) -> None:
         super().__init__()
-        self.keypoints, self._others, self._shrink = keypoints, others, shrink
-        self.features = keypoints * OUT + others * subgoals
+        self._config, self._keyframes = config, spec.keyframes
+        self._agents = len(view.streams[0].agents)
+        self._others, subgoals = len(spec.bases) - self._agents, spec.subgoals
+        self.keypoints = keypoints = spec.keypoints(view)
+        self.features = keypoints * OUT + self._others * subgoals
         self.trunk = nn.Sequential(
             nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
             nn.GroupNorm(4, CHANNELS),
@@ -84,16 +95,34 @@ class Eyes(nn.Module):
         self.turn = _Each(keypoints, POOLED, 32, HEADING)
         # Who is done looks like who has not begun; what it has left behind does not.
         self.tell: nn.Module | None = None
-        if others * subgoals:
+        if watched := self._others * subgoals:
             self.tell = nn.Sequential(
-                nn.Linear(keypoints * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, others * subgoals)
+                nn.Linear(keypoints * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, watched)
             )
-        self.close_up = CloseUp(keypoints * len(HAND), close_up) if close_up else None
+        side = config.crop_refinement
+        self.crop_refinement = CropRefinement(keypoints * len(HAND), side) if side else None
+
+    @property
+    def size(self) -> int:
+        return self.features + self._agents * NEXT
+
+    def fit(self, examples: "Windows") -> Fit | None:
+        config = self._config
+        if not config.steps:
+            return None
+
+        def loss(draw: Draw) -> Tensor:
+            pictures, *labels = examples.labelled(draw.windows, config.shift_px, draw.rng)
+            return self.loss(scaled(pictures), *labels)
+
+        settle = partial(self.fit_cameras, examples.pixels, examples.points)
+        decides = {key: value for key, value in asdict(config).items() if key != "noise"}
+        return Fit("encoder", [self], loss, config.steps, config.rate, settle, decides)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
-        if self._shrink > 1:
-            pictures = functional.avg_pool2d(pictures, self._shrink)
+        if self._config.downsample > 1:
+            pictures = functional.avg_pool2d(pictures, self._config.downsample)
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
@@ -114,11 +143,11 @@ class Eyes(nn.Module):
         pooled = self.pool(weights @ cells)  # (B, M, POOLED), at the TCPs
         doing = maps.new_zeros(len(maps), 0, 0)
         if self.tell is not None:
-            told = self.tell(torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1))
-            doing = told.unflatten(1, (self._others, -1))
+            doing = self.tell(torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1))
+            doing = doing.unflatten(1, (self._others, -1))
         return torch.stack([x, y], dim=2), self.turn(pooled), total[:, :: len(HAND)], doing
 
-    def fit(self, pixels: Tensor, points: Tensor) -> None:
+    def fit_cameras(self, pixels: Tensor, points: Tensor) -> None:
         """Lift places (N, M * P, 2) to points (N, M * P, 3) in m, by least squares; NaN is left out."""
         for key in range(len(self.lift)):
             seen = inside_picture(pixels[:, key])
@@ -129,8 +158,8 @@ class Eyes(nn.Module):
     def see(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
         places, headings, sure, doing = self.read(*self.look(pictures))
-        if self.close_up is not None:
-            places = self.close_up(pictures, places)
+        if self.crop_refinement is not None:
+            places = self.crop_refinement(pictures, places)
         points = torch.einsum("bkt,ktc->bkc", _terms(places), self.lift).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
@@ -157,9 +186,34 @@ class Eyes(nn.Module):
         hands = inside[:, :: len(HAND)]
         turn = (turned - headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
-        if self.close_up is not None:
-            loss = loss + PIXEL_WEIGHT * self.close_up.loss(pictures, found, pixels)
+        if self.crop_refinement is not None:
+            loss = loss + PIXEL_WEIGHT * self.crop_refinement.loss(pictures, found, pixels)
         return loss if self.tell is None else loss + functional.cross_entropy(told.mT, doing)
+
+    def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
+        """With noise on the places of keypoints, one draw for all frames of a window."""
+        if not self._config.noise:
+            return features
+        shape = len(features), 1, self.keypoints, PLACED
+        shift = torch.randn(shape, generator=generator, device=features.device)
+        shift = self._config.noise * functional.pad(shift, (0, OUT - PLACED)).flatten(2)
+        return features + functional.pad(shift, (0, features.shape[2] - shift.shape[2]))
+
+    def conditioning(self, features: Tensor, context: Tensor) -> Tensor:
+        """What is seen, and where each own arm goes next, also from its TCP.
+
+        And that once more where it is near: scaled to a range over the whole table, millimetres are lost.
+        """
+        keypoints = features[..., : self.keypoints * OUT].unflatten(2, (-1, OUT))
+        parts, count = [features], self._keyframes + 1
+        for agent in range(self._agents):
+            tcp, changes = of_agent(context, agent)
+            now = functional.one_hot(changes.argmax(dim=2).clamp(max=self._keyframes), count)
+            own = keypoints[:, :, agent * count : (agent + 1) * count]
+            ahead = (own * now[..., None]).sum(dim=2)
+            offset = ahead[..., :3] - tcp[..., :3]
+            parts += [ahead, offset, near(offset)]
+        return torch.cat(parts, dim=2)
 
 
 def _terms(pixels: Tensor) -> Tensor:

@@ -1,29 +1,9 @@
-"""Parts of the diffusion policy: hidden layers, scaled pictures, the schedule of noise."""
+"""Parts of networks: hidden layers, scaled pictures, places in a picture."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from diffusers.schedulers.scheduling_ddim import DDIMScheduler
-from diffusers.schedulers.scheduling_ddpm import DDPMScheduler
 from torch import Tensor, nn
-
-from rf_exp.policy.config import PolicyConfig
-
-
-def scheduler(config: PolicyConfig) -> DDPMScheduler | DDIMScheduler:
-    """The schedule of noise that a configuration asks for."""
-    kind = {"ddpm": DDPMScheduler, "ddim": DDIMScheduler}[config.sampler]
-    # "trailing" starts at the noisiest step; diffusers' default would start DDIM somewhere below.
-    scheduler = kind(
-        config.train_diffusion_steps,
-        beta_schedule="squaredcos_cap_v2",
-        clip_sample=True,
-        prediction_type=config.prediction,
-        timestep_spacing="trailing",
-    )
-    if config.inference_diffusion_steps:
-        scheduler.set_timesteps(config.inference_diffusion_steps)
-    return scheduler
 
 
 def scaled(pictures: Tensor) -> Tensor:

@@ -1,6 +1,5 @@
-"""A second look at the whole picture: finer than the first, wherever that has come near."""
+"""Crop refinement: finer than the first look at a picture, wherever that has come near."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +8,18 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, TrainConfig, View, load_policy, load_runners, rollout, train
+from rf_exp.policy.config import KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND
-from rf_exp.policy.networks.crop_refinement import REACH, CloseUp
-from rf_exp.policy.networks.keypoint_encoder import Eyes
-from tests.policy.conftest import HEIGHT, WIDTH
+from rf_exp.policy.inputs.observation_spec import ObservationSpec
+from rf_exp.policy.networks.crop_refinement import REACH, CropRefinement
+from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
+from tests.policy.conftest import HEIGHT, WIDTH, varied
 from tests.policy.test_rollout import Table, judge
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SIDE = 16
+SEES = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
+TWICE = {side: KeypointsConfig(2, side, noise=0.0, steps=0, rate=1.0, shift_px=0) for side in (0, SIDE)}
 SIZE = torch.tensor([64, 48])
 
 
@@ -35,7 +38,7 @@ def dots(count: int, rng: np.random.Generator) -> tuple[torch.Tensor, torch.Tens
 def test_it_finds_to_half_a_pixel_what_was_seen_to_four() -> None:
     """In corners too, where a square is pushed back into the picture."""
     torch.manual_seed(0)
-    again, rng = CloseUp(2, SIDE), np.random.default_rng(0)
+    again, rng = CropRefinement(2, SIDE), np.random.default_rng(0)
     optimiser = torch.optim.AdamW(again.parameters(), 4e-3)
 
     def seen(true: torch.Tensor) -> torch.Tensor:
@@ -57,7 +60,7 @@ def test_it_finds_to_half_a_pixel_what_was_seen_to_four() -> None:
 
 
 def test_it_learns_nothing_of_what_is_not_in_the_picture() -> None:
-    again, nowhere = CloseUp(2, SIDE), torch.full((3, 2, 2), torch.nan)
+    again, nowhere = CropRefinement(2, SIDE), torch.full((3, 2, 2), torch.nan)
     loss = again.loss(torch.zeros(3, 3, 48, 64), torch.rand(3, 2, 2, requires_grad=True), nowhere)
     loss.backward()
     assert loss.item() == 0.0
@@ -66,28 +69,30 @@ def test_it_learns_nothing_of_what_is_not_in_the_picture() -> None:
 def test_heat_maps_learn_nothing_from_the_second_look() -> None:
     """What it needs of theirs is where to look, which has no gradient."""
     torch.manual_seed(0)
-    one, other = Eyes(1, shrink=2, close_up=SIDE), Eyes(1, shrink=2)
-    other.load_state_dict({n: v for n, v in one.state_dict().items() if not n.startswith("close_up.")})
+    spec = ObservationSpec(bases=((0.0, 0.0, 0.0),))
+    one, other = (KeypointEncoder(TWICE[side], LOCAL, spec) for side in (SIDE, 0))
+    own = {n: v for n, v in one.state_dict().items() if not n.startswith("crop_refinement.")}
+    other.load_state_dict(own)
     what = torch.rand(2, 3, 48, 64), torch.rand(2, len(HAND), 2), torch.zeros(2, 1, 6), torch.zeros(2, 0)
-    for eyes in (one, other):
-        eyes.loss(*what).backward()
+    for encoder in (one, other):
+        encoder.loss(*what).backward()
     gradients = {name: weight.grad for name, weight in one.named_parameters()}
     assert all(
         torch.equal(g, w.grad)
         for n, w in other.named_parameters()
         if (g := gradients[n]) is not None and w.grad is not None
     )
-    assert one.close_up is not None and all(w.grad is not None for w in one.close_up.parameters())
+    assert one.crop_refinement is not None
+    assert all(w.grad is not None for w in one.crop_refinement.parameters())
 
 
 @pytest.mark.slow
 def test_a_policy_learns_with_it_and_acts(
     make_store, policy_config: PolicyConfig, train_config: TrainConfig, tmp_path: Path
 ) -> None:
-    eyes = {"encoder": "heatmaps", "context": True, "crop": 1.0, "shrink": 2, "close_up": 12}
-    config = replace(policy_config, **eyes)  # pyright: ignore[reportArgumentType]
-    budget = replace(train_config, eyes_steps=3)
-    train(make_store(1, 3), LOCAL, config, budget, tmp_path / "agent1")
+    twice = {"downsample": 2, "crop_refinement": 12, "steps": 3}
+    config = varied(policy_config, SEES | {f"encoder.keypoints.{key}": each for key, each in twice.items()})
+    train(make_store(1, 3), LOCAL, config, train_config, tmp_path / "agent1")
     policy, *_ = load_policy(tmp_path / "agent1", "cpu")
     features, places = policy.look(torch.zeros(2, HEIGHT, WIDTH, 3, dtype=torch.uint8))
     assert places is not None and features.shape[0] == places.shape[0] == 2
@@ -97,15 +102,13 @@ def test_a_policy_learns_with_it_and_acts(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"shrink": 2}, "shrink is 2; expected 1 with encoder=compact"),
-        ({"close_up": 16}, "close_up is 16; expected 0 with encoder=compact"),
-        ({"encoder": "heatmaps", "shrink": 0}, "shrink is 0; expected 1 or above"),
-        ({"encoder": "heatmaps", "shrink": 5}, "height is 32; expected a multiple of 20 with"),
-        ({"encoder": "heatmaps", "width": 47}, "width is 47; expected a multiple of 4 with encoder=heatmaps"),
-        ({"encoder": "heatmaps", "close_up": 4}, "close_up is 4; expected 0, or 8 to 32 pixels"),
-        ({"encoder": "heatmaps", "close_up": 33}, "close_up is 33; expected 0, or 8 to 32 pixels"),
+        ({"encoder.keypoints.downsample": 0}, "downsample is 0; expected 1 or above"),
+        ({"encoder.keypoints.downsample": 5}, "height is 32; expected a multiple of 20 with"),
+        ({"width": 47}, "width is 47; expected a multiple of 4 with encoder keypoints"),
+        ({"encoder.keypoints.crop_refinement": 4}, "crop_refinement is 4; expected 0, or 8 to 32 pixels"),
+        ({"encoder.keypoints.crop_refinement": 33}, "crop_refinement is 33; expected 0, or 8 to 32 pixels"),
     ],
 )
 def test_what_does_not_fit_is_told(policy_config: PolicyConfig, change: dict, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
-        replace(policy_config, **{"context": True, "crop": 1.0, "encoder": "compact", **change})
+        varied(policy_config, SEES | change)

@@ -1,10 +1,10 @@
-"""How many millimetres the heat maps are off, and how many milliseconds they take, on seeds they never saw.
+"""How many millimetres the keypoint encoder is off, and how long it takes, on seeds that it never saw.
 
-    python benchmarks/eyes.py [outputs/data/lift_barrier/full/fast.zarr] [--train 40] [--steps 500]
+    python benchmarks/keypoints.py [outputs/data/lift_barrier/full/fast.zarr] [--train 40] [--steps 500]
 
-Trains the eyes of every agent's own camera on the first episodes of a store and looks at the rest: the
-distance between where an own gripper changes next (or the episode ends, or another arm is) and where the eyes
-say so, at every frame before that in which it is in the picture and the agent may go on. The last line is
+Trains the encoder of every agent's own camera on the first episodes of a store and looks at the rest: the
+distance between where an own gripper changes next (or the episode ends, or another arm is) and where it
+says so, at every frame before that in which it is in the picture and the agent may go on. The last line is
 JSON: by agent median and 90th percentile in mm for each keypoint, milliseconds a picture, and CPU seconds of
 training.
 """
@@ -15,8 +15,9 @@ import time
 from pathlib import Path
 
 import torch
+from loader import recipe
 
-from rf_exp.policy import PolicyConfig, TrainConfig, Training, Windows, views
+from rf_exp.policy import Training, Windows, views
 from rf_exp.policy.examples.keypoints import HAND, HEADING
 from rf_exp.policy.networks.keypoint_encoder import OUT
 from rf_exp.store import Store
@@ -34,49 +35,38 @@ def main() -> None:
     parser.add_argument("--train", type=int, default=40, help="episodes")
     parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--batch", type=int, default=64)
-    parser.add_argument("--going", type=float, default=0.5, help="part of the pictures in which it may go on")
+    parser.add_argument(
+        "--active", type=float, default=0.5, help="part of the pictures in which it may go on"
+    )
     parser.add_argument("--rate", type=float, default=3e-3)
-    parser.add_argument("--shrink", type=int, default=1, help="times, of the picture that heat maps cover")
-    parser.add_argument("--close-up", type=int, default=0, help="pixels, side of the squares looked at again")
+    parser.add_argument("--downsample", type=int, default=1, help="times, of the picture heat maps cover")
+    parser.add_argument("--crop", type=int, default=0, help="pixels, side of the squares looked at again")
     parser.add_argument("--shift", type=int, default=0, help="pixels, of the pictures that are learned from")
     given = parser.parse_args()
     torch.set_num_threads(1)
     store = Store.open(given.store)
-    size = {"height": store.attrs["height"], "width": store.attrs["width"]}
-    config = PolicyConfig(
-        encoder="heatmaps",
-        context=True,
-        observation_steps=1,
-        crop=1.0,
-        drop_idle=True,
-        shrink=given.shrink,
-        close_up=given.close_up,
-        **size,
+    keys = "policy.encoder.keypoints"
+    chosen = recipe(
+        "paper",
+        *("policy.encoder.name=keypoints", "policy.context=true", "policy.crop=1.0", "policy.drop_idle=true"),
+        *(f"picture.{side}={store.attrs[side]}" for side in ("height", "width")),
+        *(f"{keys}.downsample={given.downsample}", f"{keys}.crop_refinement={given.crop}"),
+        *(f"{keys}.steps={given.steps}", f"{keys}.shift_px={given.shift}", "policy.observation_steps=1"),
+        *("training.epochs=null", "training.steps=1", "training.warmup_steps=50", "training.run_length=1"),
+        *(f"training.active_agent_sampling={given.active}", f"training.batch_size={given.batch}"),
+        f"training.learning_rate={given.rate}",
     )
-    recipe = TrainConfig(
-        epochs=None,
-        eyes_steps=given.steps,
-        eyes_shift_px=given.shift,
-        going=given.going,
-        steps=1,
-        warmup_steps=50,
-        batch_size=given.batch,
-        learning_rate=given.rate,
-        noise_draws=1,
-        run_length=1,
-    )
-    result: dict[str, object] = {"benchmark": "eyes", "store": str(given.store)}
+    config = chosen.policy
+    result: dict[str, object] = {"benchmark": "keypoints", "store": str(given.store)}
     for view in views(Arch("separate_local", False, False), store.agents):
         windows, everything = (Windows(each, view, config, CPU) for each in (store.first(given.train), store))
-        training, began = Training(windows, view, config, recipe), time.process_time()
-        for _ in training.run():
-            if training.step == given.steps:
-                break
+        training, began = Training(windows, view, config, chosen.training), time.process_time()
+        for _ in range(given.steps):
+            training.step()  # after the last of them it is averaged
         seconds = time.process_time() - began
-        policy = training.averaged()
-        policy.lift_eyes(windows.pixels, windows.points)
-        unseen = everything.goes[everything.goes >= len(windows)]
-        pictures, pixels, headings, _ = everything.marked(unseen)
+        policy = training.policy.eval()
+        unseen = everything.active[everything.active >= len(windows)]
+        pictures, pixels, headings, _ = everything.labelled(unseen)
         points = everything.points[torch.from_numpy(unseen)]
         began = time.process_time()
         with torch.inference_mode():

@@ -1,4 +1,4 @@
-"""Heat maps: labels from demonstrations alone, places finer than a cell, and a policy that is led by them."""
+"""The keypoint encoder: labels from demonstrations alone, places finer than a cell, a policy led by them."""
 
 from dataclasses import replace
 from itertools import product
@@ -22,54 +22,61 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.config import CELL
+from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, keypoints
-from rf_exp.policy.examples.moments import by_episode
+from rf_exp.policy.examples.windows import by_episode
 from rf_exp.policy.inputs.coordination import may_go
-from rf_exp.policy.inputs.observation_spec import Senses, senses_of, tcp_poses
-from rf_exp.policy.inputs.task_space import followed, with_hands
-from rf_exp.policy.networks.keypoint_encoder import Eyes
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
+from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
+from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
 from rf_exp.robots import DEFAULT
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import apply, inverse, planar
 from rf_exp.types import Arch, RolloutStep
-from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH
+from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH, varied
 from tests.policy.test_rollout import Table, judge
 
 CPU = torch.device("cpu")
+LOCAL = View("agent1", (Stream("agent1", (1,)),))
+CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0)
+
+
+def one_arm() -> KeypointEncoder:
+    """Of a task of one arm whose gripper never changes: one keypoint, its hand at the end."""
+    return KeypointEncoder(CONFIG, LOCAL, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
 
 
 @pytest.fixture
 def seeing(policy_config: PolicyConfig) -> PolicyConfig:
-    return replace(
-        policy_config,
-        encoder="heatmaps",
-        context=True,
-        crop=1.0,
-        observation_steps=1,
-        draft=(32,),
-        tcp_actions=True,
-        keypoint_noise=0.002,
-    )
+    changes = {"encoder.name": "keypoints", "encoder.keypoints.noise": 0.002, "context": True, "crop": 1.0}
+    changes |= {"observation_steps": 1, "task_space_actions": True}
+    changes |= {"head.name": "refined", "head.regression.hidden": (32,)}
+    return varied(policy_config, changes)
 
 
 @pytest.fixture
-def phases(train_config: TrainConfig) -> TrainConfig:
-    return replace(train_config, eyes_steps=3, going=0.5, draft_steps=3, steps=3)
+def fitted(seeing: PolicyConfig) -> PolicyConfig:
+    """The same, in three fits."""
+    return varied(seeing, {"encoder.keypoints.steps": 3, "head.refined.regression_steps": 3})
+
+
+@pytest.fixture
+def budget(train_config: TrainConfig) -> TrainConfig:
+    return replace(train_config, active_agent_sampling=0.5, steps=3)
 
 
 def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
     make_store, seeing: PolicyConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Heat maps need none; a policy that predicts its phase does."""
+    """A keypoint encoder needs none; a policy that predicts its phase does."""
     store: Store = make_store(2, 3)
     view = views(ARCHS[0], 2)[0]
     monkeypatch.setitem(vars(store), "subgoal", np.full_like(store.subgoal, -1))
-    assert len(Windows(store, view, replace(seeing, phases=False), CPU))
+    assert len(Windows(store, view, varied(seeing, {"phases": False}), CPU))
     with pytest.raises(ArgumentError, match="does not say who was at which subgoal"):
-        Windows(store, view, replace(seeing, phases=True), CPU)
+        Windows(store, view, varied(seeing, {"phases": True}), CPU)
 
 
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
@@ -80,13 +87,13 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
     scene = store.identity["scene"]
     bases = [planar(r["x_m"], r["y_m"], float(np.deg2rad(r["yaw_deg"]))) for r in scene["robots"]]
     for view in views(arch, agents):
-        senses = senses_of(seeing, store, view)
-        assert senses.keys == 1  # a gripper that closes, and stays so
+        spec = spec_of(seeing, store, view)
+        assert spec.keyframes == 1  # a gripper that closes, and stays so
         for stream in view.streams:
-            found = keypoints(store, stream, senses, slice(None))
-            assert found.points.shape == (store.steps, senses.keypoints(view) * len(HAND), 3)
-            spec = CameraSpec(**scene["cameras"][stream.camera])
-            camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
+            found = keypoints(store, stream, spec, slice(None))
+            assert found.points.shape == (store.steps, spec.keypoints(view) * len(HAND), 3)
+            eye = CameraSpec(**scene["cameras"][stream.camera])
+            camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(eye.fov_deg)), eye.world_from_camera)
             others = [k for k in range(1, agents + 1) if k not in stream.agents]
             for frame in range(0, store.steps, 7):
                 first = frame // STEPS * STEPS  # of its episode
@@ -112,10 +119,10 @@ def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: Policy
     """Each camera's in its part of the picture, or nowhere; and a keypoint is the same in all of them."""
     store: Store = make_store(2, 3)
     stream = Stream("agent1", (1,), ("global", "agent2"))
-    senses = senses_of(seeing, store, View("agent1", (stream,)))
-    wide = keypoints(store, stream, senses, slice(None))
-    parts = [keypoints(store, Stream(name, (1,)), senses, slice(None)) for name in stream.cameras]
-    assert senses.keypoints(View("agent1", (stream,))) == 3 * senses.keypoints(
+    spec = spec_of(seeing, store, View("agent1", (stream,)))
+    wide = keypoints(store, stream, spec, slice(None))
+    parts = [keypoints(store, Stream(name, (1,)), spec, slice(None)) for name in stream.cameras]
+    assert spec.keypoints(View("agent1", (stream,))) == 3 * spec.keypoints(
         View("agent1", (Stream("agent1", (1,)),))
     )
     for row, part in enumerate(parts):
@@ -129,15 +136,14 @@ def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: Policy
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("encoder", ["heatmaps", "compact"])
+@pytest.mark.parametrize("encoder", ["keypoints", "compact"])
 @pytest.mark.parametrize(
     "both", [Arch("both", False, False, both_views=True), Arch("all", True, True, both_views=True)]
 )
 def test_who_looks_through_several_cameras_learns_and_acts(
-    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path, both: Arch, encoder: str
+    make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path, both: Arch, encoder: str
 ) -> None:
-    config = replace(seeing, encoder=encoder, crop=1.0 if encoder == "heatmaps" else 0.9)
-    budget = phases if encoder == "heatmaps" else replace(phases, eyes_steps=0)
+    config = varied(fitted, {"encoder.name": encoder, "crop": 1.0 if encoder == "keypoints" else 0.9})
     store: Store = make_store(2, 3)
     for view in views(both, 2):
         train(store, view, config, budget, tmp_path / view.name)
@@ -148,7 +154,7 @@ def test_who_looks_through_several_cameras_learns_and_acts(
     told: list[RolloutStep] = []
     rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
     cameras = {camera for view in views(both, 2) for camera in view.streams[0].cameras}
-    assert {sight.camera for sight in told[0].detections} == (cameras if encoder == "heatmaps" else set())
+    assert {sight.camera for sight in told[0].detections} == (cameras if encoder == "keypoints" else set())
 
 
 def test_a_camera_on_a_hand_is_refused(make_store) -> None:
@@ -156,18 +162,20 @@ def test_a_camera_on_a_hand_is_refused(make_store) -> None:
     store.identity["scene"]["cameras"]["agent1"]["mount"] = "wrist"
     try:
         with pytest.raises(ArgumentError, match="camera 'agent1' rides on a hand"):
-            keypoints(store, Stream("agent1", (1,)), Senses(((0.0, 0.0, 0.0),), keys=1), slice(None))
+            keypoints(
+                store, Stream("agent1", (1,)), ObservationSpec(((0.0, 0.0, 0.0),), keyframes=1), slice(None)
+            )
     finally:
         store.identity["scene"]["cameras"]["agent1"]["mount"] = "world"
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.5, 0.5), (0.31, 0.62), (0.08, 0.93)])
 def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
-    eyes = Eyes(1)
+    encoder = one_arm()
     height, width = 24, 32
     rows, columns = torch.arange(height) + 0.5, torch.arange(width) + 0.5
     away = ((columns - x * width) ** 2)[None] + ((rows - y * height) ** 2)[:, None]
-    pixels, *_ = eyes.read(
+    pixels, *_ = encoder.read(
         -away[None, None].expand(1, len(HAND), -1, -1) / 0.8, torch.zeros(1, 32, height, width)
     )
     assert (pixels[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
@@ -176,11 +184,14 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
 
 
 @pytest.mark.slow
-def test_eyes_learn_to_find_what_is_shown() -> None:
+def test_it_learns_to_find_what_is_shown() -> None:
     """Within a pixel, after a hundred steps, where a cell is four pixels wide; and at what another one is."""
     torch.manual_seed(0)
-    eyes, rng = Eyes(1, 1, 2), np.random.default_rng(0)
-    optimiser = torch.optim.AdamW(eyes.parameters(), 4e-3)
+    spec = ObservationSpec(
+        bases=((0.0, 0.0, 0.0),) * 2, subgoals=2
+    )  # another arm, which is never in the picture
+    encoder, rng = KeypointEncoder(CONFIG, LOCAL, spec), np.random.default_rng(0)
+    optimiser = torch.optim.AdamW(encoder.parameters(), 4e-3)
 
     def shown(count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         places = rng.uniform(0.15, 0.85, (count, len(HAND), 2))
@@ -191,29 +202,28 @@ def test_eyes_learn_to_find_what_is_shown() -> None:
             for colour, (x, y) in enumerate(hand):
                 picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
             picture[2] += left_behind * (picture[0] + 0.2)
-        return (
-            torch.from_numpy(pictures),
-            torch.from_numpy(places.astype(np.float32)),
-            torch.from_numpy(doing),
-        )
+        places = np.concatenate([places, np.full_like(places, np.nan)], axis=1).astype(np.float32)
+        return torch.from_numpy(pictures), torch.from_numpy(places), torch.from_numpy(doing)
 
     for _ in range(100):
         pictures, pixels, doing = shown(16)
         pixels[0, 0] = torch.nan  # past
-        loss = eyes.loss(pictures, pixels, torch.zeros(16, 1, 6), doing)
+        loss = encoder.loss(pictures, pixels, torch.zeros(16, 2, 6), doing)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
     _, pixels, _ = shown(200)
     pixels[:20, 0] = torch.nan
-    eyes.fit(pixels, torch.nn.functional.pad(pixels**2, (0, 1)))
+    encoder.fit_cameras(pixels, torch.nn.functional.pad(pixels**2, (0, 1)))
     pictures, pixels, doing = shown(64)
-    features, places = eyes.eval().see(pictures)
-    found, *_ = eyes.read(*eyes.look(pictures))
-    off = (found - pixels) * torch.tensor([64, 48])
+    features, places = encoder.eval().see(pictures)
+    found, *_ = encoder.read(*encoder.look(pictures))
+    own = slice(len(HAND))
+    pixels = pixels[:, own]
+    off = (found[:, own] - pixels) * torch.tensor([64, 48])
     assert off.norm(dim=2).quantile(0.9) < CELL / 4
     assert (features[:, -2:].argmax(dim=1, keepdim=True) == doing).float().mean() > 0.9
-    assert torch.equal(places, found[:, :1])
+    assert places is not None and torch.equal(places, found[:, :: len(HAND)])
     points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), pixels**2
     expected[:, 1:] -= expected[:, :1]
     assert (points[..., :2] - expected).norm(dim=2).median() < 0.03 and points[..., 2].abs().max() < 1e-3
@@ -221,10 +231,10 @@ def test_eyes_learn_to_find_what_is_shown() -> None:
 
 def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyConfig) -> None:
     """Wherever a keypoint still is in the picture, the same colours are round it as before."""
-    windows = Windows(make_store(1, 3), View("agent1", (Stream("agent1", (1,)),)), seeing, CPU)
+    windows = Windows(make_store(1, 3), LOCAL, seeing, CPU)
     chosen, rng = np.arange(0, len(windows), 3), np.random.default_rng(0)
-    pictures, pixels, _, _ = windows.marked(chosen)
-    shifted, moved, _, _ = windows.marked(chosen, 8, rng)
+    pictures, pixels, _, _ = windows.labelled(chosen)
+    shifted, moved, _, _ = windows.labelled(chosen, 8, rng)
     by = ((moved - pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
     assert len(by.unique(dim=0)) > 20 and by.abs().max() == 8
     for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
@@ -245,11 +255,10 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 is sent nowhere
     monkeypatch.setitem(vars(store), "action", action)
     monkeypatch.setitem(vars(store), "executed", executed)
-    view = View("agent1", (Stream("agent1", (1,)),))
-    windows = Windows(store, view, replace(seeing, drop_idle=False), CPU)
+    windows = Windows(store, LOCAL, varied(seeing, {"drop_idle": False}), CPU)
     every = np.random.default_rng(1).integers(0, store.steps, 8000)
-    assert np.array_equal(windows.going(every, 0.0, np.random.default_rng(0))[0], every)
-    drawn, weights = windows.going(every, 0.75, np.random.default_rng(0))
+    assert np.array_equal(windows.sample_active(every, 0.0, np.random.default_rng(0))[0], every)
+    drawn, weights = windows.sample_active(every, 0.75, np.random.default_rng(0))
     part = 6000
     assert np.array_equal(drawn[part:], every[part:])
     free = np.concatenate([may_go(*episode) for episode in by_episode(store)])[:, 0]
@@ -260,10 +269,10 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
 
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
-    eyes, nowhere = Eyes(1), torch.full((2, len(HAND), 2), torch.nan)
-    loss = eyes.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 6), torch.zeros(2, 0))
-    eyes.fit(nowhere, torch.zeros(2, len(HAND), 3))
-    assert torch.equal(eyes.lift, torch.zeros(len(HAND), 10, 3))
+    encoder, nowhere = one_arm(), torch.full((2, len(HAND), 2), torch.nan)
+    loss = encoder.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 6), torch.zeros(2, 0))
+    encoder.fit_cameras(nowhere, torch.zeros(2, len(HAND), 3))
+    assert torch.equal(encoder.lift, torch.zeros(len(HAND), 10, 3))
     loss.backward()
     assert loss.item() == 0.0
 
@@ -271,23 +280,22 @@ def test_nothing_to_see_is_nothing_to_learn() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("saved_at", range(1, 9))
 def test_every_step_can_be_gone_on_from(
-    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path: Path, saved_at: int
+    make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path: Path, saved_at: int
 ) -> None:
-    store, view = make_store(1, 3), View("agent1", (Stream("agent1", (1,)),))
+    store = make_store(1, 3)
 
     def begun() -> Training:
-        return Training(Windows(store, view, seeing, CPU), view, seeing, phases)
+        return Training(Windows(store, LOCAL, fitted, CPU), LOCAL, fitted, budget)
 
     straight, early, late = begun(), begun(), begun()
-    for _ in straight.run():
-        pass
-    for _ in early.run():
-        if early.step == saved_at:
-            early.save(tmp_path / "state")
-            break
+    while early.step_number < saved_at:
+        early.step()
+    early.save(tmp_path / "state")
     late.resume(tmp_path / "state")
-    for _ in late.run():
-        pass
+    for training in (straight, late):
+        while not training.done:
+            training.step()
+    assert straight.steps == 9
     weights = late.averaged().state_dict()
     assert all(torch.equal(value, weights[n]) for n, value in straight.averaged().state_dict().items())
 
@@ -295,67 +303,70 @@ def test_every_step_can_be_gone_on_from(
 @pytest.mark.slow
 @pytest.mark.parametrize("arch", ARCHS, ids=lambda arch: arch.name)
 def test_policies_of_all_views_save_and_load(
-    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path: Path, arch: Arch
+    make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path: Path, arch: Arch
 ) -> None:
     store: Store = make_store(2, 3)
     for view in views(arch, 2):
-        folder = train(store, view, seeing, phases, tmp_path / view.name)
-        policy, read, senses = load_policy(folder)
-        assert (read, senses) == (view, senses_of(seeing, store, view))
-        windows = Windows(store, view, seeing, CPU)
+        folder = train(store, view, fitted, budget, tmp_path / view.name)
+        policy, read, spec = load_policy(folder)
+        assert (read, spec) == (view, spec_of(fitted, store, view))
+        windows = Windows(store, view, fitted, CPU)
         batch = windows.batch(np.arange(4), None)
         features = policy.encode_whole(batch.pictures)[batch.frames]
         generators = [torch.Generator().manual_seed(k) for k in range(4)]
         actions = policy.act(features, batch.proprio, batch.context, generators)
-        assert actions.shape == (4, seeing.horizon, view.action_size // 8 * 17)
+        assert actions.shape == (4, fitted.horizon, view.action_size // 8 * 17)
         assert torch.isfinite(actions).all()
 
 
 def test_joints_follow_the_hands() -> None:
     """Joints that are a little off are led to where the predicted hands are, both arms of a stream."""
     rng = np.random.default_rng(3)
-    senses = Senses(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
+    spec = ObservationSpec(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
     stream = Stream("global", (1, 2))
     action = np.concatenate([REST + rng.normal(0, 0.2, (12, 2, 7)), rng.choice([-1.0, 1.0], (12, 2, 1))], 2)
     action[..., :7] = np.clip(action[..., :7], DEFAULT.limits_rad[0] + 0.1, DEFAULT.limits_rad[1] - 0.1)
-    chunk = with_hands(senses, stream, action).astype(float)
+    chunk = task_space_actions(spec, stream, action).astype(float)
     chunk[:, :16] += np.tile(np.append(rng.normal(0, 0.01, 7), 0.0), 2)
-    found = followed(senses, stream, chunk)
+    found = joint_actions(spec, stream, chunk)
     assert np.array_equal(found[..., 7], action[..., 7])
     np.testing.assert_allclose(
-        tcp_poses(senses, stream, found[..., :7]), tcp_poses(senses, stream, action[..., :7]), atol=2e-3
+        tcp_poses(spec, stream, found[..., :7]), tcp_poses(spec, stream, action[..., :7]), atol=2e-3
     )
     assert np.abs(found - action)[..., :7].max() < 0.1
 
 
 def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
-    senses, stream = Senses(bases=((0.0, 0.0, 0.0),)), Stream("agent1", (1,))
-    chunk = with_hands(senses, stream, np.append(REST, 1.0)[None, None]).astype(float)
+    spec, stream = ObservationSpec(bases=((0.0, 0.0, 0.0),)), Stream("agent1", (1,))
+    chunk = task_space_actions(spec, stream, np.append(REST, 1.0)[None, None]).astype(float)
     chunk[0, 8:11] = (3.0, 0.0, 0.5)
-    assert np.array_equal(followed(senses, stream, chunk)[0, 0], chunk[0, :8])
+    assert np.array_equal(joint_actions(spec, stream, chunk)[0, 0], chunk[0, :8])
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"crop": 0.9}, "encoder is 'heatmaps'; expected context=true and crop=1 with heatmaps"),
-        ({"context": False, "encoder": "compact"}, "context is False; expected true with tcp_actions"),
-        ({"keypoint_noise": -0.1}, "keypoint_noise is -0.1; expected 0 or above"),
+        ({"crop": 0.9}, "encoder is 'keypoints'; expected context=true and crop=1 with keypoints"),
+        (
+            {"context": False, "encoder.name": "compact"},
+            "context is False; expected true with task_space_actions",
+        ),
+        ({"encoder.keypoints.noise": -0.1}, "noise is -0.1; expected 0 or above"),
     ],
 )
 def test_what_does_not_fit_is_refused(seeing: PolicyConfig, change: dict, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
-        replace(seeing, **change)
+        varied(seeing, change)
 
 
 @pytest.mark.slow
 def test_what_is_seen_is_told_with_the_step(
-    make_store, seeing: PolicyConfig, phases: TrainConfig, tmp_path
+    make_store, fitted: PolicyConfig, budget: TrainConfig, tmp_path
 ) -> None:
-    """Of each stream the keys of its agents that are not past, one of them the next, and the other arms."""
+    """Of each stream its agents' keyframes that are not past, one of them the next, and the other arms."""
     store: Store = make_store(2, 3)
     for view in views(Arch("separate_local", False, False), 2):
-        train(store, view, seeing, phases, tmp_path / view.name)
+        train(store, view, fitted, budget, tmp_path / view.name)
     told: list[RolloutStep] = []
     rollout(Table(2), judge, load_runners(tmp_path), 1, 2, on_step=told.append)
     for step in told:

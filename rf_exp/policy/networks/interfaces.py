@@ -1,0 +1,95 @@
+"""The three interfaces of learning: an encoder of pictures, a head that predicts actions, a fit of them.
+
+A policy is an encoder, a head and what lies between them (`rf_exp.policy.networks.policy`); it knows none by
+name. A training is a list of fits (`rf_exp.policy.learning.training`), composed by encoder and head.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+if TYPE_CHECKING:
+    from rf_exp.policy.examples.windows import Windows
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What one step of a training learns from, and its random numbers."""
+
+    windows: NDArray[np.int64]  # (B,)
+    weights: Tensor  # (B,) how much each counts, where what is learned is how often something is so
+    rng: np.random.Generator
+    generator: torch.Generator
+
+
+def _nothing() -> None:
+    """Where nothing follows from what has been learned."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A stretch of training: these parts learn from this loss, and nothing else does."""
+
+    name: str
+    parts: Sequence[nn.Module]
+    loss: Callable[..., Tensor]  # of a Draw; of a head: of condition, actions and generator
+    steps: int | None = None  # None: the training's own budget
+    rate: float = 1.0  # of learning, as a multiple of the training's
+    settle: Callable[[], None] = _nothing  # once it is learned and averaged; doing it again changes nothing
+    # Of a first fit that other trainings may share: what decides it, beside data, view and pace of training.
+    shared: Mapping[str, Any] | None = None
+
+
+class Encoder(nn.Module):
+    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, F).
+
+    Made with its configuration, a view and a spec. Who only computes features from pictures sets `features`
+    and overrides `forward`.
+    """
+
+    features = 0  # F; 0: looks at nothing
+
+    @property
+    def size(self) -> int:
+        """Numbers that the head is given of a picture."""
+        return self.features
+
+    def see(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there, for recordings."""
+        return self(pictures), None
+
+    def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
+        """Features (B, O, F) as the head learns from them."""
+        return features
+
+    def conditioning(self, features: Tensor, context: Tensor) -> Tensor:
+        """What the head is given (B, O, size) of features (B, O, F), where the context is (B, O, C)."""
+        return features
+
+    def fit(self, examples: "Windows") -> Fit | None:
+        """Its own fit, before all others, after which it stays as it is; None: it learns with the head."""
+        return None
+
+
+class Head(nn.Module):
+    """A condition (B, C) -> a chunk of actions (B, T, A), normalised to [-1, 1].
+
+    Made with its configuration and the sizes C, T and A.
+    """
+
+    def loss(self, condition: Tensor, actions: Tensor, generator: torch.Generator) -> Tensor:
+        """What is made small: of conditions (B, C) and the actions (B, T, A) that were right there."""
+        raise NotImplementedError
+
+    def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
+        """Actions (B, T, A); all random numbers of row b come from `generators[b]`."""
+        raise NotImplementedError
+
+    def fits(self) -> list[Fit]:
+        """How it is learned: all of it at once, unless it says otherwise."""
+        return [Fit("head", [self], self.loss)]

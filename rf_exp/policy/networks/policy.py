@@ -1,0 +1,171 @@
+"""A policy: pictures and joint positions in, a chunk of actions out, by an encoder and a head.
+
+The condition of the head is [features, joint positions, context] of each observed frame, oldest first, each
+scaled to its range in the demonstrations. The predictor of transitions, where there is one, learns with the
+first fit of the head.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import torch
+from torch import Tensor, nn
+
+from rf_exp.policy.config import ENCODERS, HEADS, PolicyConfig, name_of
+from rf_exp.policy.examples.windows import Batch, Windows, action_origin
+from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec
+from rf_exp.policy.inputs.view import ACTION_SIZE, View
+from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head
+from rf_exp.policy.networks.layers import scaled
+from rf_exp.policy.networks.normaliser import Normaliser
+from rf_exp.policy.networks.transitions import TransitionPredictor
+from rf_exp.types import ARM_JOINTS
+
+
+class Policy(nn.Module):
+    """One policy of a view: actions (T, A) from O frames of pictures, proprioception and context.
+
+    Actions are of joints and grippers; with task-space actions the poses of TCPs come behind them.
+    """
+
+    def __init__(self, config: PolicyConfig, view: View, spec: ObservationSpec | None = None) -> None:
+        super().__init__()
+        spec = spec or ObservationSpec()
+        self.config, self._agents = config, view.action_size // ACTION_SIZE
+        actions = view.action_size + self._agents * POSE * config.task_space_actions
+        self.encoder: Encoder = ENCODERS[name_of(config.encoder)].make(config.encoder, view, spec)
+        frame = self.encoder.size + view.proprio_size + spec.size(view)
+        size = config.observation_steps * frame
+        self.transitions: TransitionPredictor | None = None
+        if config.phases and not view.coordinated:
+            about = self._agents, spec.phase_size, config.phase_dropout
+            self.transitions = TransitionPredictor(size, *about)
+        self.head: Head = HEADS[name_of(config.head)].make(config.head, size, config.horizon, actions)
+        self.normaliser = Normaliser(view.proprio_size, actions, spec.size(view), self.encoder.size)
+
+    # -- learning ------------------------------------------------------------------------------------
+
+    def fits(self, examples: Windows) -> list[Fit]:
+        """How it is learned, one fit after the other: an encoder that can be learned alone, then the head."""
+        found, joined = [], [self.encoder]
+        if (first := self.encoder.fit(examples)) is not None:
+            config = self.config
+            shown = {"drop_idle": config.drop_idle, "picture": [config.height, config.width]}
+            shared = first.shared and {name_of(config.encoder): first.shared, **shown}
+            settle = partial(self._settle_encoder, examples, first.settle)
+            found, joined = [replace(first, settle=settle, shared=shared)], []
+        for number, fit in enumerate(fit for fit in self.head.fits() if fit.steps != 0):
+            beside = self.transitions if number == 0 else None
+            parts = [*fit.parts, *([beside] if beside else []), *joined]
+            found.append(replace(fit, parts=parts, loss=partial(self._loss, examples, fit.loss, beside)))
+        return found
+
+    def _loss(
+        self,
+        examples: Windows,
+        of_head: Callable[..., Tensor],
+        beside: TransitionPredictor | None,
+        draw: Draw,
+    ) -> Tensor:
+        """What the head learns from a draw, and the predictor of transitions beside it."""
+        batch = examples.batch(draw.windows, draw.rng)
+        loss = of_head(self._observed(batch, draw.generator), self._targets(batch), draw.generator)
+        if beside is None:
+            return loss
+        unknown = replace(batch, context=beside.hide(batch.context))
+        return loss + beside.loss(self._observed(unknown, draw.generator), batch.context, draw.weights)
+
+    def _settle_encoder(self, examples: Windows, settle: Callable[[], None]) -> None:
+        """All pictures are looked at once, for good, and the range of what is seen is known."""
+        settle()
+        features = examples.look_once(self.eval().encode_whole)
+        given = self.encoder.conditioning(features[:, None], examples.context[:, None])
+        self.normaliser.features.fit(given[:, 0])
+        self.train()
+
+    def _observed(self, batch: Batch, generator: torch.Generator) -> Tensor:
+        """The condition (B, C) of a batch, with the noise of training on it."""
+        features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device
+        if noise := self.config.proprio_noise:
+            # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
+            # its own pose.
+            shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
+            proprio = proprio + noise * self.normaliser.proprio.radius * shift
+        return self.condition(self.encoder.perturbed(features, generator), proprio, batch.context)
+
+    def _features(self, batch: Batch) -> Tensor:
+        """(B, O, F) of a batch."""
+        if batch.features is not None:
+            return batch.features
+        if self.encoder.features:
+            return self.encode(batch.pictures)[batch.frames]
+        return batch.proprio.new_zeros(*batch.frames.shape, 0)
+
+    def _targets(self, batch: Batch) -> Tensor:
+        """The normalised actions (B, T, A) of a batch."""
+        return self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
+
+    # -- both ----------------------------------------------------------------------------------------
+
+    def encode(self, pictures: Tensor) -> Tensor:
+        """Cropped uint8 pictures (U, h, w, 3) -> features (U, F)."""
+        return self.encoder(scaled(pictures))
+
+    def encode_whole(self, pictures: Tensor) -> Tensor:
+        """Uncropped uint8 pictures (U, H, W, 3) -> features (U, F) of their centres."""
+        return self.encode(self._centres(pictures))
+
+    def _centres(self, pictures: Tensor) -> Tensor:
+        height, width = self.config.cropped(*pictures.shape[1:3])
+        top, left = (pictures.shape[1] - height) // 2, (pictures.shape[2] - width) // 2
+        return pictures[:, top : top + height, left : left + width]
+
+    def condition(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
+        """Features (B, O, F), proprioception (B, O, P) and context (B, O, C), all raw -> (B, condition)."""
+        features = self.normaliser.features.normalise(self.encoder.conditioning(features, context))
+        proprio = self.normaliser.proprio.normalise(proprio)
+        return torch.cat([features, proprio, self.normaliser.context.normalise(context)], dim=2).flatten(1)
+
+    def _origin(self, proprio: Tensor, context: Tensor) -> Tensor | float:
+        """What is added to a prediction to make targets of it (B, 1, A)."""
+        if not self.config.relative_actions:
+            return 0.0
+        return action_origin(proprio, context if self.config.task_space_actions else None)
+
+    # -- acting --------------------------------------------------------------------------------------
+
+    def look(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Features of pictures (U, H, W, 3), and where in them the encoder sees its keypoints: (U, M, 2)."""
+        return self.encoder.see(scaled(self._centres(pictures)))
+
+    @torch.inference_mode()
+    def chances(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor | None:
+        """Of raw features (B, O, F), proprioception (B, O, P) and context (B, O, C): how likely each own
+        agent is at each subgoal and, in the last column, that it may go on (B, n, K + 1). None if it does
+        not say.
+        """
+        if self.transitions is None:
+            return None
+        return self.transitions.chances(self.condition(features, proprio, self.transitions.hide(context)))
+
+    def in_phase(self, context: Tensor, numbers: Tensor, free: Tensor) -> Tensor:
+        """Context (B, O, C) with the subgoals (B, n) of the own agents and whether they may go on (B, n)."""
+        assert self.transitions is not None
+        return self.transitions.tell(context, numbers, free)
+
+    @torch.inference_mode()
+    def act(
+        self, features: Tensor, proprio: Tensor, context: Tensor, generators: list[torch.Generator]
+    ) -> Tensor:
+        """Features (B, O, F), raw proprioception (B, O, P) and context (B, O, C) -> actions (B, T, A), raw.
+
+        All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
+        """
+        sample = self.head.sample(self.condition(features, proprio, context), generators)
+        actions = self.normaliser.action.restore(sample) + self._origin(proprio, context)
+        if self.config.binary_grippers:
+            commands = actions[..., : self._agents * ACTION_SIZE]
+            grippers = commands.unflatten(-1, (-1, ACTION_SIZE))[..., ARM_JOINTS]
+            grippers.copy_(torch.where(grippers > 0, 1.0, -1.0))
+        return actions
