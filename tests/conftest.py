@@ -25,6 +25,11 @@ hypothesis.settings.load_profile("suite")
 CONF = Path(__file__).parents[1] / "conf"
 TASKS = tuple(sorted(path.stem for path in (CONF / "task").glob("*.yaml") if path.stem != "all"))
 
+RECIPES = {  # how each is chosen, by its name
+    path.stem: path.relative_to(CONF / "policy").with_suffix("").as_posix()
+    for path in sorted((CONF / "policy").rglob("*.yaml"))
+}
+
 
 def read_task(name: str) -> Task:
     """The task as its YAML file says, without any experiment around it."""

@@ -54,7 +54,6 @@ RECIPES: dict[str, tuple[str, ...]] = {
     "close_up": (*_PERCEPTRON, f"{_ENCODER}.crop_refinement=8", f"{_ENCODER}.shift_px=4"),
     "paper": ("training.epochs=null", "training.steps=3", _UNET),
 }
-ABLATION = {"without_draft", "without_phases", "close_up"}  # recipes of conf/policy/ablation
 Digests = dict[str, Any]
 
 

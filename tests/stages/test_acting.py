@@ -4,15 +4,14 @@ import pytest
 
 from rf_exp.stages import Cell
 from rf_exp.stages.acting import acting
-from tests.conftest import CONF, cell_of, experiment
+from tests.conftest import RECIPES, cell_of, experiment
 
-RECIPES = sorted(path.stem for path in (CONF / "policy").glob("*.yaml"))
 FOREIGN = ("stages=[evaluate]", "foreign.name=mine", "foreign.factory=examples.foreign.hold:make")
 
 
 @pytest.mark.slow
 def test_a_scene_is_as_long_as_its_task_says_for_every_recipe_and_row_of_constraints() -> None:
-    for recipe in RECIPES:
+    for recipe in RECIPES.values():
         asked = experiment("task=place_food", "constraints=all", f"policy={recipe}")
         (task,), (arch,) = asked.tasks, asked.archs
         limits = {acting(Cell(asked, task, row, arch)).step_limit for row in asked.constraint_sets}

@@ -9,11 +9,10 @@ import pytest
 import trimesh
 
 from rf_exp.artifacts import differing
-from rf_exp.command import CONF
 from rf_exp.experiment import Experiment
 from rf_exp.tasks import assets, pick_meat
 from rf_exp.transforms import transform
-from tests.conftest import cell_of, experiment
+from tests.conftest import RECIPES, cell_of, experiment
 
 CUBE = "mesh: cube.obj\nmass_kg: {mass_kg}\n# {comment}\npoints_of: cube\n"
 
@@ -155,9 +154,8 @@ def test_every_part_of_an_asset_is_content() -> None:
 def test_all_recipes_share_an_output_folder() -> None:
     """Whatever has one place is made of the same, by whichever recipe: a sweep over them runs to its end."""
     found: dict[Path, dict[str, Any]] = {}
-    for recipe in sorted((CONF / "policy").rglob("*.yaml")):
-        choice = recipe.relative_to(CONF / "policy").with_suffix("")
-        made = experiment("task=pick_meat", f"policy={choice}", f"recipe={recipe.stem}")
+    for recipe, choice in RECIPES.items():
+        made = experiment("task=pick_meat", f"policy={choice}", f"recipe={recipe}")
         cell = cell_of(made)
         for path, identity in (
             (cell.generation_path, cell.generation_identity),
