@@ -33,7 +33,7 @@ MADE = (
     "stages=[generate]",
     "task=lift_barrier",
     "constraints=logical",
-    "randomisation.heavy=1",
+    "randomisation.mass_scale=1",
     "attempts=1",
 )
 MADE = (*MADE, "render=false", "recordings=0", "wandb=disabled", "launch.shard_seeds=2")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.policy import Decision, PolicyRunner, Shield, Stream, View, rollout
-from rf_exp.processes import Overdue, in_order
+from rf_exp.processes import Timeout, in_order
 from rf_exp.sim import shared_simulator
 from rf_exp.store import Store
 from rf_exp.tasks import CONFIGURED, SuccessEvaluator, Task, stored_task
@@ -137,7 +137,7 @@ def main() -> None:
             task = stored_task(store.identity, given.tasks)
             episodes = [store.episode(k) for k in range(len(store))[: given.episodes]]
         jobs = [partial(play, task, each, given.chunk, given.late) for each in episodes]
-        played = [each for each in in_order(jobs, given.workers) if not isinstance(each, Overdue)]
+        played = [each for each in in_order(jobs, given.workers) if not isinstance(each, Timeout)]
         total += played
         print(f"{path}: {json.dumps(summary(played))}", flush=True)
     print(json.dumps(summary(total)))

@@ -189,6 +189,7 @@ def _fresh(command: Command, folder: Path) -> Path:
 
 def commands(made: Path, folder: Path) -> dict[str, Command]:
     """All commands that write, of what `benchmarks/kills.py` has made, with their inputs in `folder`."""
+    from rf_exp.ablation import PUBLISHED
     from rf_exp.data.__main__ import export, merge_stores
     from rf_exp.rescue import rescue
 
@@ -242,7 +243,10 @@ def commands(made: Path, folder: Path) -> dict[str, Command]:
             lambda out: publish(made, out / "published", SCENES),
             prepare=lambda out: shutil.copytree(folder / "published", out / "published"),
             inputs=(made / "results", made / "policies"),
-            torn=lambda out: _unlike(out / "published", [folder / "published", folder / "new"]),
+            whole=tuple(
+                str(Path("published", path.relative_to(folder / "new")))
+                for path in (folder / "new").rglob(f"*{PUBLISHED}")
+            ),
         ),
     }
 
@@ -257,20 +261,6 @@ def _part(store: Path, to: Path, episodes: Sequence[int]) -> Path:
         for index in episodes:
             part.append(source.episode(index))
     return to
-
-
-def _unlike(published: Path, runs: Sequence[Path]) -> str:
-    """Which rows are beside another configuration than in any of the runs that they may be of."""
-    for rows in published.glob("evaluate/*/*/*.jsonl"):
-        beside = [rows, *(rows.with_name(f"{rows.stem}{of}.configuration.json") for of in ("", "-0"))]
-        there = [each.read_bytes() for each in beside if each.exists()]
-        whence = [
-            [of.read_bytes() for each in beside if (of := run / each.relative_to(published)).exists()]
-            for run in runs
-        ]
-        if there not in whence:
-            return f"{rows.name} is beside what it was not made of"
-    return ""
 
 
 def main() -> None:

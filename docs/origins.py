@@ -8,12 +8,19 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.ablation import BASELINE_ARCH, EvaluationRow, configured, of_training_seed, rows_file, title_of
-from rf_exp.artifacts import configuration_file, read_json
+from rf_exp.ablation import (
+    BASELINE_ARCH,
+    PUBLISHED,
+    EvaluationRow,
+    Published,
+    configured,
+    read_published,
+    rows_file,
+    title_of,
+)
 from rf_exp.experiment import read_experiment
 
 ROOT = Path(__file__).parents[1]
-RESTORE = "git checkout results/"
 
 
 def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
@@ -29,16 +36,20 @@ def origins(rows: Iterable[EvaluationRow]) -> list[tuple[str, str, str]]:
 
 def origin(row: EvaluationRow) -> tuple[str, str]:
     """Of one policy: the generator, and what is otherwise now."""
-    rows = ROOT / rows_file(row.task, row.constraints, row.arch, row.recipe, row.demos)
-    asked, made = configuration_file(rows), configuration_file(of_training_seed(rows, row.train_seed))
-    if not made.exists():
+    rows = published(rows_file(row.task, row.constraints, row.arch, row.recipe, row.demos))
+    if row.train_seed not in rows.made:
         return "-", "not recorded"
-    generator = read_json(made, RESTORE)["data"]["identity"]["generator"].partition(".")[0]
-    then, now = flat(read_json(asked, RESTORE)), today(row.recipe.partition("+")[0])
+    generator = rows.made[row.train_seed]["data"]["identity"]["generator"].partition(".")[0]
+    then, now = flat(rows.asked), today(row.recipe.partition("+")[0])
     told = [f"`{key}` {then[key]}" for key in sorted(then) if key not in now or then[key] != now[key]]
     if missing := [f"`{key}`" for key in sorted(now.keys() - then.keys())]:
         told.append(f"without {', '.join(missing)}")
     return generator, ", ".join(told)
+
+
+@cache
+def published(rows: Path) -> Published[EvaluationRow]:
+    return read_published(ROOT / rows.with_suffix(PUBLISHED), EvaluationRow)
 
 
 @cache

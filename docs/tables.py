@@ -13,6 +13,7 @@ from policies import cells, of_fast, percent, rate
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
+    PUBLISHED,
     Estimate,
     GenerationRow,
     configured,
@@ -48,7 +49,7 @@ def experts() -> str:
     """How often a demonstration comes out of a seed, and how long it is."""
     lines = []
     for task, agents in paper().levels.items():
-        rows = read_rows(ROOT / "results" / "expert" / f"{task}.jsonl", GenerationRow)
+        rows = read_rows(ROOT / "results" / "expert" / f"{task}{PUBLISHED}", GenerationRow)
         found = wilson(sum(row.success for row in rows), len(rows))
         lines.append(
             (
@@ -99,7 +100,7 @@ def _ablated() -> Iterator[str]:
 
 
 def _cell(task: str, kind: str) -> Sequence[GenerationRow]:
-    return read_rows(ROOT / "results" / "ablation" / task / f"{kind}.jsonl", GenerationRow)
+    return read_rows(ROOT / "results" / "ablation" / task / f"{kind}{PUBLISHED}", GenerationRow)
 
 
 def _lengths(rows: Sequence[GenerationRow]) -> Estimate:

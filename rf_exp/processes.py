@@ -39,7 +39,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True)
-class Overdue:
+class Timeout:
     """In the place of a result: the job took longer than it may, so its process was killed."""
 
     limit_s: float
@@ -58,7 +58,7 @@ def in_order(
 ) -> Iterator[Any]:
     """Results of the jobs, in their order, by `workers` processes that each do one job after the other.
 
-    A job that takes longer than `limit_s` is killed and yields an Overdue; the others go on. `meanwhile`
+    A job that takes longer than `limit_s` is killed and yields a Timeout; the others go on. `meanwhile`
     is called a few times a second. Children end with this process, whatever ends it; a caller that stops
     early, or an error, ends them after a SIGTERM and at most `grace_s`. One worker without a limit
     and without `meanwhile` is this process itself.
@@ -112,11 +112,11 @@ class _Team:
         idle.give(number, job, self._limit_s)
 
     def hear(self, often: bool) -> None:
-        """Wait for an answer, for a while: then whoever is overdue is killed."""
+        """Wait for an answer, for a while: then whoever has run out of time is killed."""
         answer = _next(self._answers, self._children, often)
         if answer is None:
-            for child in [child for child in self._children if child.overdue()]:
-                self.finished[child.index] = Overdue(self._limit_s or 0.0, child.state())
+            for child in [child for child in self._children if child.timed_out()]:
+                self.finished[child.index] = Timeout(self._limit_s or 0.0, child.state())
                 self._children.remove(child)
                 child.kill()
         elif answer.child not in self._children:
@@ -199,7 +199,7 @@ class _Child:
         with suppress(OSError):  # it has died: the listener says so
             self._pipe.send_bytes(pickle.dumps(job))
 
-    def overdue(self) -> bool:
+    def timed_out(self) -> bool:
         return time.monotonic() > self.deadline
 
     def state(self) -> str:

@@ -24,7 +24,7 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts import plain, restored, whole
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, made_of, write_small
+from rf_exp.policy import MODEL, PolicyConfig, TrainConfig, provenance, write_small
 from rf_exp.progress import console
 from rf_exp.release import EXPERIMENT, GROUPS, read_release
 
@@ -88,7 +88,7 @@ def pack(folder: Path, to: Path) -> None:
 
 def experiment(folder: Path, chosen: Mapping[str, str], recipe: str, demos: str, seed: str) -> str:
     """An experiment in which policies act that were learned as the one in this folder."""
-    made = made_of(folder)
+    made = provenance(folder)
     policy = asdict(restored(PolicyConfig, made["policy"]))
     training = asdict(restored(TrainConfig, made["train"]))
     del training["seed"]

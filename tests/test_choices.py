@@ -102,5 +102,5 @@ def test_settings_of_who_has_no_command_are_those_of_the_command(lift_barrier):
 
 def test_a_task_may_randomise_other_than_the_experiment_key_by_key():
     (usual,) = experiment().tasks
-    (task,) = experiment("+task.lift_barrier.randomisation.heavy=0.5", "randomisation.light=0.3").tasks
-    assert task.randomisation == replace(usual.randomisation, heavy=0.5, light=0.3)
+    (task,) = experiment("+task.lift_barrier.randomisation.mass_scale=0.5", "randomisation.light=0.3").tasks
+    assert task.randomisation == replace(usual.randomisation, mass_scale=0.5, light=0.3)

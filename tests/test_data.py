@@ -59,9 +59,9 @@ def described(seed: int, steps: int = 7) -> Episode:
 
 
 def store_of(path: Path, seeds: range, identity: dict[str, Any] = IDENTITY) -> Path:
-    made_of = {**identity, "first_seed": seeds[0]}
+    provenance = {**identity, "first_seed": seeds[0]}
     size = HEIGHT, WIDTH, OBJECTS, True, DESCRIPTION
-    with Store.create(path, made_of, AGENTS, CAMERAS, *size) as store:
+    with Store.create(path, provenance, AGENTS, CAMERAS, *size) as store:
         for seed in seeds:
             store.append(described(seed, 5 + seed))
     return path

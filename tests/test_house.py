@@ -14,6 +14,9 @@ SOURCES = {
     for path in sorted((ROOT / folder).rglob("*.py"))
 }
 PACKAGES = {path.parent: tree for path, tree in SOURCES.items() if path.name == "__init__.py"}
+STUBS = {  # of packages whose names are imported once they are asked for
+    path.parent: ast.parse(path.read_text("utf-8")) for path in (ROOT / "rf_exp").rglob("__init__.pyi")
+}
 HOUSE = [path for path in SOURCES if path.is_relative_to(ROOT / "rf_exp")]
 CLASSES = [node for path in HOUSE for node in ast.walk(SOURCES[path]) if isinstance(node, ast.ClassDef)]
 BIRTHPLACES = {"__init__", "__post_init__", "__new__"}
@@ -23,8 +26,30 @@ def named(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
+def listed(package: Path) -> list[tuple[str, ast.alias]]:
+    """(inner module, name) of what a stub lists; the module is empty for a module itself."""
+    nodes = [node for node in STUBS[package].body if isinstance(node, ast.ImportFrom) and node.level == 1]
+    assert len(nodes) == len(STUBS[package].body), f"{named(package)}: a stub holds imports of inner modules"
+    return [(node.module or "", each) for node in nodes for each in node.names]
+
+
+def defined(tree: ast.Module) -> set[str]:
+    """The names that a module defines or imports."""
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom):
+            names |= {each.asname or each.name for each in node.names}
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+    return names
+
+
 def public_names(package: Path) -> set[str]:
-    """`__all__` of a package; empty where it gives nothing to others."""
+    """What a package gives to others: what its stub lists, or its `__all__`; empty where it gives nothing."""
+    if package in STUBS:
+        return {each.asname or each.name for _, each in listed(package)}
     for node in PACKAGES[package].body:
         if isinstance(node, ast.Assign) and [ast.unparse(each) for each in node.targets] == ["__all__"]:
             return set(ast.literal_eval(node.value))
@@ -79,25 +104,19 @@ def test_tests_and_benchmarks_look_inside_only_for_what_is_inside() -> None:
 
 @pytest.mark.parametrize("package", [each for each in PACKAGES if public_names(each)], ids=named)
 def test_a_package_gives_what_it_says(package: Path) -> None:
-    """And what it imports once it is asked for is, for the type checker, what it imports at once."""
-    given, late, checked = set(), [], []
-    for node in ast.walk(PACKAGES[package]):
-        if isinstance(node, ast.ImportFrom) and not (node.module or "").startswith("typing"):
-            given |= {each.asname or each.name for each in node.names}
-        elif isinstance(node, ast.FunctionDef | ast.Assign | ast.AnnAssign):
-            target = node.targets[0] if isinstance(node, ast.Assign) else node
-            given.add(getattr(target, "name", None) or ast.unparse(getattr(target, "target", target)))
-        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "late":
-            late += [(module, tuple(names)) for module, names in ast.literal_eval(node.args[1]).items()]
-        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            start = len("rf_exp.") + len(package.relative_to(ROOT / "rf_exp").as_posix()) + 1
-            checked += [
-                (each.module[start:], tuple(name.name for name in each.names))
-                for each in node.body
-                if isinstance(each, ast.ImportFrom) and each.module
-            ]
-    assert public_names(package) <= given
-    assert late == checked
+    """And what it imports once it is asked for is written once, where the type checker reads it too."""
+    if package not in STUBS:
+        assert public_names(package) <= defined(PACKAGES[package])
+        return
+    for module, each in listed(package):
+        inner = package / (module or each.name).replace(".", "/")
+        tree = SOURCES[inner / "__init__.py" if inner.is_dir() else inner.with_suffix(".py")]
+        assert each.asname == each.name, f"{named(package)}: import {each.name} as {each.name}, or it is kept"
+        assert not module or each.name in (public_names(inner) if inner.is_dir() else defined(tree))
+    assert not [
+        name for name, times in Counter(each.name for _, each in listed(package)).items() if times > 1
+    ]
+    assert defined(PACKAGES[package]) == {"__getattr__", "__dir__", "__all__"}
 
 
 def assigned(method: ast.FunctionDef) -> set[str]:

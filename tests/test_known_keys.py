@@ -75,9 +75,16 @@ def test_of_every_key_a_wrong_letter_is_missed_and_the_right_one_proposed(brain:
 
 
 def test_a_key_that_is_most_like_one_of_another_parent() -> None:
-    there = ["picture.width", "policy.draft", "seed", "training.steps", "randomisation.heavy", "task.heavy"]
+    there = [
+        "picture.width",
+        "policy.draft",
+        "seed",
+        "training.steps",
+        "randomisation.mass_scale",
+        "task.mass_scale",
+    ]
     assert nearest("policy.width", there) == ["picture.width"]
-    assert nearest("randomization.heavy", there) == ["randomisation.heavy"]
+    assert nearest("randomization.mass_scale", there) == ["randomisation.mass_scale"]
     assert nearest("training.seed", there) == ["seed"]
     assert nearest("xyzzy", there) == []
 
@@ -156,7 +163,7 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
     added = {
         "+episode=1": "; did you mean episodes?",
         "++sceens=3": "; did you mean scenes?",
-        "+randomization.heavy=1": "; did you mean randomisation?",
+        "+randomization.mass_scale=1": "; did you mean randomisation?",
         "+policy.width=64": "; did you mean picture.width?",
         "+training.seed=1": "; did you mean seed?",
         "+brain.temperature=1": "; it comes with brain=openai.",
@@ -167,7 +174,7 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
     said = told(command("task=[lift_barrier,place_food]", *added, f"out={tmp_path / 'out'}"))
     for override, hint in added.items():
         key = override.lstrip("+").partition("=")[0]
-        key = key.replace(".heavy", "").replace("barier.step_limit", "barier")
+        key = key.replace(".mass_scale", "").replace("barier.step_limit", "barier")
         assert f"here is no key {key!r} on the command line{hint}" in said
     said = told(command("brain.temperature=1", f"out={tmp_path / 'out'}"))
     assert "there is no key 'brain.temperature'; it comes with brain=openai." in said

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.processes import Overdue, end_with_parent, in_order
+from rf_exp.processes import Timeout, end_with_parent, in_order
 from tests.children import alive, session, until
 
 LIMIT_S = 5.0  # with the start of the process
@@ -83,7 +83,7 @@ def test_a_job_beyond_its_limit_is_ended_and_the_others_go_on(workers: int) -> N
     jobs = [partial(slept, 0, 0), partial(slept, 600, 1), partial(slept, 0, 2), partial(slept, 0, 3)]
     first, late, *rest = in_order(jobs, workers, LIMIT_S)
     assert (first, rest) == (0, [2, 3])
-    assert late == Overdue(LIMIT_S, "sleeping")
+    assert late == Timeout(LIMIT_S, "sleeping")
     assert str(late) == "no result after 5 s; its process, sleeping, was killed"
 
 

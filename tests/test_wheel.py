@@ -72,6 +72,15 @@ def test_an_installation_holds_every_file_of_the_configuration(site: Path) -> No
 
 
 @pytest.mark.slow
+def test_an_installation_holds_the_stubs_that_list_what_rooms_give(site: Path) -> None:
+    ours, theirs = (
+        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.pyi")}
+        for folder in (ROOT / "rf_exp", site / "rf_exp")
+    )
+    assert ours == theirs and ours
+
+
+@pytest.mark.slow
 def test_an_installation_is_run_from_an_empty_folder(site: Path, tmp_path: Path) -> None:
     """Whatever another package has put beside it."""
     foreign = site / "conf/task"

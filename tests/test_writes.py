@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from rf_exp.artifacts import read_json
+from rf_exp.ablation import EvaluationRow, read_published
 from rf_exp.data.__main__ import export, merge_stores
 from rf_exp.rescue import rescue
-from tests.ablation.test_publish import PLACE, STEM, measured, publish, won
+from tests.ablation.test_publish import CELL, measured, publish, won
 from tests.store.episodes import make_episode, make_store
 from tests.test_data import store_of
 
@@ -80,22 +80,23 @@ def test_a_publication_that_is_killed_shows_rows_only_beside_what_they_were_made
 
     def unlike(results: Path) -> str:
         """A file of rows says how each training seed was made, and how all were evaluated."""
-        cell = results / PLACE.relative_to("results")
-        if not (cell / f"{STEM}.jsonl").exists():
-            return ""
+        if not (results / CELL).exists():
+            return "no rows"
+        there = read_published(results / CELL, EvaluationRow)
+        if there.made.keys() != won(results).keys():
+            return "there are training seeds without rows, or rows without what they were made of"
         for seed, wins in won(results).items():
             of = next(name for name, seeds in runs.items() if (seed, wins) in seeds)
             steps = 100 if alike or of == "first" else 120
-            for name, said in ((f"-{seed}", {"of": wins}), ("", {"step_limit": steps})):
-                made_of = cell / f"{STEM}{name}.configuration.json"
-                if not made_of.exists() or read_json(made_of, "") != said:
-                    return f"training seed {seed} is not beside what it was made of"
+            if (there.made[seed], there.asked) != ({"of": wins}, {"step_limit": steps}):
+                return f"training seed {seed} is not beside what it was made of"
         return ""
 
     command = Command(
         run=lambda out: publish(tmp_path / "later", out / "results"),
         prepare=lambda out: shutil.copytree(tmp_path / "before", out / "results"),
         inputs=(tmp_path / "later",),
+        whole=(str("results" / CELL),),
         torn=lambda out: unlike(out / "results"),
     )
-    assert_right(command, tmp_path / "trials", every=3)
+    assert_right(command, tmp_path / "trials")

@@ -4,17 +4,17 @@ from rf_exp.ablation.formats import show
 from rf_exp.ablation.plots import read_curves
 from rf_exp.ablation.published import Paper, paper
 from rf_exp.ablation.report import publish
-from rf_exp.ablation.rollouts import FILM, PICTURE, of_training_seed, rollout_name, rows_file, worth_seeing
-from rf_exp.ablation.rows import (
-    EvaluationRow,
-    GenerationRow,
+from rf_exp.ablation.results import (
+    PUBLISHED,
+    Published,
     Results,
-    append_row,
     load,
-    newest,
+    read_published,
     read_rows,
-    row_of,
+    write_published,
 )
+from rf_exp.ablation.rollouts import FILM, PICTURE, of_training_seed, rollout_name, rows_file, worth_seeing
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append_row, newest, row_of
 from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
 from rf_exp.ablation.suite import configured, facts
 from rf_exp.ablation.tables import (
@@ -31,10 +31,12 @@ __all__ = [
     "BASELINE_CONSTRAINTS",
     "FILM",
     "PICTURE",
+    "PUBLISHED",
     "Estimate",
     "EvaluationRow",
     "GenerationRow",
     "Paper",
+    "Published",
     "Results",
     "append_row",
     "both_ways",
@@ -50,6 +52,7 @@ __all__ = [
     "paper",
     "publish",
     "read_curves",
+    "read_published",
     "read_rows",
     "rollout_name",
     "row_of",
@@ -58,4 +61,5 @@ __all__ = [
     "title_of",
     "wilson",
     "worth_seeing",
+    "write_published",
 ]

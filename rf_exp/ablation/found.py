@@ -16,8 +16,9 @@ from PIL import Image
 
 from rf_exp.ablation import plots
 from rf_exp.ablation.page import Panel, Section, Texts
+from rf_exp.ablation.results import Results
 from rf_exp.ablation.rollouts import FILM, PICTURE, learnt_from, rollout_file
-from rf_exp.ablation.rows import EvaluationRow, Results
+from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import title_of
 from rf_exp.artifacts import code, installed

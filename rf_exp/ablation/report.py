@@ -7,9 +7,9 @@ from rf_exp.ablation import found, page, plots, tables
 from rf_exp.ablation.formats import write
 from rf_exp.ablation.page import Panel, Section, Texts, Tile
 from rf_exp.ablation.published import paper
+from rf_exp.ablation.results import Results, load
 from rf_exp.ablation.robustness import robustness
 from rf_exp.ablation.rollouts import learnt_from
-from rf_exp.ablation.rows import Results, load
 from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, title_of
 from rf_exp.artifacts import write_text

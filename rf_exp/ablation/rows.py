@@ -1,24 +1,12 @@
-"""Result rows: one line of JSON for each attempt, also for the failed ones.
-
-results/generate/<task>/<constraints>.jsonl                           GenerationRow; disturbed: ..-disturbed,
-                                                                      and with delay_s=0 ..-disturbed-punctual
-results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
+"""Result rows: one attempt each, also the failed ones; below an output folder one line of JSON for each.
 
 A line holds the fields of its row, in their order; behind them `reason`, a sentence that is written from them
 for people and that nothing reads; and `crc32`: eight hexadecimal digits, the CRC-32 of all before it as
 canonical JSON (UTF-8, keys sorted, no spaces). Whoever reads a line that does not fit its checksum is told
-its file and number.
-
-Schema 2 put fields behind `version`. Rows of schema 1 did not have them: what they leave out cannot be
-known any more, so they are refused by name and have to be made again. Schema 3 put fields behind `schema` for
-what there was none of before (disturbances, policies that see the state, a shield), schema 4 the recipe and
-what learning cost, schema 5 how often the expert was asked: older rows are read as that. Schema 6 put an
-account in the place of a sentence that told why an attempt failed; `upgrade` reads those of older rows.
-Schema 7 tells of demonstrations how late an arm may have been.
+its file and number, and so is who reads a line of another schema.
 """
 
 import json
-import logging
 import math
 import re
 import zlib
@@ -29,17 +17,12 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from rf_exp.ablation.upgrade import upgraded
 from rf_exp.artifacts import append_line, canonical, plain, read_lines, restored
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account
-from rf_exp.texts import printable, shown
+from rf_exp.texts import printable
 
-log = logging.getLogger(__name__)
-
-SCHEMA = 7
-OLDER = (2, 3, 4, 5, 6)  # schemas that are read as well
-WITH_SENTENCES = 5  # and before: no account
+SCHEMA = 8
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
 _WORD = re.compile(r"[\w.+=-]{0,100}")  # what a task, a recipe, a version, a commit are called
 
@@ -153,15 +136,6 @@ class EvaluationRow(_Row):
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
 
 
-@dataclass(frozen=True)
-class Results:
-    """All rows below an output folder, each attempt once, and what was odd about the files."""
-
-    generation: tuple[GenerationRow, ...] = ()
-    evaluation: tuple[EvaluationRow, ...] = ()
-    notes: tuple[str, ...] = field(default_factory=tuple)
-
-
 def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
     """Add one row, durably. Any number of processes may append to one file at a time.
 
@@ -177,37 +151,26 @@ def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
         ) from error
 
 
-def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
-    """The rows of one file, in the order they were written.
+def read_lines_of(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
+    """The rows of a file of lines, as they were written, and a note about an unfinished last line, or "".
 
-    Raises StageError naming file and line of a bad row. An unfinished last line, left by a crash, is
-    left out with a warning in the log.
+    Raises StageError naming file and line of a bad row.
     """
-    rows, torn = _read(path, kind)
-    if torn:
-        log.warning(shown(torn))
-    return rows
-
-
-def load(out: Path) -> Results:
-    """Every row below `out/results`. Of an attempt that was repeated the last row counts."""
-    notes: list[str] = []
-
-    def gather(kind: type[R], pattern: str) -> tuple[R, ...]:
-        found: dict[tuple[object, ...], R] = {}
-        for path in sorted((out / "results").glob(pattern)):
-            rows, torn = _read(path, kind)
-            notes.extend([torn] if torn else [])
-            for row in rows:
-                before = found.pop(row.identity, None)
-                if before and (before.success, before.steps) != (row.success, row.steps):
-                    what = ", ".join(f"{name} {getattr(row, name)}" for name in row.key)
-                    notes.append(f"{path}: repeated with another result, the last one counts: {what}")
-                found[row.identity] = row
-        return tuple(found.values())
-
-    generation = gather(GenerationRow, "generate/*/*.jsonl")
-    return Results(generation, gather(EvaluationRow, "evaluate/*/*/*.jsonl"), tuple(notes))
+    try:
+        lines, torn = read_lines(path)
+    except OSError as error:
+        raise StageError(f"cannot read result rows from {path}: {error.strerror or error}") from error
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            rows.append(_parse(line, kind))
+        except (ValueError, ArgumentError) as error:
+            raise StageError(
+                f"{path}, line {number}: no {kind.__name__}: {error}; remove that line and run the same "
+                "command again, which makes its row anew"
+            ) from error
+    note = f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted" if torn else ""
+    return tuple(rows), note
 
 
 def newest(rows: Iterable[R]) -> tuple[tuple[R, ...], str]:
@@ -232,25 +195,6 @@ def _version_order(version: str) -> tuple[tuple[int, int, str], ...]:
     return tuple((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts)
 
 
-def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
-    """The rows of a file and a note about an unfinished last line, empty without one."""
-    try:
-        lines, torn = read_lines(path)
-    except OSError as error:
-        raise StageError(f"cannot read result rows from {path}: {error.strerror or error}") from error
-    rows = []
-    for number, line in enumerate(lines, start=1):
-        try:
-            rows.append(_parse(line, kind))
-        except (ValueError, ArgumentError) as error:
-            raise StageError(
-                f"{path}, line {number}: no {kind.__name__}: {error}; remove that line and run the same "
-                "command again, which makes its row anew"
-            ) from error
-    note = f"{path}, line {len(lines) + 1}: unfinished, left by a crash; not counted" if torn else ""
-    return tuple(rows), note
-
-
 def _line(row: GenerationRow | EvaluationRow) -> bytes:
     values = {**plain(row), REASON: row.reason}
     text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
@@ -266,12 +210,10 @@ def _parse(line: bytes, kind: type[R]) -> R:
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError(f"found {type(value).__name__}, expected an object")
-    names = [item.name for item in fields(kind)]
-    if value.keys() - {REASON} == set(names[: names.index("version") + 1]):
-        raise ValueError(f"a row of schema 1; this version reads schema {SCHEMA}")
-    expected = {*names, REASON, CHECKSUM}
-    came_later = set(names[names.index("schema") + 1 :]) if value.get("schema") in OLDER else set()
-    if missing := sorted(expected - came_later - value.keys()):
+    if "schema" in value:
+        expect_schema(value)
+    expected = {*(item.name for item in fields(kind)), REASON, CHECKSUM}
+    if missing := sorted(expected - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
         raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")
@@ -282,14 +224,20 @@ def _parse(line: bytes, kind: type[R]) -> R:
 
 
 def row_of(values: Mapping[str, Any], kind: type[R]) -> R:
-    """The row of plain values of any schema that is read, with or without the sentence for people.
+    """The row of plain values, with or without the sentence for people.
 
     Raises ArgumentError for values of another schema, or that are none of such a row.
     """
-    if values.get("schema") not in (*OLDER, SCHEMA):
-        raise ArgumentError(f"a row of schema {values.get('schema')}; this version reads schema {SCHEMA}")
-    known = dict(upgraded(values) if values["schema"] <= WITH_SENTENCES else values)
-    known.pop(REASON, None)
+    expect_schema(values)
+    known = {name: value for name, value in values.items() if name != REASON}
     if not isinstance(known.get("account"), dict):
         raise ArgumentError(f"account is {known.get('account')!r}; expected an object")
-    return kind(**{**known, "account": restored(Account, known["account"]), "schema": SCHEMA})
+    return kind(**{**known, "account": restored(Account, known["account"])})
+
+
+def expect_schema(values: Mapping[str, Any]) -> None:
+    """Raises ArgumentError for values of a row of another schema."""
+    if (schema := values.get("schema")) != SCHEMA:
+        raise ArgumentError(
+            f"a row of schema {schema}, made by another version; this version reads schema {SCHEMA}"
+        )

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from rf_exp.coordination import actions, intended
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.driving import commands_of, drive, follow, from_start
-from rf_exp.datagen.knocks import Knocks, nearer
 from rf_exp.datagen.log import EpisodeLog, Frame
 from rf_exp.datagen.motion import Disturbance, as_commanded, come_to_rest_disturbed
+from rf_exp.datagen.object_motion import ObjectMotionWatch, nearer
 from rf_exp.datagen.observer import NullObserver, Observer
 from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Planned, Planner, Settings
@@ -80,14 +80,14 @@ class _Making:
         self._settings, self._world, self._planner = settings, world, planner
         self._observer, self._extras, self._seed = observer, extras, seed
         self._log, self._ledger = EpisodeLog(), Ledger()
-        self._bumps = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
+        self._perturbations = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
         self._subgoals = Subgoals(len(settings.task.agents), known)
         self._doing = np.full(len(settings.task.agents), NOBODYS, np.int16)
         self.scene = world.reset(seed)
         self._judge = SuccessEvaluator(settings.task, self.scene)
         self._verdict = self._judge(self.scene)
         self._paper = False
-        self._knocked: Violation | None = None
+        self._object_moved: Violation | None = None
 
     def run(self, lead: Iterable[NDArray[np.float64]]) -> Outcome:
         """`EpisodeMaker.make`."""
@@ -97,7 +97,7 @@ class _Making:
         rejections = self._rounds(np.random.default_rng([self._seed, 1]))  # stream 1: planning
         if self.told is not None:  # what was put down may need a moment to come to rest
             follow(self, np.tile(self.told, (_SETTLE_STEPS, 1, 1)))
-        success = self._verdict.success and not self._knocked
+        success = self._verdict.success and not self._object_moved
         return Outcome(
             self._seed,
             success,
@@ -106,7 +106,7 @@ class _Making:
             len(rejections) + int(success or len(rejections) < self._settings.attempts),
             self._ledger.contacts,
             time.perf_counter() - self._began,
-            replace(self._ledger.account(), rejections=tuple(rejections), refused=self._knocked),
+            replace(self._ledger.account(), rejections=tuple(rejections), refused=self._object_moved),
             self._episode() if success else None,
         )
 
@@ -139,7 +139,7 @@ class _Making:
     def _plan(self, question: Question, rng: np.random.Generator) -> Planned | Violation | None:
         scene = as_commanded(self._looked_at(question.scene), self.told)
         plan = self._planner.plan(
-            question, scene, rng, self._bumps if self._settings.disturbance_rad else None
+            question, scene, rng, self._perturbations if self._settings.disturbance_rad else None
         )
         if not isinstance(plan, Planned):
             return plan
@@ -164,7 +164,7 @@ class _Making:
         if not strength_rad:
             return plan
         disturbance = Disturbance(
-            self._settings.task.arms, plan.trajectories, plan.schedule, strength_rad, self._bumps
+            self._settings.task.arms, plan.trajectories, plan.schedule, strength_rad, self._perturbations
         )
         for _ in range(_CALMER):
             paths = plan.checker.paths(disturbance.trajectories(), scene)
@@ -200,13 +200,13 @@ class _Making:
         commands = commands_of(plan)
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
         limits, disturbed = self._settings.limits, self._settings.disturbance_rad > 0
-        watch = Knocks(plan.checked.plan) if disturbed else None
+        watch = ObjectMotionWatch(plan.checked.plan) if disturbed else None
 
         def take(now: int) -> None:
             self._doing = doing[now]
             self._step(meant[now], commands[now])
             if watch is not None:
-                self._knocked = watch.knocked(self.scene)
+                self._object_moved = watch.unintended(self.scene)
 
         def rest(now: int) -> None:
             undisturbed = from_start(plan, actions(plan.trajectories, plan.schedule))
@@ -225,7 +225,7 @@ class _Making:
     @property
     def over(self) -> bool:
         """Whether nothing is left to do, or nothing to be made of it any more."""
-        return self._verdict.success or self._knocked is not None
+        return self._verdict.success or self._object_moved is not None
 
     def take(self, command: NDArray[np.float64]) -> None:
         """One control step that is meant as it is carried out."""

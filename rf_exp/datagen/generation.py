@@ -12,7 +12,7 @@ from rf_exp.datagen.episode import EpisodeMaker
 from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Settings
 from rf_exp.findings import Account
-from rf_exp.processes import Overdue, in_order
+from rf_exp.processes import Timeout, in_order
 from rf_exp.sim import Limited, depth_and_segmentation, shared_simulator
 from rf_exp.types import NO_EXTRAS, Extras, Pictures
 
@@ -52,10 +52,10 @@ def generate(
     """
     jobs = (partial(make, seed) for seed in seeds)
     for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
-        yield _failed(seed, made) if isinstance(made, Overdue) else made
+        yield _failed(seed, made) if isinstance(made, Timeout) else made
 
 
-def _failed(seed: int, overdue: Overdue) -> Outcome:
+def _failed(seed: int, timeout: Timeout) -> Outcome:
     return Outcome(
         seed,
         success=False,
@@ -63,6 +63,6 @@ def _failed(seed: int, overdue: Overdue) -> Outcome:
         steps=0,
         attempts=1,
         contacts=0,
-        wall_s=overdue.limit_s,
-        account=Account(ended=str(overdue)),
+        wall_s=timeout.limit_s,
+        account=Account(ended=str(timeout)),
     )

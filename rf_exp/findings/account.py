@@ -3,7 +3,7 @@
     failed: held by both arms (since 4.10 s), lifted (never: 0.02 m, best 0.11, asked > 0.15);
     at best 3 of 4 (3.95 s); agents 1 and 2 touched (2.30 s, 14 steps); barrier dropped (4.10 s)
 
-All times are in seconds since the start of the episode. A row of an older schema does not tell everything.
+All times are in seconds since the start of the episode.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Unmet:
     """A condition of success that did not hold at the end, with its number, if it has one."""
 
     name: str
-    since_s: float | None = None  # since when it does not hold; 0: it never did; None: not told
+    since_s: float = 0.0  # since when it does not hold; 0: it never did
     value: float | None = None  # at the end
     best: float | None = None  # at any step
     bound: float = 0.0
@@ -29,8 +29,6 @@ class Unmet:
     @property
     def sentence(self) -> str:
         """The condition, and in parentheses all that differs from scene to scene."""
-        if self.since_s is None:
-            return self.name
         parts = [f"since {self.since_s:.2f} s" if self.since_s else "never"]
         if self.value is not None:
             better = self.best is not None and f"{self.best:.2g}" != f"{self.value:.2g}"
@@ -103,9 +101,8 @@ class Account:
     unmet: tuple[Unmet, ...] = ()
     closest: Closest | None = None
     lost: tuple[Lost, ...] = ()
-    refused: Violation | None = None  # why a success is none: what a disturbed arm has knocked
+    refused: Violation | None = None  # why a success is none: what a disturbed arm has moved
     ended: str = ""  # in the words of who ended it before it was judged
-    told: str = ""  # of violations, in words without their decimal numbers, by a row of an older schema
 
     @property
     def reason(self) -> str:
@@ -131,7 +128,7 @@ class Account:
             first, last, many = self.rejections[0], self.rejections[-1], len(self.rejections)
             parts.append(f"the first violation of {many}: {first.sentence}")
             parts += [f"the last: {last.sentence}"] if last.sentence != first.sentence else []
-        return [*parts, *([self.told] if self.told else [])]
+        return parts
 
     @property
     def kind(self) -> str:
@@ -142,7 +139,7 @@ class Account:
             return self.ended
         failed = ", ".join(each.name for each in self.unmet) or self._briefly
         happened = [each.kind for each in (*self.touches, *self.lost, *self.rejections[:1])]
-        return "; ".join([failed, *happened, *([self.told] if self.told else [])])
+        return "; ".join([failed, *happened])
 
     @property
     def _briefly(self) -> str:

@@ -174,7 +174,7 @@ class Finding(StrEnum):
         "off its path",
         "{everyone}, is {value:.2f} rad off its path (allowed {bound:g} rad): something is in its way",
     )
-    KNOCKED = "knocked", "a disturbed arm has moved {object} by {mm:.0f} mm"
+    OBJECT_MOVED = "object_moved", "a disturbed arm has moved {object} by {mm:.0f} mm"
 
     # Whatever else.
     REFUSED = "not understood", "{refusal}"

@@ -19,7 +19,7 @@ class CheckName(StrEnum):
     OCCUPANCY = "ValidateSpatialOccupancy"
     COLLISION = "Collision"  # arms that have hit something
     TRACKING = "Tracking"  # an arm beside its path
-    KNOCKS = "Knocks"  # a disturbed arm that has moved a thing it is not about
+    OBJECT_MOTION = "ObjectMotion"  # a disturbed arm that has moved a thing it is not about
     MOTION = "Motion"  # no motion was found for a proposal
     CODE = "CheckCode"  # constraints that no check code can be made of
     BRAIN = "RoboBrain"  # its answer is none

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from rf_exp.errors import StageError, WorkerDied, portable
 from rf_exp.launch.spec import ENGINES, Launch
-from rf_exp.processes import Overdue, in_order
+from rf_exp.processes import Timeout, in_order
 
 TRIES = 3  # of a job whose worker dies
 AHEAD = 4  # jobs for each one at a time that may be begun before an earlier one is done
@@ -57,7 +57,7 @@ def _engine(launch: Launch) -> Connected:
 def _expect_answer(launch: Launch, folder: Path) -> None:
     """Asks in a process that can be ended: clients wait for ever for one who listens and is no engine."""
     (answer,) = in_order([partial(_ask, launch, folder)], 1, 2 * launch.connect_s)
-    if isinstance(answer, Overdue):
+    if isinstance(answer, Timeout):
         raise StageError(f"launch.address={launch.address}: nobody speaks {launch.engine} there: {answer}")
 
 

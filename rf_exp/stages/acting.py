@@ -17,7 +17,7 @@ from rf_exp.policy import (
     expect_policy,
     foreign_runners,
     load_runners,
-    made_of,
+    provenance,
 )
 from rf_exp.sim import Simulator
 from rf_exp.stages.cell import Cell
@@ -39,7 +39,7 @@ class Acting:
 class Learning:
     """What stands behind those who act, for their rows."""
 
-    made_of: dict[str, Any]  # as it is recorded beside the rows
+    provenance: dict[str, Any]  # as it is recorded beside the rows
     core_s: float = 0.0  # CPU seconds of learning, together
     queries: int = 0  # proposals that the expert was asked for
 
@@ -80,7 +80,7 @@ def _policies(cell: Cell) -> dict[str, Any]:
     """
     made, experiment = {}, cell.experiment
     for view in cell.views:
-        made[view.name] = made_of(cell.policy_path / view.name)
+        made[view.name] = provenance(cell.policy_path / view.name)
         config = replace(experiment.training, seed=experiment.train_seed)
         wanted = {"learner": LEARNER, "policy": experiment.policy.identity, "train": config.identity}
         expect_policy(cell.policy_path / view.name, wanted)

@@ -61,14 +61,14 @@ def correct(cell: Cell) -> None:
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
     before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
     who = acting(before)
-    made_of = cell.correction_identity(who.limit, learning(before).made_of)
+    provenance = cell.correction_identity(who.limit, learning(before).provenance)
     data, demos = demonstrations(before)
     source = Store.open(data).first(demos)
     path, rows_path = cell.corrected_path, cell.correction_path
     with (
-        owned(rows_path, made_of, [path]),
+        owned(rows_path, provenance, [path]),
         owned(path),
-        _continued(cell.task, path, source, made_of) as store,
+        _continued(cell.task, path, source, provenance) as store,
     ):
         expert = partial(
             make_episode,
@@ -95,14 +95,15 @@ def correct(cell: Cell) -> None:
 
 
 @contextmanager
-def _continued(task: Task, path: Path, source: Store, made_of: dict[str, Any]) -> Iterator[Store]:
+def _continued(task: Task, path: Path, source: Store, provenance: dict[str, Any]) -> Iterator[Store]:
     """A store for writing that begins with all episodes of another; what is there already stays."""
     if path.exists():
-        store = Store.open(path, made_of, writable=True)
+        store = Store.open(path, provenance, writable=True)
     else:
         of = source.attrs
         size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        store = Store.create(path, made_of, *size, source.description, [each.model for each in task.robots])
+        robots = [each.model for each in task.robots]
+        store = Store.create(path, provenance, *size, source.description, robots)
     with store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))

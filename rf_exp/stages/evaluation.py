@@ -25,7 +25,7 @@ from rf_exp.datagen import Coordinator
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.findings import Account
 from rf_exp.policy import DiffusionRunner, PolicyRunner, Shield, rollout
-from rf_exp.processes import Overdue, in_order
+from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim import Simulator, shared_simulator
@@ -45,7 +45,7 @@ def evaluate_policies(cell: Cell) -> None:
         known = read_rows(path, EvaluationRow) if path.exists() else ()
         of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
-        same_configuration(of_seed, learned.made_of, there, [path])
+        same_configuration(of_seed, learned.provenance, there, [path])
         sweep(cell.recording_path("evaluate", 0).parent)
         ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
         seen = {r.scene_seed for r in ours}
@@ -63,7 +63,7 @@ def evaluate_policies(cell: Cell) -> None:
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, made) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
-                result, wall_s = _failed(seed, made) if isinstance(made, Overdue) else made
+                result, wall_s = _failed(seed, made) if isinstance(made, Timeout) else made
                 tells = _row(cell, who.limit, learned, result, wall_s)
                 append_row(path, tells)
                 ours.append(tells)
@@ -104,7 +104,7 @@ def _look(cell: Cell, who: Acting, known: Sequence[EvaluationRow]) -> None:
         )
     made = in_order(jobs, experiment.workers, experiment.seed_limit_s)
     for (seed, missing), look in zip(looks, made, strict=True):
-        if isinstance(look, Overdue):
+        if isinstance(look, Timeout):
             console.print(f"warning: scene {seed} is not recorded: {look}")
             continue
         result, _ = look
@@ -200,7 +200,7 @@ def _subgoals(runners: Sequence[PolicyRunner]) -> tuple[tuple[str, ...], ...]:
     return first.senses.names
 
 
-def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
+def _failed(seed: int, timeout: Timeout) -> tuple[Rollout, float]:
     lost = Rollout(
         seed,
         success=False,
@@ -208,9 +208,9 @@ def _failed(seed: int, overdue: Overdue) -> tuple[Rollout, float]:
         steps=0,
         violations=0,
         contacts=0,
-        account=Account(ended=str(overdue)),
+        account=Account(ended=str(timeout)),
     )
-    return lost, overdue.limit_s
+    return lost, timeout.limit_s
 
 
 def _row(cell: Cell, limit: int, learned: Learning, result: Rollout, wall_s: float) -> EvaluationRow:

@@ -59,7 +59,7 @@ class Store(Reader):
         if path.exists():
             raise StageError(f"{path} exists already; open it, delete it, or choose another `out`")
         size = {"agents": agents, "cameras": list(cameras), "height": height, "width": width}
-        attributes = {**_made_of(identity), **size, "objects": list(objects), "disturbed": disturbed}
+        attributes = {**_provenance(identity), **size, "objects": list(objects), "disturbed": disturbed}
         attributes |= stated(robots)
         described = description.attributes() if description else {}
         _create(path, {**attributes, **described, "versions": installed(PACKAGES)})
@@ -152,7 +152,7 @@ class Store(Reader):
             leftover.unlink()
 
 
-def _made_of(identity: Mapping[str, object]) -> dict[str, Any]:
+def _provenance(identity: Mapping[str, object]) -> dict[str, Any]:
     """The attributes that say of what, and with which code, data are made."""
     configuration = plain(identity)
     return {

@@ -105,14 +105,16 @@ class Thresholds(dict[str, float]):
 class Randomisation:
     """Changes of what is seen, of the rest posture and of weights, drawn from the episode's seed."""
 
-    rest_qpos_rad: float  # standard deviation on each joint
+    init_qpos_std_rad: float  # standard deviation on each joint
     light: float  # half range of the relative brightness
     colour: float  # half range of the relative brightness of each primary colour of each object
-    heavy: float  # masses are uniform from the asset's up to this part of the way to its heaviest make
+    mass_scale: float  # masses are uniform from the asset's up to this part of the way to its heaviest make
 
     def __post_init__(self) -> None:
-        if not 0 <= self.rest_qpos_rad < np.inf:
-            raise ArgumentError(f"randomisation.rest_qpos_rad is {self.rest_qpos_rad}; expected 0 or more")
-        for name in ("light", "colour", "heavy"):
+        if not 0 <= self.init_qpos_std_rad < np.inf:
+            raise ArgumentError(
+                f"randomisation.init_qpos_std_rad is {self.init_qpos_std_rad}; expected 0 or more"
+            )
+        for name in ("light", "colour", "mass_scale"):
             if not 0 <= (value := getattr(self, name)) <= 1:
                 raise ArgumentError(f"randomisation.{name} is {value}; expected a number from 0 to 1")

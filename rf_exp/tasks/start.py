@@ -65,7 +65,7 @@ def start_of(task: "Task", seed: int) -> Start:
                 f"table's edge at {edge} and fall; move its range, or what it is relative to"
             )
     qpos = np.zeros((len(task.robots), task.dof + FINGERS))
-    noise = rng.normal(0.0, task.randomisation.rest_qpos_rad, joints_of(qpos).shape)
+    noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, joints_of(qpos).shape)
     for row, robot, off in zip(qpos, task.robots, noise, strict=True):
         row[: robot.model.dof] = robot.rest_rad + off[: robot.model.dof]
         fingers_of(row)[:] = robot.model.hand.open_m
@@ -78,8 +78,8 @@ def start_of(task: "Task", seed: int) -> Start:
 
 def _mass_kg(task: "Task", name: str, draw: float) -> float:
     asset = task.asset(name)
-    heaviest_kg = asset.heavy_kg or asset.mass_kg
-    return asset.mass_kg + draw * task.randomisation.heavy * (heaviest_kg - asset.mass_kg)
+    heaviest_kg = asset.heaviest_kg or asset.mass_kg
+    return asset.mass_kg + draw * task.randomisation.mass_scale * (heaviest_kg - asset.mass_kg)
 
 
 def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:

@@ -50,7 +50,7 @@ def test_ablation_draws_nothing_and_counts_seeds() -> None:
     assert not values["render"]
     assert values["episodes"] >= 100
     assert values["out"] != composed()["out"]  # scenes with heavy things never mix with the usual ones
-    assert values["randomisation"]["heavy"] > 0
+    assert values["randomisation"]["mass_scale"] > 0
 
 
 @pytest.mark.slow

@@ -1,19 +1,29 @@
 """Rows of policies go into results/ a training seed at a time, whole, never beside what they are unlike."""
 
-import csv
 import json
 import runpy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, append_row, read_rows
+from rf_exp.ablation import (
+    PUBLISHED,
+    EvaluationRow,
+    GenerationRow,
+    Published,
+    append_row,
+    read_published,
+    read_rows,
+    write_published,
+)
 from rf_exp.errors import ArgumentError
-from tests.ablation.conftest import evaluation
+from tests.ablation.conftest import evaluation, generation
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "publish.py"
 PLACE = Path("results/evaluate/lift_barrier/separate_local")
 STEM = "full-fast-50"
+CELL = PLACE.relative_to("results") / f"{STEM}{PUBLISHED}"
 SCENES = 4
 
 
@@ -31,9 +41,13 @@ def publish(out: Path, results: Path) -> None:
     runpy.run_path(str(SCRIPT))["publish"](out, results, SCENES)
 
 
+def published(results: Path) -> Published[EvaluationRow]:
+    return read_published(results / CELL, EvaluationRow)
+
+
 def won(results: Path) -> dict[int, int]:
     """Training seed -> successes."""
-    rows = read_rows(results / PLACE.relative_to("results") / f"{STEM}.jsonl", EvaluationRow)
+    rows = published(results).rows
     return {r.train_seed: sum(row.success for row in rows if row.train_seed == r.train_seed) for r in rows}
 
 
@@ -49,9 +63,7 @@ def test_training_seeds_come_beside_those_that_are_there_and_take_the_place_of_t
     assert won(results) == {0: 1, 1: 2}
     publish(later, results)
     assert won(results) == {0: 1, 1: 3, 2: 4}
-    of = [json.loads((results / PLACE.relative_to("results") / f"{STEM}-{k}.configuration.json").read_text())
-          for k in range(3)]  # fmt: skip
-    assert of == [{"of": 1}, {"of": 3}, {"of": 4}]
+    assert published(results).made == {0: {"of": 1}, 1: {"of": 3}, 2: {"of": 4}}
 
 
 def test_what_was_evaluated_otherwise_goes(tmp_path: Path) -> None:
@@ -61,14 +73,14 @@ def test_what_was_evaluated_otherwise_goes(tmp_path: Path) -> None:
     for out in ("first", "later"):
         publish(tmp_path / out, results)
     assert won(results) == {1: 2}
-    assert not (results / PLACE.relative_to("results") / f"{STEM}-0.configuration.json").exists()
+    assert published(results).made == {1: {"of": 2}} and published(results).asked == {"step_limit": 120}
 
 
 def test_rows_of_which_nobody_knows_what_they_were_made_of_go(tmp_path: Path) -> None:
     results = tmp_path / "results"
     measured(tmp_path / "first", 0, 1)
     publish(tmp_path / "first", results)
-    (results / PLACE.relative_to("results") / f"{STEM}.configuration.json").unlink()
+    write_published(results / CELL, replace(published(results), asked={}))
     measured(tmp_path / "later", 1, 2)
     publish(tmp_path / "later", results)
     assert won(results) == {1: 2}
@@ -80,7 +92,7 @@ def test_an_unfinished_seed_is_told_and_left_out(tmp_path: Path, capsys: pytest.
     publish(tmp_path / "out", tmp_path / "results")
     assert "training seed 1 is not finished" in " ".join(capsys.readouterr().out.split())
     assert won(tmp_path / "results") == {0: 2}
-    with pytest.raises(ArgumentError, match="no rows of policies below"):
+    with pytest.raises(ArgumentError, match=r"no rows below .*evaluate; expected the `out` of"):
         publish(tmp_path / "nothing", tmp_path / "results")
 
 
@@ -92,11 +104,21 @@ def test_curves_are_means_over_many_steps(tmp_path: Path) -> None:
     steps = [f"{step},{step / 20:g},{step / 10:g}" for step in range(20, 281, 20)]
     (learned / "curves.csv").write_text("\n".join(["step,loss,core_s", *steps]))
     publish(out, tmp_path / "results")
-    path = tmp_path / "results" / PLACE.relative_to("results") / f"{STEM}-0.curves.csv"
-    with path.open(newline="") as file:
-        rows = list(csv.reader(file))
-    assert rows == [
-        ["policy", "step", "loss", "core_s"],
-        ["agent1", "200", "5.5", "20"],
-        ["agent1", "280", "12.5", "28"],
-    ]
+    learned_by = {"step": [200, 280], "loss": [5.5, 12.5], "core_s": [20, 28]}
+    assert published(tmp_path / "results").curves == {0: {"agent1": learned_by}}
+
+
+@pytest.mark.parametrize(
+    ("of", "files"),
+    [("expert", ["lift_barrier.tsv"]), ("ablation", ["lift_barrier/full.tsv", "lift_barrier/logical.tsv"])],
+)
+def test_rows_of_demonstrations_are_published_as_they_are(tmp_path: Path, of: str, files: list[str]) -> None:
+    for kind in ("full", "logical"):
+        for row in generation("lift_barrier", kind, 3, 2):
+            append_row(tmp_path / f"out/results/generate/lift_barrier/{kind}.jsonl", row)
+    runpy.run_path(str(SCRIPT))["publish_demonstrations"](tmp_path / "out", tmp_path / "results", of)
+    assert sorted(tmp_path.glob("results/**/*.tsv")) == [tmp_path / "results" / of / name for name in files]
+    for name in files:
+        kind = "logical" if "logical" in name else "full"
+        rows = read_rows(tmp_path / f"out/results/generate/lift_barrier/{kind}.jsonl", GenerationRow)
+        assert read_rows(tmp_path / "results" / of / name, GenerationRow) == rows and len(rows) == 5

@@ -1,4 +1,4 @@
-"""Disturbed demonstrations: the plan is learned, what was done is stored, and nothing is knocked."""
+"""Disturbed demonstrations: the plan is learned, what was done is stored, and nothing else is moved."""
 
 from dataclasses import replace
 
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rf_exp.constraints import Paths, Plan
 from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.knocks import KNOCKED_M, Knocks, nearer
 from rf_exp.datagen.motion import ADDED, TALLEST, Disturbance
+from rf_exp.datagen.object_motion import MOVED_M, ObjectMotionWatch, nearer
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.coordination import hesitates
@@ -87,7 +87,7 @@ def steepest(commands: NDArray[np.floating]) -> tuple[float, float]:
 
 
 def test_what_is_meant_keeps_the_limits_of_the_joints(episode: Episode) -> None:
-    """And what is done is no more than bumps may add to that; the rounding to 32 bits is 2e-4 rad/s2."""
+    """And what is done is no more than those may add to that; the rounding to 32 bits is 2e-4 rad/s2."""
     velocity, acceleration = steepest(episode.action)
     assert velocity <= 1.002 * LIMITS.velocity_rad_s
     assert acceleration <= 1.002 * LIMITS.acceleration_rad_s2 + 4e-4
@@ -104,7 +104,7 @@ def test_what_is_meant_keeps_the_limits_of_the_joints(episode: Episode) -> None:
     ("task", "seed"), [("lift_barrier", 5019), ("camera_alignment", 5003), ("two_robots_stack_cube", 5003)]
 )
 def test_a_disturbed_hand_keeps_off_what_it_is_about_to_grip(task: str, seed: int) -> None:
-    """Each of these was knocked on the way to its grip, by a bump that led into it."""
+    """Each of these was moved on the way to its grip, by a perturbation that led into it."""
     outcome = make(task, seed)
     assert outcome.episode is not None, outcome.reason
 
@@ -187,7 +187,7 @@ def off_rad(disturbed: Disturbance) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("waits_at", [None, 12])
-def test_bumps_add_no_more_than_they_may(waits_at: int | None) -> None:
+def test_perturbations_add_no_more_than_they_may(waits_at: int | None) -> None:
     """However strong they are, and where an arm waits amid one; positions on a path like moments."""
     trajectory = replace(TWO_GOALS, segments=(segment(GRASP, "move", 12), *TWO_GOALS.segments))
     positions = np.arange(len(trajectory) + 1)
@@ -205,7 +205,7 @@ def test_bumps_add_no_more_than_they_may(waits_at: int | None) -> None:
     assert reached[0] <= ADDED.velocity_rad_s + 1e-9
 
 
-def test_a_bump_that_is_in_the_way_is_mirrored_then_made_smaller_then_left_out() -> None:
+def test_a_perturbation_that_is_in_the_way_is_mirrored_then_made_smaller_then_left_out() -> None:
     made = disturbance(1)
     whole = off_rad(made)
     at = int(np.flatnonzero(whole.any(axis=1))[0])
@@ -221,7 +221,7 @@ def test_a_bump_that_is_in_the_way_is_mirrored_then_made_smaller_then_left_out()
     assert not off_rad(made).any()
 
 
-def test_bumps_fade_where_fingers_move_and_are_smaller_with_a_load() -> None:
+def test_perturbations_fade_where_fingers_move_and_are_smaller_with_a_load() -> None:
     offs = []
     for seed in range(200):
         moved = off_rad(disturbance(seed))
@@ -283,7 +283,7 @@ def test_a_path_that_leads_nearer_to_a_thing_than_its_plan_is_found() -> None:
     assert not [*nearer(planned.checker.check(through(10, 12), plan.schedule).plan, through(10))]
 
 
-def test_only_what_nobody_handles_can_be_knocked() -> None:
+def test_only_what_nobody_handles_is_watched() -> None:
     world = shared_simulator(read_task("stack_cube"), NO_PICTURES)
     start = world.reset(0)
     blue = next(name for name in start.poses)
@@ -303,8 +303,8 @@ def test_only_what_nobody_handles_can_be_knocked() -> None:
         pose[0, 3] += by_m
         return replace(start, step=step, poses={**start.poses, blue: pose})
 
-    watch = Knocks(Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule))
-    assert watch.knocked(moved(1, KNOCKED_M / 2)) is None
-    knocked = watch.knocked(moved(2, 2 * KNOCKED_M))
-    assert knocked is not None and knocked.sentence == f"a disturbed arm has moved {blue} by 10 mm"
-    assert watch.knocked(moved(5, 4 * KNOCKED_M)) is None  # the fingers close on it
+    watch = ObjectMotionWatch(Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule))
+    assert watch.unintended(moved(1, MOVED_M / 2)) is None
+    moved_by = watch.unintended(moved(2, 2 * MOVED_M))
+    assert moved_by is not None and moved_by.sentence == f"a disturbed arm has moved {blue} by 10 mm"
+    assert watch.unintended(moved(5, 4 * MOVED_M)) is None  # the fingers close on it

@@ -199,7 +199,7 @@ def test_arms_take_turns_without_a_model_of_time(lift_world):
 @pytest.mark.slow
 def test_a_heavy_barrier_is_dropped_in_turns_and_lifted_together(lift_barrier):
     """What lost synchronisation costs (paper, section 4.3): one arm alone slips, and the barrier falls."""
-    heavy = replace(lift_barrier, randomisation=replace(lift_barrier.randomisation, heavy=1.0))
+    heavy = replace(lift_barrier, randomisation=replace(lift_barrier.randomisation, mass_scale=1.0))
     seed = next(seed for seed in range(1000) if heavy.start(seed).masses_kg["barrier"] > 9.3)
     with Simulator(heavy, render=False) as world:
         together, turns = (

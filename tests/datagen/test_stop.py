@@ -158,7 +158,7 @@ def test_arms_that_hit_each_other_stop_within_the_limits(row):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["camera_alignment", "three_robots_stack_cube", "stack_cube"])
 def test_what_a_disturbed_arm_means_keeps_the_limits_when_it_stops(name):
-    """And what it does is within what bumps may add to them; it comes to rest where it means to be."""
+    """And what it does is within what those may add to them; it comes to rest where it means to be."""
     more = JointLimits(
         LIMITS.velocity_rad_s + ADDED.velocity_rad_s, LIMITS.acceleration_rad_s2 + ADDED.acceleration_rad_s2
     )

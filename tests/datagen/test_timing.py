@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rf_exp.datagen.motion.branches import Approaches
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
-from rf_exp.datagen.motion.ways import Approaches
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT
 from rf_exp.tasks import default_of

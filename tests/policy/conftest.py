@@ -89,9 +89,9 @@ def scene_at(episode: Episode, step: int) -> Scene:
 def write_store(path: Path, agents: int, episodes: int) -> Path:
     """A store of the episodes of the first seeds."""
     cameras = ("global", *(f"agent{k}" for k in range(1, agents + 1)))
-    made_of = {"task": "reach", "scene": scene_of(agents)}
+    identity = {"task": "reach", "scene": scene_of(agents)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    with Store.create(path, made_of, agents, cameras, HEIGHT, WIDTH, tuple(block_poses(0, agents))) as store:
+    with Store.create(path, identity, agents, cameras, HEIGHT, WIDTH, tuple(block_poses(0, agents))) as store:
         for seed in range(episodes):
             store.append(make_episode(seed, agents))
     return path

@@ -103,7 +103,7 @@ def test_still_moments_are_left_out(make_store, told) -> None:
 
 def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
     episode = replace(make_episode(0, 1), poses={}, images={})
-    for name, made_of, expected in (
+    for name, identity, expected in (
         ("bare", {"task": "reach"}, "where its arms stand"),
         (
             "scene",
@@ -111,7 +111,7 @@ def test_a_store_without_poses_is_refused(tmp_path, told) -> None:
             "poses of the",
         ),
     ):
-        with Store.create(tmp_path / f"{name}.zarr", made_of, 1, (), 0, 0) as store:
+        with Store.create(tmp_path / f"{name}.zarr", identity, 1, (), 0, 0) as store:
             store.append(episode)
             with pytest.raises(ArgumentError, match=expected):
                 Windows(store, LOCAL, told, CPU)

@@ -81,6 +81,6 @@ def test_those_that_see_otherwise_learn_their_own(
 ) -> None:
     shared = tmp_path / "eyes"
     idle = replace(first, drop_idle=not first.drop_idle)
-    for k, made_of in enumerate(((first, budget), (idle, budget), (first, replace(budget, seed=1)))):
-        train(store, LOCAL, *made_of, tmp_path / str(k), shared=shared)
+    for k, recipe in enumerate(((first, budget), (idle, budget), (first, replace(budget, seed=1)))):
+        train(store, LOCAL, *recipe, tmp_path / str(k), shared=shared)
         assert len(list(shared.iterdir())) == k + 1

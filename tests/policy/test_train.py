@@ -151,8 +151,8 @@ def test_the_policy_loads_as_it_was_saved(
     assert saved.keys() == policy.state_dict().keys()
     assert all(torch.equal(value, saved[name]) for name, value in policy.state_dict().items())
     assert not torch.equal(policy.normaliser.action.radius, torch.ones(8))
-    made_of = json.loads((tmp_path / "config.json").read_text())
-    assert made_of["data"] == {"identity": store.identity, "seeds": [0, 1, 2]}
+    provenance = json.loads((tmp_path / "config.json").read_text())
+    assert provenance["data"] == {"identity": store.identity, "seeds": [0, 1, 2]}
 
 
 @pytest.mark.slow

@@ -57,10 +57,13 @@ def test_a_hundred_seeds_give_a_hundred_starts(task: Task) -> None:
 def test_things_weigh_what_they_should(task: Task) -> None:
     usual = {name: task.asset(name).mass_kg for name in task.objects}
     assert task.start(5).masses_kg == usual
-    heavy = replace(task, randomisation=replace(task.randomisation, heavy=1.0))
+    heavy = replace(task, randomisation=replace(task.randomisation, mass_scale=1.0))
     drawn = [heavy.start(seed) for seed in range(100)]
     for name, least_kg in usual.items():
-        masses_kg, most_kg = [start.masses_kg[name] for start in drawn], task.asset(name).heavy_kg or least_kg
+        masses_kg, most_kg = (
+            [start.masses_kg[name] for start in drawn],
+            task.asset(name).heaviest_kg or least_kg,
+        )
         assert least_kg <= min(masses_kg) <= max(masses_kg) <= most_kg
         assert most_kg == least_kg or max(masses_kg) - min(masses_kg) > 0.9 * (most_kg - least_kg)
     assert np.array_equal(drawn[5].qpos, task.start(5).qpos)  # weights change nothing else

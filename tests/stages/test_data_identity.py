@@ -35,7 +35,7 @@ def identities(*overrides: str) -> tuple[dict[str, Any], dict[str, Any]]:
     [
         ("task.pick_meat.objects.steak.x_m=[-0.01,0.01]", "scene.objects.steak.x_m"),
         ("task.pick_meat.success.hold_steps=4", "scene.success.hold_steps"),
-        ("randomisation.heavy=0.5", "scene.randomisation.heavy"),
+        ("randomisation.mass_scale=0.5", "scene.randomisation.mass_scale"),
         ("task.pick_meat.objects.steak.asset=cube", "scene.objects.steak.asset"),
         ("task.pick_meat.cameras.global.fov_deg=50", "scene.cameras.global.fov_deg"),
         ("task.pick_meat.robots=[{x_m: -0.61, y_m: 0.0, yaw_deg: 0}]", "scene.robots"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import interp1d
 
-from rf_exp.datagen.motion import ways as motion
+from rf_exp.datagen.motion import branches as motion
 from rf_exp.robots import Arm
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of

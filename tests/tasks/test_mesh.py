@@ -45,7 +45,7 @@ def test_a_built_in_asset_comes_back_from_its_own_mesh_and_annotation(
     built_in, own = assets.load(name), assets.load(str(file))
 
     assert own.name == name and own.friction == built_in.friction
-    assert (own.mass_kg, own.heavy_kg) == (built_in.mass_kg, built_in.heavy_kg)
+    assert (own.mass_kg, own.heaviest_kg) == (built_in.mass_kg, built_in.heaviest_kg)
     assert own.static == built_in.static and list(own.points) == list(built_in.points)
     for point, expected in built_in.points.items():
         got = own.points[point]
@@ -106,7 +106,7 @@ def test_points_can_be_those_of_a_built_in_asset_with_changes(tmp_path: Path) ->
         ({"weight": 1.0}, 'can not match "weight"'),
         ({"mass_kg": "heavy"}, '"mass_kg" - should be "float"'),
         ({"mass_kg": -1.0}, "mass_kg is -1.0; expected a number above 0"),
-        ({"heavy_kg": 0.1}, r"heavy_kg is 0.1; expected mass_kg \(0.2\) or more"),
+        ({"heaviest_kg": 0.1}, r"heaviest_kg is 0.1; expected mass_kg \(0.2\) or more"),
         ({"colour": [255, 0, 0]}, "three numbers from 0 to 1"),
         ({"mesh": "gone.stl"}, "there is no mesh file .*gone.stl"),
         ({"mesh": "thing.step"}, "unknown mesh format '.step'; available: .glb, .obj, .ply, .stl"),

@@ -107,8 +107,8 @@ def test_an_object_relative_to_nothing(node: dict[str, Any]) -> None:
 
 
 def test_a_randomisation_out_of_range(node: dict[str, Any]) -> None:
-    node["randomisation"] = {"heavy": 1.5}
-    assert "randomisation.heavy is 1.5; expected a number from 0 to 1" in message(node)
+    node["randomisation"] = {"mass_scale": 1.5}
+    assert "randomisation.mass_scale is 1.5; expected a number from 0 to 1" in message(node)
 
 
 def test_a_name_that_is_not_the_files(node: dict[str, Any]) -> None:

@@ -353,7 +353,7 @@ def test_the_name_of_a_file_gives_no_orders(run: Run, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_rows_give_no_orders(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    account = Account(unmet=(Unmet(ORDERS, unit=ORDERS),), told=LONG[:50_000], ended=LONG[:50_000])
+    account = Account(unmet=(Unmet(ORDERS, unit=ORDERS),), ended=LONG[:50_000])
     rows = [replace(row, account=account) for row in generation("lift_barrier", "full", 2, 2)]
     for row in rows:
         append_row(tmp_path / "results/generate/lift_barrier/full.jsonl", row)

@@ -8,7 +8,7 @@ the violations of the same attempts.
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from rf_exp.ablation.rows import Results
+from rf_exp.ablation.results import Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables.baseline import benchmark
 from rf_exp.ablation.tables.cells import CLEAN, MISSING, Cell, Length, Rate, Text, Violations, escape_latex

@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 
 from rf_exp.ablation.published import paper
-from rf_exp.ablation.rows import GenerationRow, Results
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import GenerationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Cell, Length, Rate

@@ -3,7 +3,8 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
-from rf_exp.ablation.rows import EvaluationRow, Results
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.statistics import Estimate, difference
 from rf_exp.ablation.tables.cells import Cell, Text
 from rf_exp.ablation.tables.selection import BASELINE_CONSTRAINTS, COORDINATED_ARCH

@@ -1,6 +1,7 @@
 """Policies that are somebody else's, in the scenes and by the criteria of ours."""
 
-from rf_exp.ablation.rows import EvaluationRow, Results
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Text, Violations

@@ -3,7 +3,7 @@
 from collections import Counter
 
 from rf_exp.ablation.published import paper
-from rf_exp.ablation.rows import Results
+from rf_exp.ablation.results import Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.baseline import baseline_cells, demos_columns

@@ -3,7 +3,8 @@
 from itertools import chain
 
 from rf_exp.ablation.published import paper
-from rf_exp.ablation.rows import EvaluationRow, Results, newest
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import EvaluationRow, newest
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Rate, Text, Violations

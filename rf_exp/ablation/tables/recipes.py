@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 
 from rf_exp.ablation.published import paper
-from rf_exp.ablation.rows import EvaluationRow, Results
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import EvaluationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Rate, Text

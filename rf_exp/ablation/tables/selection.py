@@ -6,7 +6,8 @@ from dataclasses import replace
 from statistics import fmean
 
 from rf_exp.ablation.published import paper
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, Results
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.types import FOREIGN
 

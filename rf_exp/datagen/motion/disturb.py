@@ -1,12 +1,12 @@
 """Disturbed motion: demonstrations that show how to come back (DART, Laskey et al. 2017).
 
-The arms are sent along their paths with smooth bumps added, while what they should have done stays what
-is learned: a policy that strays sees states like these, and what leads back from them. Bumps are added to
-positions of the path, not to moments, so that the disturbed motion is a trajectory like any other, which
-the same schedule runs and the same checks judge.
+The arms are sent along their paths with smooth perturbations added, while what they should have done stays
+what is learned: a policy that strays sees states like these, and what leads back from them. Perturbations are
+added to positions of the path, not to moments, so that the disturbed motion is a trajectory like any other,
+which the same schedule runs and the same checks judge.
 
-What bumps add is bounded: `TALLEST` standard deviations, and `ADDED` to the velocity and the acceleration
-of a joint. Disturbed motion is within the sum of that and the limits of the plan.
+What perturbations add is bounded: `TALLEST` standard deviations, and `ADDED` to the velocity and the
+acceleration of a joint. Disturbed motion is within the sum of that and the limits of the plan.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -19,18 +19,18 @@ from numpy.typing import NDArray
 from rf_exp.robots import Arm
 from rf_exp.types import CONTROL_DT_S, JointLimits, Schedule, Segment, Trajectory, arm_of
 
-BUMP_STEPS = (10, 25)  # how long a bump lasts, shortest and longest
-GAP_STEPS = (2, 8)  # between two bumps; from two on, none adds to the acceleration of another
+PERTURBATION_STEPS = (10, 25)  # how long a perturbation lasts, shortest and longest
+GAP_STEPS = (2, 8)  # between two perturbations; from two on, none adds to the acceleration of another
 TALLEST = 3.0  # standard deviations
 # Together with the default limits of a plan less than any joint of the arms can: 2.17 rad/s, 7.5 rad/s2.
 ADDED = JointLimits(velocity_rad_s=1.2, acceleration_rad_s2=6.5)
 CALM_STEPS, FADE_STEPS = 4, 16  # before and after the fingers move: undisturbed, then ever more
 CARRYING, TOGETHER = 0.4, 0.2  # part of the strength while something is held, and held by several
 TOUCHING = ("press", "strike")  # primitives that end in contact
-PARTS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.0)  # of a bump; mirrored, it leads away from a thing
+PARTS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.0)  # of a perturbation; mirrored, it leads away from a thing
 
 
-class Bump(NamedTuple):
+class Perturbation(NamedTuple):
     """A smooth motion of all joints away from a path and back."""
 
     begins: int  # the path position before the first that is moved
@@ -44,14 +44,14 @@ class Bump(NamedTuple):
 
 @dataclass
 class _Kept:
-    """What is left of a bump: an index of PARTS."""
+    """What is left of a perturbation: an index of PARTS."""
 
-    bump: Bump
+    perturbation: Perturbation
     part: int = 0
 
     @property
     def offsets_rad(self) -> NDArray[np.float64]:
-        return PARTS[self.part] * self.bump.offsets_rad
+        return PARTS[self.part] * self.perturbation.offsets_rad
 
     @property
     def gone(self) -> bool:
@@ -59,10 +59,10 @@ class _Kept:
 
 
 class Disturbance:
-    """Bumps on all joints of the trajectories of a plan, less of them wherever something objects.
+    """Perturbations on all joints of the trajectories of a plan, less of them wherever something objects.
 
     Ends of the trajectories, moments at which fingers open and close, and contacts stay as they are; around
-    them, and while something is held, bumps are smaller.
+    them, and while something is held, perturbations are smaller.
     """
 
     def __init__(
@@ -73,41 +73,43 @@ class Disturbance:
         strength_rad: float,
         rng: np.random.Generator,
     ) -> None:
-        """`strength_rad` is the standard deviation at the tops of bumps; `schedule` says when arms wait."""
+        """`strength_rad` is the standard deviation at the tops; `schedule` says when arms wait."""
         self._trajectories = tuple(trajectories)
         self._kept: dict[int, list[_Kept]] = {}  # of each agent
         for trajectory in trajectories:
             positions = schedule.positions[:, trajectory.agent - 1]
             limits_rad = arms[trajectory.agent].robot.limits_rad
-            bumps = _bumps(trajectory, positions, limits_rad, strength_rad, rng)
-            self._kept[trajectory.agent] = [_Kept(bump) for bump in bumps]
+            perturbations = _perturbations(trajectory, positions, limits_rad, strength_rad, rng)
+            self._kept[trajectory.agent] = [_Kept(perturbation) for perturbation in perturbations]
 
     def trajectories(self) -> tuple[Trajectory, ...]:
         """The trajectories as they are disturbed now."""
         return tuple(map(self._disturbed, self._trajectories))
 
     def lessen(self, wrong: Collection[tuple[int, int]]) -> bool:
-        """Mirrors, makes smaller, or leaves out the bumps at places that are wrong: agents, path positions.
+        """Mirrors, makes smaller or leaves out what is added at wrong places: agents, path positions.
 
-        Where no bump is at any of them the nearest ones. Whether there were any.
+        Where no perturbation is at any of them the nearest ones. Whether there were any.
         """
         found = [each for each in (self._nearest(*place) for place in wrong) if each is not None]
         least = min((away for _, away in found), default=0)
-        bumps = {id(kept): kept for kept, away in found if away == 0 or least > 0}
-        for kept in bumps.values():
+        perturbations = {id(kept): kept for kept, away in found if away == 0 or least > 0}
+        for kept in perturbations.values():
             kept.part += 1
-        return bool(bumps)
+        return bool(perturbations)
 
     def _nearest(self, agent: int, position: int) -> tuple[_Kept, int] | None:
-        """The bump of an agent that is nearest to a path position, and how many steps away it is."""
+        """The perturbation of an agent that is nearest to a path position, and how many steps away it is."""
         left = [each for each in self._kept[agent] if not each.gone]
-        away = [max(each.bump.begins - position, position - each.bump.ends, 0) for each in left]
+        away = [
+            max(each.perturbation.begins - position, position - each.perturbation.ends, 0) for each in left
+        ]
         return min(zip(left, away, strict=True), key=lambda each: each[1], default=None)
 
     def _disturbed(self, trajectory: Trajectory) -> Trajectory:
         offsets = np.zeros_like(arm_of(trajectory.path()))  # of each path position
         for each in self._kept[trajectory.agent]:
-            offsets[each.bump.begins + 1 : each.bump.ends] = each.offsets_rad
+            offsets[each.perturbation.begins + 1 : each.perturbation.ends] = each.offsets_rad
         segments: list[Segment] = []
         for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
             qpos = segment.qpos + offsets[end - len(segment) + 1 : end + 1]
@@ -115,45 +117,50 @@ class Disturbance:
         return replace(trajectory, segments=tuple(segments))
 
 
-def _bumps(
+def _perturbations(
     trajectory: Trajectory,
     positions: NDArray[np.int64],
     limits_rad: NDArray[np.float64],
     strength_rad: float,
     rng: np.random.Generator,
-) -> list[Bump]:
-    """Bumps one after the other, at an agent that is at `positions` (T + 1,) of its path."""
-    share, steps, found = _share(trajectory), len(trajectory), list[Bump]()
+) -> list[Perturbation]:
+    """Perturbations one after the other, at an agent that is at `positions` (T + 1,) of its path."""
+    share, steps, found = _share(trajectory), len(trajectory), list[Perturbation]()
     begins = int(rng.integers(0, GAP_STEPS[1] + 1))
     while begins < steps:
-        length = int(rng.integers(BUMP_STEPS[0], BUMP_STEPS[1] + 1))
+        length = int(rng.integers(PERTURBATION_STEPS[0], PERTURBATION_STEPS[1] + 1))
         tops = strength_rad * np.clip(rng.normal(size=len(trajectory.start_qpos)), -TALLEST, TALLEST)
         shape = np.sin(np.pi * (np.arange(length) + 1) / (length + 1)) ** 2
         part = share[begins : begins + length]
         offsets = shape[: len(part), None] * part[:, None] * tops
         if offsets.any():
-            found.append(_bounded(Bump(begins, offsets), trajectory, positions, limits_rad))
+            found.append(_bounded(Perturbation(begins, offsets), trajectory, positions, limits_rad))
         begins += length + int(rng.integers(GAP_STEPS[0], GAP_STEPS[1] + 1))
     return found
 
 
 def _bounded(
-    bump: Bump, trajectory: Trajectory, positions: NDArray[np.int64], limits_rad: NDArray[np.float64]
-) -> Bump:
-    """The bump, less of it where it would add more than `ADDED`, or if mirrored lead beyond a joint stop."""
+    perturbation: Perturbation,
+    trajectory: Trajectory,
+    positions: NDArray[np.int64],
+    limits_rad: NDArray[np.float64],
+) -> Perturbation:
+    """Less of it where it would add more than `ADDED`, or if mirrored lead beyond a joint stop."""
     path = np.zeros_like(arm_of(trajectory.path()))
-    path[bump.begins + 1 : bump.ends] = bump.offsets_rad
+    path[perturbation.begins + 1 : perturbation.ends] = perturbation.offsets_rad
     added = np.pad(path[positions], ((1, 1), (0, 0)), mode="edge")  # where an arm waits it stops at once
     velocity = np.diff(added, axis=0) / CONTROL_DT_S
     acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
     fastest, hardest = (np.abs(each).max(axis=0) for each in (velocity, acceleration))
     low, high = limits_rad
-    along = arm_of(trajectory.path())[bump.begins + 1 : bump.ends]
+    along = arm_of(trajectory.path())[perturbation.begins + 1 : perturbation.ends]
     room = np.maximum(np.minimum(along - low, high - along), 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         parts = [ADDED.velocity_rad_s / fastest, ADDED.acceleration_rad_s2 / hardest]
-        parts += [np.nanmin(room / np.abs(bump.offsets_rad), axis=0)]
-    return bump._replace(offsets_rad=bump.offsets_rad * np.minimum(np.nanmin(parts, axis=0), 1.0))
+        parts += [np.nanmin(room / np.abs(perturbation.offsets_rad), axis=0)]
+    return perturbation._replace(
+        offsets_rad=perturbation.offsets_rad * np.minimum(np.nanmin(parts, axis=0), 1.0)
+    )
 
 
 def _share(trajectory: Trajectory) -> NDArray[np.float64]:

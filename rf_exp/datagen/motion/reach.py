@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rf_exp.datagen.motion.branches import Approach, Approaches, Arrivals, Points, leaving_s, straight
 from rf_exp.datagen.motion.path import find_path
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
-from rf_exp.datagen.motion.ways import Approach, Approaches, Arrivals, Points, leaving_s, straight
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, transform
@@ -26,7 +26,7 @@ Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally
 
 
 @dataclass(frozen=True)
-class Onward:
+class LookAhead:
     """What comes next, estimated.
 
     `after` TCP poses (G, 4, 4) tells how many s it takes, from the number of one and the straight approach to
@@ -37,7 +37,7 @@ class Onward:
     rest_rad: Points | None = None  # (dof,) where the arm goes then, where that is known beforehand
 
 
-_NOTHING = Onward(lambda _: lambda goal, points: 0.0)
+_NOTHING = LookAhead(lambda _: lambda goal, points: 0.0)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Reach:
         *,
         down: bool = False,
         rise: bool = False,
-        onward: Onward = _NOTHING,
+        look_ahead: LookAhead = _NOTHING,
     ) -> Points:
         """Timed points (T, dof) to the first goal that can be reached, ending with a straight approach.
 
@@ -71,7 +71,7 @@ class Reach:
         obstacles: dict[Obstacle, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
-        for line in self._ways(agent, up, tiers, standoff_m, down, onward):
+        for line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead):
             if obstacle := self.blocked(agent, line, state, touches):  # cheaper to find out than a path
                 obstacles.setdefault(obstacle, Blockage(agent, line, state, touches, obstacle))
                 continue
@@ -93,8 +93,8 @@ class Reach:
             raise obstructed(what, *obstacles.values())
         raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
 
-    def _ways(
-        self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, onward: Onward
+    def _straight_lines(
+        self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, look_ahead: LookAhead
     ) -> Iterator[Points]:
         """Joint points of approaches after those that lead up, tier by tier the soonest first.
 
@@ -106,12 +106,12 @@ class Reach:
             goals = np.stack(tier)
             pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
             before = up[[0, -1]] if len(up) > 1 else up
-            ways = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
-            takes_s = partial(self._takes_s, onward.after(goals))
+            approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
+            takes_s = partial(self._takes_s, look_ahead.after(goals))
             # What comes next is worked out only where the way alone takes no longer than all of another one.
             open_ = [
                 (round(each.takes_s, 6), number, False, each)
-                for number, each in enumerate(ways.estimated(onward.rest_rad))
+                for number, each in enumerate(approaches.estimated(look_ahead.rest_rad))
             ]
             heapify(open_)
             while open_:
@@ -119,7 +119,7 @@ class Reach:
                 if not counted:
                     heappush(open_, (takes_s(way), number, True, way))
                 elif not way.exact:
-                    exact = ways.exact(way)
+                    exact = approaches.exact(way)
                     if exact is not None:
                         heappush(open_, (round(exact.takes_s, 6), number, False, exact))
                 elif np.isfinite(altogether_s):

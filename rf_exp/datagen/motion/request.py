@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rf_exp.datagen.motion.branches import Points
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.state import State
-from rf_exp.datagen.motion.ways import Points
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import Segment, Subgoal

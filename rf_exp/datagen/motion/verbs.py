@@ -12,13 +12,13 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rf_exp.datagen.motion.branches import Points
 from rf_exp.datagen.motion.destination import ends, support
-from rf_exp.datagen.motion.onward import once_grasped, once_placed
+from rf_exp.datagen.motion.look_ahead import once_grasped, once_placed
 from rf_exp.datagen.motion.reach import CLEARANCE_M, Tiers, above, turned
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blockage, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
-from rf_exp.datagen.motion.ways import Points
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
@@ -67,7 +67,7 @@ def grasp(request: Request, state: State) -> Motion:
         state,
         touches,
         f"grasp {name} at {request.subgoal.point}",
-        onward=once_grasped(request, name, state),
+        look_ahead=once_grasped(request, name, state),
     )
     approach, state = request.segment("approach", points, state, touches)
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
@@ -104,7 +104,7 @@ def place(request: Request, state: State) -> Motion:
         what,
         down=True,
         rise=True,
-        onward=once_placed(request, state),
+        look_ahead=once_placed(request, state),
     )
     lowering, state = request.segment("lower", points, state, touches)
     letting_go, state = _let_go(request, state, touches)

@@ -35,9 +35,9 @@ class Patience:
         numbers, free = chances[:, :-1].argmax(axis=1), chances[:, -1] > 0.5
         if not self._bound:
             return numbers, free
-        overdue = ~free & (self._sums[:, -1] >= self._bound)
-        for agent in np.flatnonzero(overdue):
+        reached = ~free & (self._sums[:, -1] >= self._bound)
+        for agent in np.flatnonzero(reached):
             *subgoals, leaves = self._sums[agent]
             likely = np.flatnonzero(np.array(subgoals) >= leaves / 2)
             numbers[agent] = max(numbers[agent], *likely)
-        return numbers, free | overdue
+        return numbers, free | reached

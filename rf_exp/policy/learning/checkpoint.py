@@ -123,16 +123,16 @@ def _damaged(path: Path, what: str) -> StageError:
     return StageError(f"{path} is damaged: {what}; delete it and train again (stages=[train])")
 
 
-def claim(folder: Path, made_of: Mapping[str, Any]) -> bool:
+def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
     """Take a folder for a training made of these values; whether it is finished there already.
 
     Raises StageError naming the keys that differ when the folder holds another training.
     """
     sweep(folder)
     if (folder / CONFIG).exists():
-        expect_policy(folder, made_of)
+        expect_policy(folder, provenance)
     else:
-        write_json(folder / CONFIG, plain(made_of))
+        write_json(folder / CONFIG, plain(provenance))
     return (folder / MODEL).exists()
 
 
@@ -150,17 +150,17 @@ def _weighty(key: str, value: Any) -> Any:
     return {name: each for name, each in value.items() if name not in ACTING}
 
 
-def eyes_file(shared: Path, name: str, made_of: Mapping[str, Any]) -> Path:
+def eyes_file(shared: Path, name: str, provenance: Mapping[str, Any]) -> Path:
     """Where in a folder the heat maps are that are learned first by a policy made of these values."""
     left_out = {"policy": BESIDE_EYES, "train": AFTER_EYES}
     seeing = {
         key: {each: v for each, v in value.items() if each not in left_out[key]} if key in left_out else value
-        for key, value in made_of.items()
+        for key, value in provenance.items()
     }
     return shared / f"{name}-{digest(seeing)}.safetensors"
 
 
-def made_of(folder: Path) -> dict[str, Any]:
+def provenance(folder: Path) -> dict[str, Any]:
     """What a trained policy was made of, and the checksum of its weights. Raises StageError where none is."""
     _require_model(folder)
     with _opened(folder / MODEL) as file:

@@ -67,7 +67,7 @@ def train(
     Raises StageError when the folder holds another configuration or the loss is no longer finite,
     ArgumentError when the store does not fit the view or the pictures.
     """
-    made_of = {
+    provenance = {
         "learner": LEARNER,
         "policy": policy_config.identity,
         "view": view.identity,
@@ -75,12 +75,12 @@ def train(
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
-    if claim(folder, made_of):
+    if claim(folder, provenance):
         return folder
     windows = Windows(store, view, policy_config, device_of(train_config.device))
     training = Training(windows, view, policy_config, train_config)
     if shared is not None and train_config.eyes_steps:
-        training.eyes = eyes_file(shared, view.name, made_of)
+        training.eyes = eyes_file(shared, view.name, provenance)
     training.resume(folder / STATE)
     with curves(folder / CURVES, training.step) as write, deferred_interrupt() as interrupted:
         for curve in training.run():

@@ -7,16 +7,9 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.late import late
-from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint, Part
-
-if TYPE_CHECKING:
-    from rf_exp.tasks.assets.mesh import convex_pieces
-else:
-    __getattr__ = late(__name__, {"mesh": ("convex_pieces",)})
+from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint, Part, convex_pieces
 
 __all__ = ["Asset", "Colour", "InteractionPoint", "Part", "available", "convex_pieces", "load"]
 

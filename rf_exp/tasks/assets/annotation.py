@@ -99,7 +99,7 @@ class Annotation:
 
     mesh: str  # obj, glb, stl or ply; a path from the folder of the annotation
     mass_kg: float
-    heavy_kg: float | None = None  # of its heaviest make
+    heaviest_kg: float | None = None  # of its heaviest make
     friction: float = Asset.friction
     scale: float = 1.0  # metres for one unit of the mesh
     static: bool = Asset.static
@@ -113,8 +113,10 @@ class Annotation:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ArgumentError(f"{name} is {value}; expected a number above 0")
-        if self.heavy_kg is not None and not self.mass_kg <= self.heavy_kg < np.inf:
-            raise ArgumentError(f"heavy_kg is {self.heavy_kg}; expected mass_kg ({self.mass_kg}) or more")
+        if self.heaviest_kg is not None and not self.mass_kg <= self.heaviest_kg < np.inf:
+            raise ArgumentError(
+                f"heaviest_kg is {self.heaviest_kg}; expected mass_kg ({self.mass_kg}) or more"
+            )
         if self.colour is not None and not all(0 <= value <= 1 for value in self.colour):
             raise ArgumentError(f"colour is {self.colour}; expected three numbers from 0 to 1")
 
@@ -141,7 +143,7 @@ def write(asset: Asset, mesh: str) -> str:
         "mesh": mesh,
         "scale": 1.0,
         "mass_kg": asset.mass_kg,
-        "heavy_kg": asset.heavy_kg,
+        "heaviest_kg": asset.heaviest_kg,
         "friction": asset.friction,
         "static": asset.static,
         "frame": {"position_m": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]},

@@ -10,7 +10,7 @@ THICKNESS_M = 0.026  # along y, well inside the 0.08 m that the hand spans
 BOTTOM_M, TOP_M = 0.046, 0.096  # of the board
 GRIP_X_M, GRIP_Z_M = 0.222, 0.074
 FOOT_X_M, FOOT_LENGTH_M, FOOT_HEIGHT_M = 0.13, 0.16, 0.016
-HEAVY_KG = 9.5  # of steel; two grippers that lift at the same time let go of 10.5 kg
+HEAVIEST_KG = 9.5  # of steel; two grippers that lift at the same time let go of 10.5 kg
 STRIPES, SLANT_M, PROUD_M = 5, 0.03, 0.0005  # a stripe stands a little proud, or it would flicker
 
 WHITE, RED, STEEL = (0.85, 0.84, 0.80), (0.72, 0.04, 0.03), (0.10, 0.11, 0.13)
@@ -31,7 +31,7 @@ def build() -> Asset:
         parts=(board, *feet, *stripes),
         points={"left": _grip(-GRIP_X_M), "right": _grip(GRIP_X_M)},
         mass_kg=0.1,
-        heavy_kg=HEAVY_KG,
+        heaviest_kg=HEAVIEST_KG,
         friction=1.2,
     )
 

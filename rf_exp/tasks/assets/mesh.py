@@ -7,7 +7,6 @@ nothing touches, is what pictures show.
 from pathlib import Path
 from typing import Any
 
-import coacd
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -17,22 +16,13 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import annotation
 from rf_exp.tasks.assets.annotation import Annotation
-from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint, Part
+from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint, Part, convex_pieces
 
 FORMATS = (".glb", ".obj", ".ply", ".stl")
 LINEAR = (".glb",)  # formats whose colours are linear, but for textures; elsewhere all is sRGB
 GREY: Colour = (0.35, 0.35, 0.35)
 COLOURS = 16  # more than these are made fewer
-CONVEX = 1.01  # a shell whose convex hull is at most so many times as large counts as convex
-CORNERS = 200  # of a convex piece; PhysX takes 255
 ON_TABLE_M = 0.001  # how far the lowest point may be from z = 0
-SEARCH = {  # coacd: half of its usual accuracy, in a fifth of the time
-    "threshold": 0.05,
-    "resolution": 1000,
-    "mcts_iterations": 20,
-    "mcts_nodes": 10,
-    "mcts_max_depth": 2,
-}
 
 
 def build(path: str) -> Asset:
@@ -49,7 +39,7 @@ def build(path: str) -> Asset:
             parts=_parts(said, file.parent / said.mesh),
             points=_points(said),
             mass_kg=said.mass_kg,
-            heavy_kg=said.heavy_kg,
+            heaviest_kg=said.heaviest_kg,
             friction=said.friction,
             static=said.static,
         )
@@ -119,18 +109,6 @@ def _shells(body: trimesh.Trimesh, path: Path) -> list[trimesh.Trimesh]:
                 "do not have a triangle on either side; expected closed surfaces, with an inside"
             )
     return shells
-
-
-def convex_pieces(shell: trimesh.Trimesh) -> list[trimesh.Trimesh]:
-    """Convex pieces that together fill a closed shell; the same on every call."""
-    hull = shell.convex_hull
-    if hull.volume <= CONVEX * shell.volume and len(hull.vertices) <= CORNERS:
-        return [hull]
-    coacd.set_log_level("error")
-    pieces = coacd.run_coacd(
-        coacd.Mesh(shell.vertices, shell.faces), max_ch_vertex=CORNERS, decimate=True, seed=0, **SEARCH
-    )
-    return [trimesh.convex.convex_hull(vertices) for vertices, _ in pieces]
 
 
 def _face_colours(geometry: trimesh.Trimesh, linear: bool) -> NDArray[np.float64]:

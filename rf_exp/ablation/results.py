@@ -1,0 +1,203 @@
+"""Files of result rows: those that commands write below an output folder, and those that are published.
+
+results/generate/<task>/<constraints>.jsonl                           GenerationRow; disturbed: ..-disturbed,
+                                                                      and with delay_s=0 ..-disturbed-punctual
+results/evaluate/<task>/<arch>/<constraints>-<recipe>-<demos>.jsonl   EvaluationRow; shielded: ..-shield
+
+A published file, with .tsv in the place of .jsonl, is a table with tabs between its columns, which pandas
+reads with `sep="\\t", comment="#", quoting=csv.QUOTE_NONE`. Above it stand lines `# name: JSON`:
+
+# rows: what kind of rows, and the CRC-32 of all bytes below this line
+# constant: the fields that all rows share, with their schema
+# asked: how the policies were to be trained and evaluated
+# made, made.0, made.1: of what they were made: what all training seeds share, and what each has of its own
+# curves.0: of each policy the steps of training, the mean loss since the last of them, CPU seconds until then
+
+The columns are the other fields: numbers and words as they are, 0 or 1, and accounts as JSON, which leaves
+out what an empty account says as well.
+"""
+
+import json
+import logging
+import zlib
+from collections.abc import Collection, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Generic
+
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, R, expect_schema, read_lines_of
+from rf_exp.artifacts import plain, restored, write_text
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.findings import Account
+from rf_exp.texts import shown
+
+log = logging.getLogger(__name__)
+
+PUBLISHED = ".tsv"
+SEEDS = ("seed", "train_seed", "scene_seed")  # columns of every table
+RESTORE = "restore it with git, or publish its rows again"
+Curves = Mapping[str, Mapping[str, list[float]]]  # policy -> column -> a value for each of some steps
+
+
+@dataclass(frozen=True)
+class Results:
+    """All rows below an output folder, each attempt once, and what was odd about the files."""
+
+    generation: tuple[GenerationRow, ...] = ()
+    evaluation: tuple[EvaluationRow, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
+
+
+@dataclass(frozen=True)
+class Published(Generic[R]):
+    """The rows of a published file, and of policies how they were asked for and what each was made of."""
+
+    rows: tuple[R, ...]
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    made: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)  # by training seed
+    curves: Mapping[int, Curves] = field(default_factory=dict)  # by training seed
+
+
+def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
+    """The rows of one file of either form, in the order they were written.
+
+    Raises StageError naming file and line of a bad row. An unfinished last line, left by a crash, is
+    left out with a warning in the log.
+    """
+    rows, torn = _read(path, kind)
+    if torn:
+        log.warning(shown(torn))
+    return rows
+
+
+def load(out: Path) -> Results:
+    """Every row below `out/results`, of both forms. Of an attempt that was repeated the last row counts."""
+    notes: list[str] = []
+
+    def gather(kind: type[R], pattern: str) -> tuple[R, ...]:
+        found: dict[tuple[object, ...], R] = {}
+        for path in sorted((out / "results").glob(pattern)):
+            if path.suffix not in (".jsonl", PUBLISHED):
+                continue
+            rows, torn = _read(path, kind)
+            notes.extend([torn] if torn else [])
+            for row in rows:
+                before = found.pop(row.identity, None)
+                if before and (before.success, before.steps) != (row.success, row.steps):
+                    what = ", ".join(f"{name} {getattr(row, name)}" for name in row.key)
+                    notes.append(f"{path}: repeated with another result, the last one counts: {what}")
+                found[row.identity] = row
+        return tuple(found.values())
+
+    generation = gather(GenerationRow, "generate/*/*")
+    return Results(generation, gather(EvaluationRow, "evaluate/*/*/*"), tuple(notes))
+
+
+def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
+    """The rows of a file, and a note about an unfinished last line, or ""."""
+    return (read_published(path, kind).rows, "") if path.suffix == PUBLISHED else read_lines_of(path, kind)
+
+
+def write_published(path: Path, published: Published[Any]) -> None:
+    """The file of at least one row, written whole. Raises OSError where it cannot be."""
+    kind = type(published.rows[0])
+    rows = [{each.name: _brief(getattr(row, each.name)) for each in fields(kind)} for row in published.rows]
+    constant = {name: value for name, value in _shared(rows).items() if name not in SEEDS}
+    shared = _shared([*published.made.values()])
+    said = {"constant": constant, "asked": published.asked, "made": shared}
+    said = {name: value for name, value in said.items() if value}
+    for seed, made in published.made.items():
+        said[f"made.{seed}"] = {name: value for name, value in made.items() if name not in shared}
+    said |= {f"curves.{seed}": curves for seed, curves in published.curves.items()}
+    columns = [name for name in rows[0] if name not in constant]
+    lines = [f"# {name}: {json.dumps(value)}" for name, value in said.items()]
+    lines += ["\t".join(columns), *("\t".join(_cell(row[name]) for name in columns) for row in rows)]
+    below = "\n".join([*lines, ""])
+    write_text(path, f"{_seal(kind, below.encode())}\n{below}")
+
+
+def read_published(path: Path, kind: type[R]) -> Published[R]:
+    """A published file. Raises StageError for one that is damaged, edited, or of another kind or schema."""
+    try:
+        first, _, below = path.read_bytes().partition(b"\n")
+    except OSError as error:
+        raise StageError(f"cannot read result rows from {path}: {error.strerror or error}") from error
+    try:
+        if (said := first.decode(errors="replace")) != (sealed := _seal(kind, below)):
+            raise ValueError(f"damaged or edited: it begins with {said[:100]!r}; expected {sealed!r}")
+        return _parsed(below.decode(), kind)
+    except (ValueError, ArgumentError) as error:
+        raise StageError(f"{path}: no published {kind.__name__}s: {error}; {RESTORE}") from error
+
+
+def _seal(kind: type, below: bytes) -> str:
+    """The first line of a file, about what is below it."""
+    return f'# rows: {{"kind": "{kind.__name__}", "crc32": "{zlib.crc32(below):08x}"}}'
+
+
+def _parsed(below: str, kind: type[R]) -> Published[R]:
+    lines = below.split("\n")
+    said = {}
+    while lines[0].startswith("# "):
+        name, _, value = lines.pop(0)[2:].partition(": ")
+        said[name] = json.loads(value)
+    constant = said["constant"]
+    expect_schema(constant)
+    if "account" in constant:
+        constant["account"] = restored(Account, constant["account"])
+    columns, *table = (line.split("\t") for line in lines[:-1])
+    readers = [_READERS[each.type] for name in columns for each in fields(kind) if each.name == name]
+    rows = []
+    for line in table:
+        own = {name: read(cell) for name, read, cell in zip(columns, readers, line, strict=True)}
+        rows.append(kind(**constant, **own))
+    made = {seed: said.get("made", {}) | own for seed, own in _by_seed(said, "made").items()}
+    return Published(tuple(rows), said.get("asked", {}), made, _by_seed(said, "curves"))
+
+
+def _by_seed(said: Mapping[str, Any], what: str) -> dict[int, Any]:
+    return {
+        int(seed): value
+        for name, value in said.items()
+        for part, dot, seed in [name.partition(".")]
+        if dot and part == what
+    }
+
+
+def _shared(several: Collection[Mapping[str, Any]]) -> dict[str, Any]:
+    """What all of them say alike."""
+    first = next(iter(several), {})
+    return {name: value for name, value in first.items() if all(each.get(name) == value for each in several)}
+
+
+def _brief(value: object) -> Any:
+    """As plain values, without fields that are as they are in an empty dataclass."""
+    if is_dataclass(value):
+        said = {each.name: (each, getattr(value, each.name)) for each in fields(value)}
+        return {name: _brief(it) for name, (each, it) in said.items() if it != _default(each)}
+    return [_brief(each) for each in value] if isinstance(value, tuple) else plain(value)
+
+
+def _default(of: Field[Any]) -> object:
+    return of.default if of.default_factory is MISSING else of.default_factory()
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, dict):
+        return json.dumps(value)
+    return str(int(value)) if isinstance(value, bool) else str(value)
+
+
+@lru_cache(maxsize=256)
+def _account(cell: str) -> Account:
+    return restored(Account, json.loads(cell))
+
+
+_READERS: Mapping[Any, Any] = {
+    bool: {"0": False, "1": True}.__getitem__,
+    int: int,
+    float: float,
+    str: str,
+    Account: _account,
+}
