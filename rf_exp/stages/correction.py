@@ -23,7 +23,7 @@ from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.findings import Account
 from rf_exp.policy import sent_on
-from rf_exp.stages.acting import acting, learned
+from rf_exp.stages.acting import acting, learning
 from rf_exp.stages.artifacts import owned
 from rf_exp.stages.cell import Cell
 from rf_exp.stages.evaluation import scene_of
@@ -60,8 +60,8 @@ def correct(cell: Cell) -> None:
     """
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
     before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
-    policies = acting(before)
-    provenance = cell.correction_identity(policies.step_limit, learned(before).provenance)
+    who = acting(before)
+    provenance = cell.correction_identity(who.limit, learning(before).provenance)
     data, demos = demonstrations(before)
     source = Store.open(data).first(demos)
     path, rows_path = cell.corrected_path, cell.correction_path
@@ -78,7 +78,7 @@ def correct(cell: Cell) -> None:
             known=_usual(source),
             extras=store.extras,
         )
-        act = scene_of(before, policies)
+        act = scene_of(before, who)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
 
         collect(
@@ -102,9 +102,8 @@ def _continued(task: Task, path: Path, source: Store, provenance: dict[str, Any]
     else:
         of = source.attrs
         size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        store = Store.create(
-            path, provenance, *size, source.description, [each.model for each in task.robots]
-        )
+        robots = [each.model for each in task.robots]
+        store = Store.create(path, provenance, *size, source.description, robots)
     with store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))

@@ -64,13 +64,13 @@ def of(recipe: str, folder: Path) -> Digests:
     from rf_exp.policy import MODEL, DiffusionRunner, load_policy, train, views
     from rf_exp.policy.learning.checkpoint import read_tensors
     from rf_exp.store import Store
+    from tests.conftest import RECIPES as CHOICES
     from tests.conftest import experiment
     from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, shown, write_store
 
     torch.set_num_threads(1)
     picture = f"picture={{width: {WIDTH}, height: {HEIGHT}}}"
-    chosen = f"ablation/{recipe}" if recipe in ABLATION else recipe
-    asked = experiment(f"policy={chosen}", picture, *_ALL, *RECIPES[recipe])
+    asked = experiment(f"policy={CHOICES[recipe]}", picture, *_ALL, *RECIPES[recipe])
     store = Store.open(write_store(folder / "reach.zarr", AGENTS, EPISODES))
     view = views(ARCHS[-1], AGENTS)[0]
     made = train(store, view, asked.policy, replace(asked.training, log_every=1), folder / recipe)

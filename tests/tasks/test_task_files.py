@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from copy import deepcopy
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +128,9 @@ TRAP = "import pathlib; pathlib.Path(__file__).with_name('sprung').touch()\nrais
 
 def hostile_identities(module: str) -> list[dict[str, Any]]:
     """What somebody writes into a store's attributes to have a module imported."""
-    scene = plain(asdict(read_task(CONF / "task" / "lift_barrier.yaml")))
+    task = read_task(CONF / "task" / "lift_barrier.yaml")
+    said = {each.name: getattr(task, each.name) for each in fields(task)}
+    scene = plain({**said, "robots": task.identity["robots"]})
     asset = {**scene, "objects": {"barrier": {**scene["objects"]["barrier"], "asset": f"{module}.asset"}}}
     return [
         {"task": "lift_barrier", "scene": {**scene, "code": module}},
