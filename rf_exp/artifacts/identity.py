@@ -44,6 +44,8 @@ def read_values(kind: type[T], values: Mapping[str, Any], within: str = "") -> T
 
     Raises ArgumentError naming the dotted key, which begins with `within`, that cannot be used.
     """
+    if not isinstance(values, Mapping):
+        raise ArgumentError(f"{within.rstrip('.')} is {values!r}; expected keys below it")
     try:
         _expect_lists(kind, values, within)
         return dacite.from_dict(kind, values, dacite.Config(cast=[tuple, float], strict=True))

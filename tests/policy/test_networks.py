@@ -4,12 +4,12 @@ import pytest
 import torch
 
 from rf_exp.errors import ArgumentError
-from rf_exp.policy import Policy, Stream, View
+from rf_exp.policy import ConditionalUNet1D, Policy, Stream, View
 from rf_exp.policy.config import ENCODERS
+from rf_exp.policy.examples.windows import largest_change
 from rf_exp.policy.networks.diffusion import DiffusionHead, RefinedHead
 from rf_exp.policy.networks.encoders import SpatialSoftmax
-from rf_exp.policy.networks.normaliser import LEAST_RANGE, Range, largest_change
-from rf_exp.policy.networks.unet import ConditionalUNet1D
+from rf_exp.policy.networks.policy import LEAST_RANGE, Range
 from tests.policy.conftest import paper_policy, small_policy
 
 LOCAL = View("agent1", (Stream("agent1", (1,)),))

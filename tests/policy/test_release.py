@@ -180,9 +180,10 @@ def test_the_command_that_is_documented_takes_what_a_release_says(command: Any, 
     assert done.returncode == 1 and "no trained policy in " in done.stderr, done.stderr
     [kept] = folder.glob("runs/*/*/.hydra/config.yaml")
     config: Any = OmegaConf.load(kept)
+    said_of: Any = OmegaConf.to_container(config)
     assert (config.scenes, config.demos, config.recipe, config.train_seed) == (7, 50, "fast+dagger1", 1)
     assert config.stages == ["evaluate", "report"] and list(config.task) == ["lift_barrier"]
-    assert read_recipe(config.policy, config.picture) == paper_policy()
+    assert read_recipe(said_of["policy"], said_of["picture"]) == paper_policy()
     assert not marker.exists()
 
 

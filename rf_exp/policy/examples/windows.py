@@ -23,7 +23,6 @@ from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, sent_
 from rf_exp.policy.inputs.observation_spec import of_agent, spec_of
 from rf_exp.policy.inputs.pictures import crop, with_margin
 from rf_exp.policy.inputs.view import ACTION_SIZE, PROPRIO_SIZE, View
-from rf_exp.policy.networks.normaliser import Normaliser, largest_change
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:
@@ -90,6 +89,15 @@ class _Meant:
         return self._steps[np.clip(at, self._next[first], self._next[last])]
 
 
+def largest_change(action: Tensor, within: Tensor) -> Tensor:
+    """(A,) largest change between neighbouring rows of action (K, A).
+
+    `within` (K - 1,) says which neighbours belong to one episode.
+    """
+    change = action.diff(dim=0).abs()[within]
+    return change.amax(dim=0) if len(change) else torch.zeros_like(action[0])
+
+
 @dataclass(frozen=True)
 class Batch:
     """B windows of U different frames."""
@@ -147,18 +155,12 @@ class Windows:
     def __len__(self) -> int:
         return len(self._first)
 
-    def normaliser(self, features: int = 0) -> Normaliser:
-        """Fitted to these windows, but for features of pictures, which have to be learned first."""
-        sizes = self.proprio.shape[1], self.action.shape[1], self.context.shape[1], features
-        normaliser = Normaliser(*sizes).to(self._device)
+    def fastest(self) -> Tensor:
+        """(A,) the largest change of each action between two control steps of a demonstration."""
         within = torch.from_numpy(self._first[1:] == self._first[:-1]).to(self._device)
-        normaliser.proprio.fit(self.proprio)
-        normaliser.context.fit(self.context)
-        normaliser.action.fit(self._learned_actions())
-        normaliser.fastest.copy_(largest_change(self.action, within))
-        return normaliser
+        return largest_change(self.action, within)
 
-    def _learned_actions(self) -> Tensor:
+    def learned_actions(self) -> Tensor:
         """All actions that a policy may have to predict (K, A)."""
         if not self._config.relative_actions:
             return self.action
@@ -208,17 +210,16 @@ class Windows:
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
         run_of_frame, unique = np.divmod(keys, len(self))
-        whole = self._pictures.shape[1:3]
-        height, width = config.cropped(*whole)
-        slack = np.array([whole[0] - height, whole[1] - width])
-        corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
-        if rng is not None:
-            corners = rng.integers(0, slack + 1, size=corners.shape)
         seen, features = self._pictures, None
         if self._features is not None:
             seen, features = seen[:0], self._features[self._index(frames)]
         elif len(seen):
-            seen = crop(seen, unique, corners[run_of_frame], (height, width))
+            whole, size = seen.shape[1:3], config.cropped(*seen.shape[1:3])
+            slack = np.array(whole, np.int64) - np.array(size, np.int64)
+            corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
+            if rng is not None:
+                corners = rng.integers(0, slack + 1, size=corners.shape)
+            seen = crop(seen, unique, corners[run_of_frame], size)
         return Batch(
             seen,
             self._index(inverse.reshape(frames.shape)),

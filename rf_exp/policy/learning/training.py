@@ -147,8 +147,7 @@ class Training:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(train_config.seed)
             self.policy = Policy(policy_config, view, windows.spec)
-        self.policy.normaliser.load_state_dict(windows.normaliser(self.policy.encoder.size).state_dict())
-        self.policy.to(self._device)
+        self.policy.to(self._device).normaliser.fit(windows)
         if self._device.type == "cpu":  # GroupNorm on CUDA wants NCHW, the CPU's convolutions do not
             self.policy.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         budget = train_config.steps or (train_config.epochs or 0) * self._per_epoch

@@ -18,9 +18,53 @@ from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head
 from rf_exp.policy.networks.layers import scaled
-from rf_exp.policy.networks.normaliser import Normaliser
 from rf_exp.policy.networks.transitions import TransitionPredictor
 from rf_exp.types import ARM_JOINTS
+
+LEAST_RANGE = 0.02  # rad or m: a joint that hardly moves is centred, its noise not blown up to [-1, 1]
+
+
+class Range(nn.Module):
+    """Affine map of the last axis (D) from its smallest and largest value to [-1, 1]."""
+
+    centre: Tensor
+    radius: Tensor
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("centre", torch.zeros(size))
+        self.register_buffer("radius", torch.ones(size))
+
+    def fit(self, values: Tensor) -> None:
+        """Take the range of values (K, D); it is at least `LEAST_RANGE` wide."""
+        low, high = values.amin(dim=0), values.amax(dim=0)
+        self.centre.copy_((low + high) / 2)
+        self.radius.copy_(((high - low) / 2).clamp(min=LEAST_RANGE / 2))
+
+    def normalise(self, values: Tensor) -> Tensor:
+        return (values - self.centre) / self.radius
+
+    def restore(self, values: Tensor) -> Tensor:
+        return values * self.radius + self.centre
+
+
+class Normaliser(nn.Module):
+    """What a policy remembers of its data: the ranges, and how fast targets moved in a control step."""
+
+    fastest: Tensor  # (A,) largest change of each action between two control steps of a demonstration
+
+    def __init__(self, proprio_size: int, action_size: int, context_size: int = 0, features: int = 0) -> None:
+        super().__init__()
+        self.proprio, self.action = Range(proprio_size), Range(action_size)
+        self.context, self.features = Range(context_size), Range(features)
+        self.register_buffer("fastest", torch.zeros(action_size))
+
+    def fit(self, windows: Windows) -> None:
+        """To what these windows show, but for features of pictures, which have to be learned first."""
+        self.proprio.fit(windows.proprio)
+        self.context.fit(windows.context)
+        self.action.fit(windows.learned_actions())
+        self.fastest.copy_(windows.fastest())
 
 
 class Policy(nn.Module):
