@@ -23,7 +23,7 @@ from rf_exp.errors import StageError
 from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.findings import Account
 from rf_exp.policy import sent_on
-from rf_exp.stages.acting import acting, learning
+from rf_exp.stages.acting import acting, learned
 from rf_exp.stages.artifacts import owned
 from rf_exp.stages.cell import Cell
 from rf_exp.stages.evaluation import scene_of
@@ -60,8 +60,8 @@ def correct(cell: Cell) -> None:
     """
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
     before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
-    who = acting(before)
-    provenance = cell.correction_identity(who.limit, learning(before).provenance)
+    policies = acting(before)
+    provenance = cell.correction_identity(policies.step_limit, learned(before).provenance)
     data, demos = demonstrations(before)
     source = Store.open(data).first(demos)
     path, rows_path = cell.corrected_path, cell.correction_path
@@ -78,7 +78,7 @@ def correct(cell: Cell) -> None:
             known=_usual(source),
             extras=store.extras,
         )
-        act = scene_of(before, who)
+        act = scene_of(before, policies)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
 
         collect(
