@@ -1,4 +1,4 @@
-"""Writes docs/policies.md and its figure from the rows in results/evaluate: python docs/policies.py"""
+"""Writes docs/policies.md, docs/recipe_ablation.md and the figure from results/evaluate: python docs/policies.py"""
 
 import re
 from collections import Counter
@@ -53,8 +53,8 @@ MOST = 3  # kinds of failures that are told of a policy
 START = "paper_short"  # where the ablation begins
 ABLATION = ROOT / "conf" / "experiment" / "policy_ablation.yaml"
 
-WORDS = Path(__file__).with_suffix(".jinja")
-FIGURE = Path(__file__).parent / "images" / "policies.svg"
+HERE = Path(__file__).parent
+FIGURE = HERE / "images" / "policies.svg"
 
 PEERS = [  # what others report: the first RERUN of them in a public rerun
     *("lift_barrier", "camera_alignment", "long_pipeline_delivery", "take_photo", "pass_shoe", "place_food"),
@@ -345,13 +345,13 @@ def beside(group: Sequence[EvaluationRow] | None, figure: float | None) -> str:
     return ours if figure is None else f"{ours} ({percent(figure)})"
 
 
-def document(rows: Sequence[EvaluationRow]) -> str:
-    """The page: its words from the template, its figures from the rows."""
+def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
+    """The pages: their words from templates, their figures from the rows."""
     groups = list(cells(row for row in rows if row.recipe not in ablated()[1:]))
     of_tables = of_fast(groups)
     failed = [failures(row, group) for row, group in groups if not all(r.success for r in group)]
-    return rendered(
-        WORDS,
+    results = rendered(
+        HERE / "policies.jinja",
         baseline=baseline(of_tables),
         architectures=architectures(of_tables),
         hours=hours(of_tables),
@@ -362,14 +362,20 @@ def document(rows: Sequence[EvaluationRow]) -> str:
         every=table(HEADING, (line(row, group) for row, group in groups)),
         origins=table(ORIGIN, origins(row for row, _ in groups)),
         most=paper().demos[-1],
-        ablation=ablation(rows),
-        ablation_demos=OmegaConf.load(ABLATION).demos,
         failed="\n".join(failed),
         commits=", ".join(sorted({row.commit for row in rows})),
     )
+    tried = rendered(
+        HERE / "recipe_ablation.jinja",
+        ablation=ablation(rows),
+        ablation_demos=OmegaConf.load(ABLATION).demos,
+        most=paper().demos[-1],
+    )
+    return {HERE / "policies.md": results, HERE / "recipe_ablation.md": tried}
 
 
 if __name__ == "__main__":
     measured = load(ROOT).evaluation
-    Path(__file__).with_suffix(".md").write_text(document(measured), "utf-8")
+    for path, text in documents(measured).items():
+        path.write_text(text, "utf-8")
     FIGURE.write_text(figure(panels(of_fast(cells(measured)))), "utf-8")

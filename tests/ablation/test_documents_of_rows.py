@@ -1,4 +1,4 @@
-"""docs/policies.md and the tables of other documents say what the rows in results/ say."""
+"""The pages of policies and the tables of other documents say what the rows in results/ say."""
 
 import re
 import runpy
@@ -15,11 +15,11 @@ DATA = re.compile(r"<dc:description>(.*?)</dc:description>", re.DOTALL)
 
 
 @pytest.mark.slow
-def test_the_page_of_policies_is_what_its_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DOCS)
     script, rows = runpy.run_path(str(DOCS / "policies.py")), load(DOCS.parent).evaluation
-    written = script["document"](rows)
-    assert (DOCS / "policies.md").read_text("utf-8") == written, "run: python docs/policies.py"
+    for path, written in script["documents"](rows).items():
+        assert path.read_text("utf-8") == written, "run: python docs/policies.py"
     # Lines are drawn a little otherwise by another matplotlib; what they show must be the same.
     panels = script["panels"](script["of_fast"](script["cells"](rows)))
     shown = runpy.run_path(str(DOCS / "figure.py"))["described"](panels)
