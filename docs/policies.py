@@ -1,4 +1,4 @@
-"""Writes docs/policies.md, docs/recipe_ablation.md and the figure from results/evaluate: python docs/policies.py"""
+"""Writes the pages of policies and their figure from the rows in results/evaluate: python docs/policies.py"""
 
 import re
 from collections import Counter
