@@ -14,7 +14,7 @@ from rf_exp.transforms import from_axes
 from rf_exp.types import fingers_of
 
 if TYPE_CHECKING:
-    from rf_exp.robots.robot import Inverse, Robot
+    from rf_exp.robots.robot import Finger, Inverse, Robot
 
 Floats = NDArray[np.float64]
 
@@ -52,6 +52,9 @@ class Chain:
         while joint:
             self._arm.insert(0, joint)
             joint = parents[joint]
+        first, last = self._arm[0], self._arm[-1]  # NumPy is faster along slices
+        row = len(self._arm) == last + 1 - first
+        self._turning = slice(first, last + 1) if row else self._arm
         found = tuple(names[joint] for joint in self._arm)
         if found != robot.joints or any(self._axes[name].slides for name in found):
             raise ArgumentError(
@@ -62,17 +65,20 @@ class Chain:
         for joint in (joint for finger in robot.hand.fingers for joint in finger.joints):
             if joint not in names:
                 raise choices(f"joint of the hand of robot {robot.name!r}", joint, names[1:])
-        self._fingers = [  # joint, its finger, and how it goes with that
-            (names.index(joint), k, finger)
-            for k, finger in enumerate(robot.hand.fingers)
-            for joint in finger.joints
-        ]
+        self._turned = list[tuple[int, int, "Finger"]]()  # joints of fingers that turn, and which finger
+        self._slid = list[tuple[int, int, "Finger", int, float]]()  # those that slide, along which axes
+        for k, finger in enumerate(robot.hand.fingers):
+            for joint in finger.joints:
+                axis, number = self._axes[joint], names.index(joint)
+                if not axis.slides:
+                    self._turned.append((number, k, finger))
+                for along in np.flatnonzero(axis.direction) if axis.slides else ():
+                    self._slid.append((number, k, finger, int(along), float(axis.direction[along])))
         # Each revolute joint turns about the z axis of a frame of its own, so all of them are alike.
         turns = [
             np.eye(4) if axis is None or axis.slides else _z_along(axis.direction)
             for axis in (self._axes.get(name) for name in names)
         ]
-        self._names = names
         self._parents = parents
         self._placements = [
             turns[parent].T @ placement.homogeneous @ turns[joint]
@@ -111,14 +117,13 @@ class Chain:
         """(..., joints + 1, 4, 4) base_from_joint of a chain; 0 is the base. Others are not filled in."""
         motions = np.zeros((*qpos.shape[:-1], len(self._parents), 4, 4))
         motions[..., range(4), range(4)] = 1.0
-        _turn(motions, self._arm, qpos[..., : self.dof])
-        for joint, k, finger in self._fingers if len(chain) > self.dof else ():
-            value = finger.position(fingers_of(qpos)[..., k])
-            axis = self._axes[self._names[joint]]
-            if not axis.slides:
-                _turn(motions, joint, value)
-            for along in np.flatnonzero(axis.direction) if axis.slides else ():
-                motions[..., joint, along, 3] = axis.direction[along] * value
+        _turn(motions, self._turning, qpos[..., : self.dof])
+        if len(chain) > self.dof:
+            fingers = fingers_of(qpos)
+            for joint, k, finger, along, share in self._slid:
+                motions[..., joint, along, 3] = share * finger.position(fingers[..., k])
+            for joint, k, finger in self._turned:
+                _turn(motions, joint, finger.position(fingers[..., k]))
         poses = np.empty_like(motions)
         poses[..., 0, :, :] = np.eye(4)
         for joint in chain:
@@ -127,7 +132,7 @@ class Chain:
         return poses
 
 
-def _turn(motions: Floats, joints: int | Sequence[int], angles_rad: Floats) -> None:
+def _turn(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) -> None:
     """Turns joints by their angles, each about its own z."""
     motions[..., joints, 0, 0] = motions[..., joints, 1, 1] = np.cos(angles_rad)
     motions[..., joints, 1, 0] = np.sin(angles_rad)
