@@ -281,6 +281,8 @@ class PolicyConfig(Checked):
 
         Raises ArgumentError that names a key.
         """
+        if wrong := [each for each in nodes if not isinstance(each, Mapping)]:
+            raise ArgumentError(f"policy is {wrong[0]!r}; expected keys below it")
         node = reduce(merged, nodes)
         parts = {kind: _read_part(kind, node.get(kind)) for kind in PARTS}
         return read_values(PolicyConfig, {**node, **parts}, "policy.")
