@@ -238,7 +238,9 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
             "out": Path(checked_folder(node["out"])),
-            "pictures": {**picture, "render": node["render"], "cameras": node["cameras"]},
+            "pictures": read_values(
+                Pictures, {**picture, "render": node["render"], "cameras": node["cameras"]}, "picture."
+            ),
             "policy": read_recipe(node["policy"], picture),  # a policy sees what the cameras take
             "foreign": foreign,
         }

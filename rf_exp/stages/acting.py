@@ -56,8 +56,9 @@ def learned(cell: Cell) -> Learned:
     """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
     if (foreign := cell.experiment.foreign) is not None:
         return Learned({"foreign": foreign.name})
+    made = _provenance(cell)  # first: it says whether there are any
     core_s = sum(cost_s(cell.policy_path / view.name) for view in cell.views)
-    return Learned(_provenance(cell), core_s, _queries(cell))
+    return Learned(made, core_s, _queries(cell))
 
 
 @lru_cache(maxsize=1)

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from rf_exp.errors import ArgumentError
-from rf_exp.policy import ConditionalUNet1D, Policy, Stream, View
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy import ConditionalUNet1D, Policy, Stream, View, train
 from rf_exp.policy.config import ENCODERS
 from rf_exp.policy.examples.windows import largest_change
 from rf_exp.policy.networks.diffusion import DiffusionHead, RefinedHead
@@ -143,6 +143,25 @@ def test_samples_are_repeatable_and_inside_the_range(sampler: str, prediction: s
     assert actions.abs().max() <= 1.0 + 1e-5  # clipped to the range of the data
     assert torch.equal(actions, sampled(policy, 2))
     assert not torch.allclose(actions[0], actions[1])  # rows have noise of their own
+
+
+def test_a_head_that_samples_another_shape_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(0)
+    policy = Policy(small_policy(), LOCAL).eval()
+    whole = policy.head.sample
+    monkeypatch.setattr(policy.head, "sample", lambda *given: whole(*given)[:, 1:])
+    with pytest.raises(StageError, match=r"head 'diffusion' .* shape \(2, 7, 8\); expected \(2, 8, 8\)"):
+        sampled(policy, 2)
+
+
+def test_a_head_whose_loss_is_no_number_is_named(
+    make_store, policy_config, train_config, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(DiffusionHead, "loss", lambda self, condition, actions, generator: condition.sum(1))
+    with pytest.raises(
+        StageError, match=r"head 'diffusion' .* a loss of shape \(\d+,\); expected one number"
+    ):
+        train(make_store(1, 2), LOCAL, policy_config, train_config, tmp_path / "policy")
 
 
 def test_without_steps_of_diffusion_the_regression_acts() -> None:

@@ -18,7 +18,7 @@ TRAINS = """
     from rf_exp.policy import DiffusionRunner, import_code, load_policy, train, views
     from rf_exp.store import Store
     from tests.conftest import CONF
-    from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, write_store
+    from tests.policy.conftest import ARCHS, HEIGHT, WIDTH, make_episode, rows, scene_at, shown, write_store
 
     register_all_tasks()
     small = ["policy.encoder.keypoints.steps=2", "training.steps=4", "training.batch_size=8"]
@@ -44,7 +44,7 @@ TRAINS = """
     for _ in range(2):
         runner.reset(9)
         pictures = {camera: frames[0] for camera, frames in episode.images.items()}
-        commands.append(runner(scene_at(episode, 0), pictures))
+        commands.append(runner(shown(runner, scene_at(episode, 0), pictures)))
     assert commands[0].shape == (1, 8) and np.array_equal(*commands)
     print(made)
 """

@@ -12,6 +12,7 @@ from functools import partial
 import torch
 from torch import Tensor, nn
 
+from rf_exp.errors import StageError
 from rf_exp.policy.config import ENCODERS, HEADS, PolicyConfig, name_of
 from rf_exp.policy.examples.windows import Batch, Windows, action_origin
 from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec
@@ -115,6 +116,8 @@ class Policy(nn.Module):
         """What the head learns from a draw, and the predictor of transitions beside it."""
         batch = examples.batch(draw.windows, draw.rng)
         loss = of_head(self._observed(batch, draw.generator), self._targets(batch), draw.generator)
+        if loss.dim():
+            raise self._wrong_head(f"gives a loss of shape {tuple(loss.shape)}; expected one number")
         if beside is None:
             return loss
         unknown = replace(batch, context=beside.hide(batch.context))
@@ -171,6 +174,9 @@ class Policy(nn.Module):
         proprio = self.normaliser.proprio.normalise(proprio)
         return torch.cat([features, proprio, self.normaliser.context.normalise(context)], dim=2).flatten(1)
 
+    def _wrong_head(self, how: str) -> StageError:
+        return StageError(f"head {name_of(self.config.head)!r} ({type(self.head).__name__}) {how}")
+
     def _origin(self, proprio: Tensor, context: Tensor) -> Tensor | float:
         """What is added to a prediction to make targets of it (B, 1, A)."""
         if not self.config.relative_actions:
@@ -207,6 +213,9 @@ class Policy(nn.Module):
         All noise of row b comes from `generators[b]`, so a row does not depend on its neighbours.
         """
         sample = self.head.sample(self.condition(features, proprio, context), generators)
+        expected = len(context), self.config.horizon, self.normaliser.action.centre.shape[0]
+        if sample.shape != expected:
+            raise self._wrong_head(f"samples actions of shape {tuple(sample.shape)}; expected {expected}")
         actions = self.normaliser.action.restore(sample) + self._origin(proprio, context)
         if self.config.binary_grippers:
             commands = actions[..., : self._agents * ACTION_SIZE]
