@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
+from typing import Any
 
 import numpy as np
 import torch
@@ -56,6 +57,7 @@ class Noise:
     images: dict[str, NDArray[np.uint8]]
     episode_ends: NDArray[np.int64]
     cameras: tuple[str, ...] = ("agent1",)
+    models: tuple[Any, ...] = ()
     objects: tuple[str, ...] = ()
     agents: int = 1
 

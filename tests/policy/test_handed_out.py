@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rf_exp.errors import StageError
 from rf_exp.observations import Coordination, Declaration, Observation, Observations, observe
 from rf_exp.policy import DiffusionRunner, Foreign, PolicyRunner, Stream, View, rollout, views
+from rf_exp.policy import Policy as Networks
 from rf_exp.policy.foreign.runner import ForeignRunner
 from rf_exp.policy.inputs.observation_spec import spec_of
-from rf_exp.policy.networks.policy import Policy as Networks
 from rf_exp.types import Arch, Episode, Scene, Verdict
 from tests.conftest import experiment, read_task
 from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH, Taken, make_episode, scene_at
