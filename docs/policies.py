@@ -87,7 +87,7 @@ def of_fast(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> Cell
 
 
 def of_paper(row: EvaluationRow) -> float | None:
-    """The paper's figure for the same task, architecture and number of demonstrations; an oracle has none."""
+    """The paper's figure for the same task, architecture and demonstrations; none with privileged state."""
     if row.observation == "state":
         return None
     if row.arch == BASELINE_ARCH:
@@ -259,7 +259,7 @@ def shielded(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str
     return table(SHIELD, lines)
 
 
-def oracles(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
+def privileged(groups: Iterable[tuple[EvaluationRow, list[EvaluationRow]]]) -> str:
     """Policies that are told the true poses of all things, beside those of the same recipe that see."""
     found: dict[tuple[str, int], dict[str, list[EvaluationRow]]] = {}
     for row, group in groups:
@@ -357,7 +357,7 @@ def documents(rows: Sequence[EvaluationRow]) -> dict[Path, str]:
         hours=hours(of_tables),
         compared=compared(of_tables),
         shielded=shielded(groups),
-        oracles=oracles(groups),
+        privileged=privileged(groups),
         limits=limits(rows),
         every=table(HEADING, (line(row, group) for row, group in groups)),
         origins=table(ORIGIN, origins(row for row, _ in groups)),

@@ -122,8 +122,8 @@ def expect_same(artifact: Path, found: object, wanted: object, remedy: str) -> N
 def _simpler(item: object) -> object:
     if is_dataclass(item) and not isinstance(item, type):
         return {each.name: getattr(item, each.name) for each in fields(item)}
-    if hasattr(item, "tolist"):  # NumPy's scalars and arrays; help comes without the library
-        return item.tolist()  # type: ignore[attr-defined]
+    if callable(tolist := getattr(item, "tolist", None)):  # NumPy's: help comes without the library
+        return tolist()
     if isinstance(item, Mapping):
         return dict(item)
     if isinstance(item, set | frozenset):

@@ -72,9 +72,8 @@ class KeypointsConfig(EncoderConfig):
     downsample: int = bounded(64, least=1)  # times, of the picture that heat maps cover
     # Pixels, side of the squares of the whole picture that are looked at again; 0: none.
     crop_refinement: int = bounded(LARGEST_PX, least=0)
-    noise: float = bounded(
-        1, least=0
-    )  # on what is seen (m, and parts of a picture), while the rest learns from it
+    # On what is seen (m, and parts of a picture), while the rest learns from it.
+    noise: float = bounded(1, least=0)
     steps: int = bounded(10**9, least=0)  # of a fit of its own, before all others; 0: it learns with the head
     rate: float = bounded(1e3, above=0)  # of learning then, as a multiple of the others'
     shift_px: int = bounded(LARGEST_PX, least=0)  # by which pictures are shifted at most then, either way
@@ -378,9 +377,7 @@ class TrainConfig(Checked):
     batch_size: int = bounded(2**16, above=0)  # windows
     # Part of them that is drawn from those in which an own agent may go on.
     active_agent_sampling: float = bounded(1, least=0)
-    run_length: int = bounded(
-        2**16, above=0
-    )  # consecutive windows drawn together: their frames are encoded once
+    run_length: int = bounded(2**16, above=0)  # consecutive windows drawn together, encoded once
     learning_rate: float = bounded(math.inf, above=0)
     betas: tuple[float, float] = bounded(least=0, below=1, expected="two numbers in [0, 1)")
     epsilon: float = bounded(1, above=0)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.robots.robot import MARGIN_RAD, Robot
+from rf_exp.robots.robot import Robot
 from rf_exp.transforms import Matrix, inverse
 
 _AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # of the last joint
@@ -16,8 +16,7 @@ class Arm:
     def __init__(self, robot: Robot, world_from_base: Matrix) -> None:
         self.robot, self.world_from_base = robot, world_from_base
         self._base_from_world = inverse(world_from_base)
-        self._solver, limits = robot.solver, robot.limits_rad
-        self._limits_rad = limits + np.array([[MARGIN_RAD], [-MARGIN_RAD]])
+        self._solver, self._limits_rad = robot.solver, robot.planned_rad
 
     def joints(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., dof) of this arm, of measured joints or commands (..., D) of a task with more."""

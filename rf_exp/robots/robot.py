@@ -203,6 +203,11 @@ class Robot:
         return self._chain.limits_rad
 
     @property
+    def planned_rad(self) -> NDArray[np.float64]:
+        """(2, dof) between which postures are planned, a small margin within the limits."""
+        return self.limits_rad + np.array([[MARGIN_RAD], [-MARGIN_RAD]])
+
+    @property
     def hulls(self) -> "Mapping[str, trimesh.Trimesh]":
         """Convex hull of the collision shapes of every link in `links`, in the frame of the link, metres."""
         from rf_exp.robots import urdf
@@ -250,9 +255,7 @@ class Robot:
         """
         solver = self.solver
         last_rad = solver.facing(base_from_tcp) if last_rad is None else last_rad
-        return solver.postures(
-            base_from_tcp, last_rad, self.limits_rad + np.array([[MARGIN_RAD], [-MARGIN_RAD]])
-        )
+        return solver.postures(base_from_tcp, last_rad, self.planned_rad)
 
     @property
     def solver(self) -> Inverse:

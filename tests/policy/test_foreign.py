@@ -181,8 +181,8 @@ def test_rows_say_whose_policy_it_is_and_what_it_was_told() -> None:
     made = experiment("stages=[evaluate]", "arch=all", "foreign.name=x", "foreign.factory=a:b", *BLIND)
     assert [arch.name for arch in made.archs] == ["foreign"] and made.method == "x"
     assert made.foreign is not None and made.foreign.observation == "pictures"
-    oracle = replace(made.foreign, observations=Observations(state="full"))
-    assert oracle.observation == "state"
+    privileged = replace(made.foreign, observations=Observations(state="full"))
+    assert privileged.observation == "state"
 
 
 # -- servers -----------------------------------------------------------------------------------------

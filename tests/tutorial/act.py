@@ -47,7 +47,7 @@ class Act(Head):
         return self._chunk(condition)
 
     def fits(self) -> list[Fit]:
-        return [Fit("act", [self], self.loss, rate=self._rate)]
+        return [Fit([self], self.loss, rate=self._rate)]
 
     def _chunk(self, condition: Tensor) -> Tensor:
         queries = self.queries.expand(len(condition), -1, -1)

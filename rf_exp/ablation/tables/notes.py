@@ -30,7 +30,7 @@ def learnt_from(results: Results) -> tuple[str, ...]:
         )
     if told := sorted({row.recipe for row in results.evaluation if row.observation == "state"}):
         notes.append(
-            f"Policies of recipe {', '.join(told)} are told the true poses of all things: an oracle."
+            f"Policies of recipe {', '.join(told)} are given the true poses of all things (privileged state)."
         )
     by_strength: dict[float, set[str]] = {}
     for row in results.evaluation:

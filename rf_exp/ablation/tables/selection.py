@@ -58,10 +58,10 @@ def recipes_of(rows: Iterable[EvaluationRow]) -> list[str]:
 
     Of those with as many, the ones that profiles choose come first: others differ from them.
     """
-    oracles = {row.recipe: row.observation == "state" for row in rows}
+    privileged = {row.recipe: row.observation == "state" for row in rows}
     counts = Counter(row.recipe for row in rows)
     of_profiles = ("fast", "paper")
-    key = {name: (oracles[name], -counts[name], name not in of_profiles, name) for name in counts}
+    key = {name: (privileged[name], -counts[name], name not in of_profiles, name) for name in counts}
     return sorted(counts, key=key.__getitem__) or ["paper"]
 
 

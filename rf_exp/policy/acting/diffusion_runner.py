@@ -118,11 +118,8 @@ class DiffusionRunner(PolicyRunner):
     def _begin(self, seed: int) -> _Episode:
         features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
         generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
-        transitions, grippers = (
-            TransitionIntegrator(self._config.acting.transition_integrator),
-            Memory(self._agents),
-        )
-        nothing = np.full(self._agents, np.nan)
+        transitions = TransitionIntegrator(self._config.acting.transition_integrator)
+        grippers, nothing = Memory(self._agents), np.full(self._agents, np.nan)
         return _Episode(features, proprio, context, transitions, generators, grippers, nothing)
 
     # what is observed

@@ -169,9 +169,8 @@ class Training:
         self._order: Sequence[NDArray[np.int64]] = ()  # of the windows of this epoch, in batches
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
         self._samples, self._since = 0, time.perf_counter()  # the same of windows, and when that was
-        self.first_fit: Path | None = (
-            None  # where what is learned first lies, or will, for other trainings too
-        )
+        # Where what is learned first lies, or will, for other trainings too.
+        self.first_fit: Path | None = None
         self._began_s = time.process_time()
 
     @property

@@ -93,9 +93,6 @@ class DiffusionHead(Head):
             sample = stepped.prev_sample  # pyright: ignore[reportAttributeAccessIssue]
         return sample
 
-    def fits(self) -> list[Fit]:
-        return [Fit("diffusion", [self], self.loss)]
-
     def _predicted(self, noisy: Tensor, film: Tensor, given: Tensor | None) -> Tensor:
         """The prediction of the U-Net: with a chunk of clean actions, its difference from that."""
         network = self._quick or self.unet.modulated
@@ -133,8 +130,8 @@ class RefinedHead(Head):
         )
 
     def fits(self) -> list[Fit]:
-        first = Fit("regression", [self.regression], self.regression.loss, self._config.regression_steps)
-        return [first, Fit("diffusion", [self.diffusion], self.loss)]
+        first = Fit([self.regression], self.regression.loss, self._config.regression_steps)
+        return [first, Fit([self.diffusion], self.loss)]
 
     @torch.no_grad()
     def _given(self, condition: Tensor) -> Tensor:

@@ -35,7 +35,6 @@ def _nothing() -> None:
 class Fit:
     """A stretch of training: these parts learn from this loss, and nothing else does."""
 
-    name: str
     parts: Sequence[nn.Module]
     loss: Callable[..., Tensor]  # of a Draw; of a head: of condition, actions and generator
     steps: int | None = None  # None: the training's own budget
@@ -92,4 +91,4 @@ class Head(nn.Module):
 
     def fits(self) -> list[Fit]:
         """How it is learned: all of it at once, unless it says otherwise."""
-        return [Fit("head", [self], self.loss)]
+        return [Fit([self], self.loss)]

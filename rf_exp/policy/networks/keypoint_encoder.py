@@ -117,7 +117,7 @@ class KeypointEncoder(Encoder):
 
         settle = partial(self.fit_cameras, examples.pixels, examples.points)
         decides = {key: value for key, value in asdict(config).items() if key != "noise"}
-        return Fit("encoder", [self], loss, config.steps, config.rate, settle, decides)
+        return Fit([self], loss, config.steps, config.rate, settle, decides)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""

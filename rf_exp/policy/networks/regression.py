@@ -5,7 +5,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rf_exp.policy.config import RegressionConfig
-from rf_exp.policy.networks.interfaces import Fit, Head
+from rf_exp.policy.networks.interfaces import Head
 from rf_exp.policy.networks.layers import hidden
 
 
@@ -25,6 +25,3 @@ class RegressionHead(Head):
 
     def sample(self, condition: Tensor, generators: list[torch.Generator]) -> Tensor:
         return self.layers(condition)
-
-    def fits(self) -> list[Fit]:
-        return [Fit("regression", [self], self.loss)]

@@ -54,7 +54,7 @@ def test_further_numbers_of_demonstrations_get_a_column() -> None:
     assert at(table, "lift_barrier", "demos_20").value == 0.5
 
 
-def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
+def test_recipes_have_lines_of_their_own_and_privileged_state_comes_last() -> None:
     of_paper = evaluation("lift_barrier", "separate_local", 150, 2, 4)
     ours = evaluation("lift_barrier", "separate_local", 150, 9, 1, recipe="fast", core_s=90.0)
     ours = [*ours, *evaluation("take_photo", "separate_local", 50, 1, 1, recipe="fast", core_s=60.0)]
@@ -73,7 +73,9 @@ def test_recipes_have_lines_of_their_own_and_the_oracle_comes_last() -> None:
     }
     assert at(table, "lift_barrier", "core_minutes").value == "1.5"
     assert at(table, "lift_barrier-state", "core_minutes").value == ""
-    assert "Policies of recipe state are told the true poses of all things: an oracle." in table.notes
+    assert (
+        "Policies of recipe state are given the true poses of all things (privileged state)." in table.notes
+    )
     other = evaluation("lift_barrier", "shared_local", 150, 1, 5)
     shown = made("architectures", evaluated(of_paper, other, ours, told))
     assert [(line.key, line.cells[1].value) for line in shown.lines if "separate_local" in line.key] == [
