@@ -23,6 +23,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.command import register_all_tasks
 from rf_exp.experiment import read_experiment
+from rf_exp.policy.config import PARTS
 from rf_exp.release import unpacked
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import annotation
@@ -114,11 +116,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def somewhere(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In that folder, with a key for a server."""
+def somewhere(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """In that folder, with a key for a server. Heads of others, which a command names, are forgotten again."""
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(ROOT))
     monkeypatch.setenv("OPENAI_API_KEY", "sk-none")
+    known = {kind: dict(parts) for kind, parts in PARTS.items()}
+    yield
+    for kind, parts in PARTS.items():
+        for name in parts.keys() - known[kind]:
+            sys.modules.pop(parts.pop(name).part.__module__, None)
 
 
 def test_no_line_of_a_shell_is_left_out() -> None:
