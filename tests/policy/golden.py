@@ -49,7 +49,7 @@ _PERCEPTRON = (*_SMALL, f"{_HEAD}.diffusion.trunk=[16]", _UNET, f"{_HEAD}.diffus
 RECIPES: dict[str, tuple[str, ...]] = {
     "fast": _PERCEPTRON,
     "state": _PERCEPTRON,
-    "without_draft": _PERCEPTRON,
+    "diffusion_alone": (*_PERCEPTRON, "policy.phases=false"),
     "without_phases": _PERCEPTRON,
     "close_up": (*_PERCEPTRON, f"{_ENCODER}.crop_refinement=8", f"{_ENCODER}.shift_px=4"),
     "paper": ("training.epochs=null", "training.steps=3", _UNET),
