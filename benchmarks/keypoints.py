@@ -48,7 +48,7 @@ def main() -> None:
     keys = "policy.encoder.keypoints"
     chosen = recipe(
         "paper",
-        *("policy.encoder.name=keypoints", "policy.context=true", "policy.crop=1.0", "policy.drop_idle=true"),
+        *("policy.encoder.name=keypoints", "policy.context=true", "policy.crop=1.0"),
         *(f"picture.{side}={store.attrs[side]}" for side in ("height", "width")),
         *(f"{keys}.downsample={given.downsample}", f"{keys}.crop_refinement={given.crop}"),
         *(f"{keys}.steps={given.steps}", f"{keys}.shift_px={given.shift}", "policy.observation_steps=1"),

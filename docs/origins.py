@@ -24,7 +24,6 @@ from rf_exp.keys import RENAMED
 
 ROOT = Path(__file__).parents[1]
 UNUSED = {  # what came later was not recorded where it was not used
-    "policy.acting.ensemble": None,
     "policy.acting.transition_integrator": 0.0,
     "policy.encoder.keypoints.downsample": 1,
     "policy.encoder.keypoints.crop_refinement": 0,

@@ -117,7 +117,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def somewhere(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """In that folder, with a key for a server. Heads of others, which a command names, are forgotten again."""
+    """In that folder, with a key for a server. Heads of others that a command names are forgotten again."""
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(ROOT))
     monkeypatch.setenv("OPENAI_API_KEY", "sk-none")

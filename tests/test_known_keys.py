@@ -205,8 +205,8 @@ def test_a_misspelt_key_of_the_command_line_is_refused_whatever_stands_before_it
         ),
         (["~brain"], "no brain chosen; use brain=NAME"),
         (
-            ["policy=diffusion_10"],
-            "there is no policy=diffusion_10; did you mean policy=ablation/diffusion_10?",
+            ["policy=chunks_of_16"],
+            "there is no policy=chunks_of_16; did you mean policy=ablation/chunks_of_16?",
         ),
         (["+arch=all"], "arch is chosen already; choose another one with arch=NAME, without +"),
     ],

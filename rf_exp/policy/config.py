@@ -19,7 +19,7 @@ from rf_exp.policy.bounds import ACTING, Checked, bounded, merged, one_of, requi
 from rf_exp.types import LARGEST_PX
 
 # Of everything between demonstrations and weights. Raise it whenever a training gives others than before.
-LEARNER = 6
+LEARNER = 7
 CELL = 4  # pixels of a picture, downsampled, to a cell of a heat map
 SMALLEST_CROP = 8  # pixels
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
@@ -231,8 +231,6 @@ class ActingConfig(Checked):
     """What a policy does with the chunks that its head samples."""
 
     action_steps: int = bounded(512, above=0)  # executed before the next prediction
-    # Of all predictions of a control step the k-th oldest weighs exp(-ensemble k); None: the newest alone.
-    ensemble: float | None = bounded(1e3, least=0)
     deadband_rad: float = bounded(math.pi, least=0)  # a chunk whose joints all stay so near moves nothing
     # Who waits goes on once its chances of going on, summed over looks at which nothing changes, reach this;
     # 0: it waits until one look says more than a half.
@@ -251,7 +249,6 @@ class PolicyConfig(Checked):
     relative_actions: bool  # joint targets as differences from the newest measured positions
     task_space_actions: bool  # predicts where the TCP goes too, and joints follow that
     binary_grippers: bool  # commands are wholly open or wholly closed
-    drop_idle: bool  # learns nothing from moments in which nobody moves
     horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
     observation_steps: int = bounded(64, above=0)
     phase_dropout: float = bounded(least=0, below=1)

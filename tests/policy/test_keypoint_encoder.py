@@ -255,7 +255,7 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 is sent nowhere
     monkeypatch.setitem(vars(store), "action", action)
     monkeypatch.setitem(vars(store), "executed", executed)
-    windows = Windows(store, LOCAL, varied(seeing, {"drop_idle": False}), CPU)
+    windows = Windows(store, LOCAL, seeing, CPU)
     every = np.random.default_rng(1).integers(0, store.steps, 8000)
     assert np.array_equal(windows.sample_active(every, 0.0, np.random.default_rng(0))[0], every)
     drawn, weights = windows.sample_active(every, 0.75, np.random.default_rng(0))

@@ -18,12 +18,11 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.examples.windows import moving
 from rf_exp.policy.inputs.gripper_history import Memory
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, near, spec_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
-from tests.policy.conftest import ARCHS, STEPS, STILL, make_episode, scene_at, shown, small_training, varied
+from tests.policy.conftest import ARCHS, STEPS, make_episode, scene_at, shown, small_training, varied
 
 CPU = torch.device("cpu")
 OPEN_M = 0.08
@@ -89,16 +88,6 @@ def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -
 def test_poses_survive_as_quaternions() -> None:
     pose = planar(0.3, -0.1, 2.0, 0.4)
     np.testing.assert_allclose(from_quaternion(np.append(pose[:3, 3], quaternion(pose))), pose, atol=1e-12)
-
-
-def test_still_moments_are_left_out(make_store, told) -> None:
-    """In the toy world nobody moves at first and at the end; what the fingers do counts as motion."""
-    store = make_store(2, 3)
-    kept = moving(store).reshape(3, STEPS)
-    assert not kept[:, :STILL].any() and kept[:, STILL:-8].all() and kept[:, -1].all()
-    windows = Windows(store, LOCAL, varied(told, {"drop_idle": True}), CPU)
-    assert len(windows) == kept.sum()
-    np.testing.assert_array_equal(windows.action.numpy(), store.action[kept.ravel(), 0])
 
 
 def test_a_store_without_poses_is_refused(tmp_path, told) -> None:

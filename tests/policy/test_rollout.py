@@ -142,58 +142,6 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     assert np.allclose(runner(shown(runner, scene, {}))[0], target)
 
 
-@pytest.mark.slow
-def test_in_an_ensemble_earlier_predictions_count(make_runner) -> None:
-    """Older ones more, as in ACT; and one alone is what it is without an ensemble."""
-    decay, world = 0.5, Table(2)
-    view = views(ARCHS[0], 2)[0]
-    alone, runner = (
-        make_runner(view, **{"observation_steps": 1, "acting.action_steps": 3, "acting.ensemble": how})
-        for how in (None, decay)
-    )
-    first = alone(shown(alone, world.reset(0), world.images()))
-    np.testing.assert_allclose(runner(shown(runner, world.reset(0), world.images())), first)
-    chunks: list[NDArray[np.float64]] = []
-    whole = runner._commands
-    runner._commands = lambda actions: chunks.append(whole(actions)) or chunks[-1]
-    runner.reset(0)
-    scene, expected = world.reset(0), []
-    for step in range(9):
-        runner.think(shown(runner, scene, world.images()))
-        if step % 3 == 0:
-            same = [chunk[step - 3 * k :][:3] for k, chunk in enumerate(chunks) if step - 3 * k < len(chunk)]
-            weights = np.exp(-decay * np.arange(len(same)))
-            lengths = min(map(len, same))
-            expected = np.average([each[:lengths] for each in same], axis=0, weights=weights)
-            np.testing.assert_allclose(
-                np.stack([runner.state.predicted[agent] for agent in view.agents], axis=1)[:lengths], expected
-            )
-        runner.act()
-        scene = replace(scene, step=step + 1)
-    assert len(chunks) == 3 and len(chunks[0]) > 6
-
-
-def test_grippers_of_an_ensemble_are_wholly_open_or_closed(make_runner) -> None:
-    """The mean of predictions that do not agree is neither."""
-    view, world = views(ARCHS[0], 2)[0], Table(2)
-    config = {"observation_steps": 1, "acting.action_steps": 1, "acting.ensemble": 0.5}
-    runner = make_runner(view, binary_grippers=True, **config)
-    says = iter([1.0, -1.0, -1.0, -1.0])
-
-    def chunk(actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        targets = np.zeros((actions.shape[1], 2, 8))
-        targets[..., 7] = next(says)
-        return targets
-
-    runner._commands = chunk
-    scene = world.reset(0)
-    told = [
-        runner(shown(runner, replace(scene, step=step), world.images()))[:, 7].tolist() for step in range(4)
-    ]
-    # The weights are 1, 0.61, 0.37, 0.22, oldest first: only three that say "close" outweigh the first.
-    assert told == [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]]
-
-
 def test_pictures_are_taken_only_for_observations(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
     rollout(world, judge, runners, 0, 14)

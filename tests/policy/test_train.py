@@ -257,7 +257,7 @@ CHANGES: dict[str, dict[str, Any]] = {
         **{"head.name": "refined", "head.regression.hidden": (32,), "head.refined.regression_steps": 4},
         **{"phases": True, "task_space_actions": True},
     },
-    "privileged": {"encoder.name": "privileged", "context": True, "drop_idle": True},
+    "privileged": {"encoder.name": "privileged", "context": True},
 }
 
 

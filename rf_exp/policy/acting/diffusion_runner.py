@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -79,8 +79,6 @@ class _Episode:
     generators: list[torch.Generator]  # of the streams
     grippers: Memory
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
-    # control step, commands (T, agents, 8)
-    predicted: list[tuple[int, NDArray[np.float64]]] = field(default_factory=list)
 
     def frames(self) -> tuple[Tensor, Tensor, Tensor]:
         """Features (S, O, F), proprioception (S, O, P) and context (S, O, C), oldest frame first."""
@@ -229,7 +227,7 @@ class DiffusionRunner(PolicyRunner):
         actions = self._sample(observation, features, proprio, known)
         joints = np.stack([observation.qpos[agent] for agent in self.view.agents])[:, :ARM_JOINTS]
         stays = waits | self._within_deadband(actions, joints, opened)
-        chunk = self._chunk(actions, observation.step, waits)
+        chunk = self._commands(actions[:, : self._config.acting.action_steps])
         chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
@@ -276,27 +274,6 @@ class DiffusionRunner(PolicyRunner):
                 "not finite; its weights are of no use"
             )
         return actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
-
-    def _chunk(self, actions: NDArray[np.float64], now: int, waits: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Predicted actions (S, T, A) -> the commands (K, agents of the view, 8) to execute next.
-
-        In an ensemble (Zhao et al. 2023, temporal ensembling) those predicted earlier for the same control
-        steps count too. What was predicted before somebody had to wait is about other steps.
-        """
-        steps, decay = self._config.acting.action_steps, self._config.acting.ensemble
-        if decay is None:
-            return self._commands(actions[:, :steps])
-        episode = self._episode
-        earlier = [] if waits.any() else [(at, of) for at, of in episode.predicted if at + len(of) > now]
-        episode.predicted = [*earlier, (now, self._commands(actions))]
-        rows = []
-        for step in range(now, now + steps):
-            same = np.stack([of[step - at] for at, of in episode.predicted if step - at < len(of)])
-            rows.append(np.average(same, axis=0, weights=np.exp(-decay * np.arange(len(same)))))
-        chunk = np.stack(rows)
-        if self._config.binary_grippers:  # a mean of the two is neither
-            chunk[..., ARM_JOINTS] = np.where(chunk[..., ARM_JOINTS] > 0, 1.0, -1.0)
-        return chunk
 
     def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""

@@ -19,7 +19,7 @@ from torch.nn import functional
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.frames import keypoint_labels, low_dim, pictures
-from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, sent_on
+from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered
 from rf_exp.policy.inputs.observation_spec import of_agent, spec_of
 from rf_exp.policy.inputs.pictures import crop, with_margin
 from rf_exp.policy.inputs.view import ACTION_SIZE, PROPRIO_SIZE, View
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 
 LOOK_AT = 256  # pictures at a time
-STILL_M = 5e-4  # less in a control step is no motion of a finger
 
 
 def action_origin(proprio: Tensor, context: Tensor | None = None) -> Tensor:
@@ -51,20 +50,6 @@ def shown(store: "Store") -> NDArray[np.bool_]:
     """(T,) the steps that show what to do: those of the expert, where somebody else led to where it began."""
     said = np.asarray((store.subgoal >= 0).all(axis=1))
     return said if said.any() else ~said  # an older store does not say
-
-
-def moving(store: "Store") -> NDArray[np.bool_]:
-    """(T,) the steps in which somebody moves or means to: an arm is sent on, or fingers open or close."""
-    kept = []
-    for qpos, action, executed in by_episode(store):
-        sent = (sent_on(qpos, action) | hesitates(action, executed)).any(axis=1)
-        told = (np.diff(action[..., ARM_JOINTS], axis=0, prepend=1.0) != 0).any(axis=1)
-        fingers = np.diff(
-            qpos[..., ARM_JOINTS:].sum(axis=-1), axis=0, append=qpos[-1:, :, ARM_JOINTS:].sum(axis=-1)
-        )
-        kept.append(sent | told | (np.abs(fingers).max(axis=1) > STILL_M))
-        kept[-1][-1] = True  # an episode keeps its end
-    return np.concatenate(kept)
 
 
 def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
@@ -122,7 +107,7 @@ class Windows:
         if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
         kept, ends = slice(None), store.episode_ends  # a slice copies no pictures
-        chosen = shown(store) & (moving(store) if config.drop_idle else True)
+        chosen = shown(store)
         if not chosen.all():
             kept, ends = chosen, np.cumsum(chosen)[ends - 1]
         lengths = np.diff(ends, prepend=0)

@@ -96,8 +96,8 @@ class Policy(nn.Module):
         found, joined = [], [self.encoder]
         if (first := self.encoder.fit(examples)) is not None:
             config = self.config
-            shown = {"drop_idle": config.drop_idle, "picture": [config.height, config.width]}
-            shared = first.shared and {name_of(config.encoder): first.shared, **shown}
+            picture = [config.height, config.width]
+            shared = first.shared and {name_of(config.encoder): first.shared, "picture": picture}
             settle = partial(self._settle_encoder, examples, first.settle)
             found, joined = [replace(first, settle=settle, shared=shared)], []
         for number, fit in enumerate(fit for fit in self.head.fits() if fit.steps != 0):
