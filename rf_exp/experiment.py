@@ -12,8 +12,8 @@ from rf_exp.datagen.brain import BrainSpec, FaultySpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
-from rf_exp.tasks import Task, load_task
-from rf_exp.types import FOREIGN, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
+from rf_exp.tasks import Task, Variation, load_task
+from rf_exp.types import FOREIGN, UNVARIED, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
 if TYPE_CHECKING:
     from rf_exp.datagen import Settings
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 STAGES = ("generate", "train", "evaluate", "report")
 _FILE_NAME = re.compile(r"[\w+=-][\w.+=-]{0,99}")
 EVALUATION_SEED = 1_000_000  # first scene seed of evaluation; generation stays below it
+# Fields of an Experiment that are made of several keys, or of others than their name.
+MADE = {"tasks", "constraint_sets", "archs", "pictures", "policy", "brain", "out", "evaluated"}
 CORRECTION_SEED = 900_000  # first scene seed of the rollouts that the expert corrects
 CORRECTION_SEEDS = 10_000  # for each round of them
 
@@ -74,6 +76,7 @@ class Experiment:
     scenes: int
     shield: bool
     foreign: Foreign | None
+    evaluated: Variation  # of the scenes of evaluation; tasks have that of the demonstrations
 
     def __post_init__(self) -> None:
         check_file_name("name", self.name)
@@ -151,13 +154,23 @@ class Experiment:
 
     @property
     def method(self) -> str:
-        """How policies are learned, as it stands in names and rows: the recipe, and rounds of correction."""
-        return self.recipe + self._rounds
+        """How policies are learned, as in names and rows: recipe, variation, rounds of correction."""
+        return self.recipe + self._varied + self._rounds
 
     @property
     def policies(self) -> str:
         """How the policies are called: by what they were learned with, from how much, by which seed."""
-        return f"{self.learned_as}{self._rounds}-{self.demos}-{self.train_seed}"
+        return f"{self.learned_as}{self._varied}{self._rounds}-{self.demos}-{self.train_seed}"
+
+    @property
+    def data(self) -> str:
+        """How the demonstrations are called."""
+        return self.name + self._varied
+
+    @property
+    def _varied(self) -> str:
+        names = {task.variation.name for task in self.tasks if self.foreign is None} - {UNVARIED}
+        return "".join(f"+{name}" for name in sorted(names))
 
     @property
     def _rounds(self) -> str:
@@ -225,11 +238,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
     picture = node["picture"]
     foreign = foreign_policy(node["foreign"], picture)
     try:
-        plain: dict[str, Any] = {
-            key: node[key]
-            for key in Experiment.__dataclass_fields__
-            if key not in {"tasks", "constraint_sets", "archs", "pictures", "policy", "brain", "out"}
-        }
+        plain: dict[str, Any] = {key: node[key] for key in Experiment.__dataclass_fields__ if key not in MADE}
         plain |= {
             "tasks": (),
             "constraint_sets": tuple(
@@ -243,15 +252,19 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             ),
             "policy": read_recipe(node["policy"], picture),  # a policy sees what the cameras take
             "foreign": foreign,
+            "evaluated": read_values(Variation, node["evaluated"], "evaluated."),
         }
         if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
             plain |= {"recipe": foreign["name"], "archs": (FOREIGN,)}
         experiment = read_values(Experiment, plain)
         if any(override.startswith("demos=") for override in given):
             _refuse_demos_without_effect(experiment)
-        drawn = node["randomisation"]
+        drawn, variation = node["randomisation"], read_values(Variation, node["variation"], "variation.")
         tasks = (  # last: their things are built, which takes longer than all the rest
-            load_task(name, {**task, "randomisation": drawn | task.get("randomisation", {})})
+            replace(
+                load_task(name, {**task, "randomisation": drawn | task.get("randomisation", {})}),
+                variation=variation,
+            )
             for name, task in node["task"].items()
         )
         experiment = replace(experiment, tasks=tuple(tasks))

@@ -28,6 +28,11 @@ def planar(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> Matrix:
     return transform((x_m, y_m, z_m), Rotation.from_euler("z", yaw_rad))
 
 
+def rotated(turn_rad: ArrayLike) -> Matrix:
+    """A turn by a rotation vector (3,), in rad."""
+    return transform(rotation=Rotation.from_rotvec(turn_rad))
+
+
 def from_axes(position_m: ArrayLike, *, z: ArrayLike, y: ArrayLike) -> Matrix:
     """A pose whose z axis points along `z` and whose y axis lies closest to `y`.
 

@@ -200,4 +200,5 @@ _READERS: Mapping[Any, Any] = {
     float: float,
     str: str,
     Account: _account,
+    dict: json.loads,
 }

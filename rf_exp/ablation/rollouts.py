@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rf_exp.ablation.rows import EvaluationRow
-from rf_exp.types import FOREIGN
+from rf_exp.types import FOREIGN, UNVARIED
 
 FILM, PICTURE = ".mp4", ".png"
 
@@ -20,9 +20,17 @@ def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
     return (*won[:count], *[*first, *others][:count])
 
 
-def rows_file(task: str, constraints: str, arch: str, recipe: str, demos: int, shield: bool = False) -> Path:
-    """The rows of policies of all training seeds, below the output folder."""
-    name = f"{constraints}-{recipe}-{demos}{'-shield' * shield}.jsonl"
+def rows_file(
+    task: str,
+    constraints: str,
+    arch: str,
+    recipe: str,
+    demos: int,
+    shield: bool = False,
+    variation: str = UNVARIED,
+) -> Path:
+    """The rows of policies of all training seeds in scenes of a variation, below the output folder."""
+    name = f"{constraints}-{recipe}-{demos}{'-shield' * shield}{_in(variation)}.jsonl"
     return Path("results", "evaluate", task, arch, name)
 
 
@@ -31,16 +39,22 @@ def of_training_seed(rows: Path, seed: int) -> Path:
     return rows.with_name(f"{rows.stem}-{seed}{rows.suffix}")
 
 
-def rollout_name(arch: str, recipe: str, demos: int, train_seed: int, shield: bool = False) -> str:
+def rollout_name(
+    arch: str, recipe: str, demos: int, train_seed: int, shield: bool = False, variation: str = UNVARIED
+) -> str:
     """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
-    return (
-        f"evaluate-{arch}-{recipe}-{demos}" + (f"-t{train_seed}" if train_seed else "") + "-shield" * shield
-    )
+    seed = f"-t{train_seed}" if train_seed else ""
+    return f"evaluate-{arch}-{recipe}-{demos}{seed}{'-shield' * shield}{_in(variation)}"
+
+
+def _in(variation: str) -> str:
+    return "" if variation == UNVARIED else f"-in-{variation}"
 
 
 def rollout_file(row: EvaluationRow, suffix: str) -> Path:
     """The file about a rollout, below the output folder."""
-    name = rollout_name(row.arch, row.recipe, row.demos, row.train_seed, row.shield)
+    how = row.demos, row.train_seed, row.shield, row.variation
+    name = rollout_name(row.arch, row.recipe, *how)
     return Path("recordings", row.task, row.constraints, f"{name}-{row.scene_seed}{suffix}")
 
 

@@ -21,8 +21,10 @@ from rf_exp.artifacts import append_line, canonical, plain, read_lines, restored
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account
 from rf_exp.texts import printable
+from rf_exp.types import UNVARIED
 
 SCHEMA = 8
+LATER = {"later": True}  # of a field that rows did not always have: theirs is the default
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
 _WORD = re.compile(r"[\w.+=-]{0,100}")  # what a task, a recipe, a version, a commit are called
 
@@ -66,7 +68,9 @@ class _Row:
 class GenerationRow(_Row):
     """One scene seed for which a demonstration was tried."""
 
-    key: ClassVar = ("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s")
+    key: ClassVar = (
+        *("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s", "variation"),
+    )
     task: str
     constraints: str
     brain: str
@@ -87,6 +91,8 @@ class GenerationRow(_Row):
     account: Account = field(
         default_factory=Account
     )  # which violations ended proposals, which arms touched, what failed
+    variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes, by its name
+    drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
 
     @property
     def reason(self) -> str:
@@ -100,7 +106,7 @@ class EvaluationRow(_Row):
 
     key: ClassVar = (
         *("task", "arch", "constraints", "demos", "train_seed", "scene_seed", "version", "shield"),
-        *("observation", "disturbance_rad", "recipe"),
+        *("observation", "disturbance_rad", "recipe", "variation"),
     )
     task: str
     arch: str
@@ -126,6 +132,10 @@ class EvaluationRow(_Row):
     core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
     queries: int = 0  # proposals that the expert was asked for to correct them
     account: Account = field(default_factory=Account)  # which arms touched or overlapped, and what failed
+    variation: str = field(
+        default=UNVARIED, metadata=LATER
+    )  # of the scenes; that of the demonstrations is in `recipe`
+    drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
 
     @property
     def reason(self) -> str:
@@ -213,7 +223,8 @@ def _parse(line: bytes, kind: type[R]) -> R:
     if "schema" in value:
         expect_schema(value)
     expected = {*(item.name for item in fields(kind)), REASON, CHECKSUM}
-    if missing := sorted(expected - value.keys()):
+    later = {item.name for item in fields(kind) if item.metadata.get("later")}
+    if missing := sorted(expected - later - value.keys()):
         raise ValueError(f"fields missing: {', '.join(missing)}")
     if unknown := sorted(value.keys() - expected):
         raise ValueError(f"unknown fields: {', '.join(unknown)}; available: {', '.join(sorted(expected))}")

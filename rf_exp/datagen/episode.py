@@ -25,7 +25,7 @@ from rf_exp.datagen.subgoals import NOBODYS, Subgoals
 from rf_exp.findings import Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
-from rf_exp.tasks import Ledger, SuccessEvaluator
+from rf_exp.tasks import Ledger, SuccessEvaluator, Task, scene_certificate
 from rf_exp.types import CONTROL_DT_S, Episode, Scene, SeeingWorld, Subgoal
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
@@ -57,10 +57,10 @@ class EpisodeMaker:
         Before that, commands (N, A) of somebody else may `lead` to where it begins; their steps are stored as
         nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
         """
-        planner = Planner(self._settings, self._brain)
-        return _Making(self._settings, self._world, planner, self._observer, self._extras, seed, known).run(
-            lead
-        )
+        settings = self._settings.of(seed)
+        planner, usual = Planner(settings, self._brain), self._settings.task
+        making = _Making(settings, usual, self._world, planner, self._observer, self._extras, seed, known)
+        return making.run(lead)
 
 
 class _Making:
@@ -69,6 +69,7 @@ class _Making:
     def __init__(
         self,
         settings: Settings,
+        usual: Task,
         world: SeeingWorld,
         planner: Planner,
         observer: Observer,
@@ -77,7 +78,8 @@ class _Making:
         known: Sequence[Iterable[str]],
     ) -> None:
         self._began = time.perf_counter()
-        self._settings, self._world, self._planner = settings, world, planner
+        self._settings, self._usual = settings, usual
+        self._world, self._planner = world, planner
         self._observer, self._extras, self._seed = observer, extras, seed
         self._log, self._ledger = EpisodeLog(), Ledger()
         self._perturbations = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
@@ -245,6 +247,8 @@ class _Making:
 
     def _episode(self) -> Episode:
         settings, cameras = self._settings, self._world.cameras
-        return self._log.episode(
+        episode = self._log.episode(
             settings.task, self._seed, cameras, self._subgoals.texts, settings.disturbance_rad > 0
         )
+        varies = scene_certificate(self._usual, self._seed)
+        return replace(episode, certificate={**episode.certificate, **varies}) if varies else episode

@@ -32,7 +32,7 @@ def make_episode(
     The same arguments give the same bytes, whatever ran before.
     """
     cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
-    world = shared_simulator(settings.task, pictures)
+    world = shared_simulator(settings.task, pictures)  # which draws the scene of a seed itself
     take = partial(depth_and_segmentation, world, cameras, extras)
     brain = settings.make_brain(seed)
     made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)

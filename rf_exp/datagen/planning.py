@@ -74,7 +74,11 @@ class Settings:
 
     def make_brain(self, seed: int) -> Brain:
         """The brain for one episode."""
-        return self.brain.make(self.task, self.constraint_set, seed)
+        return self.brain.make(self.task.of(seed), self.constraint_set, seed)
+
+    def of(self, seed: int) -> "Settings":
+        """The same for the task as it stands in the scene of a seed."""
+        return replace(self, task=self.task.of(seed))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rf_exp.envs.core import METADATA, EpisodeCore, Face
 from rf_exp.envs.observations import action_space, space
 from rf_exp.observations import ObservationDict, Observations
-from rf_exp.tasks import Task
+from rf_exp.tasks import NONE, Task, Variation
 
 
 class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
@@ -31,13 +31,13 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
         task: str | Path | Task,
         observations: Observations | None = None,
         *,
+        variation: str | Variation = NONE,
         step_limit: int | None = None,
         overlaps: bool = False,
         render_mode: str | None = None,
     ) -> None:
-        self.core = EpisodeCore(
-            task, observations, step_limit=step_limit, overlaps=overlaps, render_mode=render_mode
-        )
+        how = {"step_limit": step_limit, "overlaps": overlaps, "render_mode": render_mode}
+        self.core = EpisodeCore(task, observations, variation=variation, **how)
         self.render_mode = render_mode
         self.action_space: spaces.Box = action_space(self.task)
         self.observation_space: spaces.Dict = space(self.core.observations, self.task)

@@ -1,6 +1,7 @@
 """Episodes of a task, step by step: what both faces of the environments stand on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -17,7 +18,7 @@ from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.observations import ObservationDict, Observations, observe
 from rf_exp.sim import Simulator
-from rf_exp.tasks import SuccessEvaluator, Task, labels
+from rf_exp.tasks import NONE, SuccessEvaluator, Task, Variation, drawn_of, labels, read_variation
 from rf_exp.types import CONTROL_HZ, Scene
 
 RENDER_MODES = ("rgb_array",)
@@ -31,7 +32,8 @@ class ResetNeeded(RfError, gymnasium.error.ResetNeeded):
 class EpisodeCore:
     """One task in simulation, one episode after the other.
 
-    `task` is a name of conf/task, the path of a YAML file, or a Task. An episode ends with success by the
+    `task` is a name of conf/task, the path of a YAML file, or a Task; `variation`, how its scenes differ, is
+    one of conf/variation or a Variation. An episode ends with success by the
     strict criterion, or after `step_limit` control steps (20 a second), those of the task unless given.
     A violation is a control step in which two arms press on one another; with `overlaps` also one in which
     their exact volumes overlap, as evaluation counts it, which costs up to as much again as the step. Raises
@@ -43,6 +45,7 @@ class EpisodeCore:
         task: str | Path | Task,
         observations: Observations | None = None,
         *,
+        variation: str | Variation = NONE,
         step_limit: int | None = None,
         overlaps: bool = False,
         render_mode: str | None = None,
@@ -53,13 +56,15 @@ class EpisodeCore:
         if render_mode not in (None, *RENDER_MODES):
             raise choices("render_mode", render_mode, (None, *RENDER_MODES))
         found = find_task(task)
+        varies = read_variation(variation) if isinstance(variation, str) else variation
+        found = replace(found, variation=varies) if varies.identity else found
         self.task = found if step_limit is None else replace(found, step_limit=step_limit)
         self.observations, self._render_mode = observations, render_mode
         size = {"width_px": observations.width, "height_px": observations.height}
         draws = observations.draws or render_mode is not None
         self._world: Simulator | None = Simulator(self.task, **size, render=draws)
         self._declared = observations.declared(self.task)
-        self._monitor = _monitor(self.task, overlaps)
+        self._overlaps = overlaps
         space = action_space(self.task)
         self._low, self._high = space.low, space.high
         self._episode: Episode | None = None  # until the first reset
@@ -69,7 +74,9 @@ class EpisodeCore:
         if self._world is None:
             raise ResetNeeded("the environment is closed; make another one")
         seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
-        self._episode = Episode(self.task, seed, self._world.reset(seed), self._monitor)
+        start, task = self._world.reset(seed), self._world.task
+        drawn = drawn_of(self.task, seed)
+        self._episode = Episode(task, seed, start, _monitor(task, self._overlaps), drawn)
 
     def step(self, action: ArrayLike) -> None:
         """One control step (50 ms): (N, A) joint targets in rad, grippers; clipped to the action space.
@@ -116,8 +123,10 @@ class EpisodeCore:
 class Episode:
     """How far one episode is, and how it is judged."""
 
-    def __init__(self, task: Task, seed: int, start: Scene, monitor: Callable[[Scene], Any]) -> None:
-        self.seed = seed
+    def __init__(
+        self, task: Task, seed: int, start: Scene, monitor: Callable[[Scene], Any], drawn: Mapping[str, Any]
+    ) -> None:
+        self.seed, self._drawn = seed, drawn
         self._judge, self._monitor, self._step_limit = SuccessEvaluator(task, start), monitor, task.step_limit
         self.scene, self._verdict, self._violation = start, self._judge(start), monitor(start)
         self._success_paper = self._verdict.success_paper
@@ -154,6 +163,7 @@ class Episode:
             "measured": {name: found.value for name, found in self._verdict.measured.items()},
             "violation": "" if self._violation is None else self._violation.sentence,  # of this step
             "violations": self._violations,  # steps until now with one
+            "drawn": deepcopy(dict(self._drawn)),  # of the variation; empty where nothing varies
         }
 
 

@@ -8,7 +8,7 @@ from rf_exp.datagen.brain import SPECS
 from rf_exp.keys.files import Key, content
 from rf_exp.keys.likeness import ALWAYS, nearest
 from rf_exp.policy import TrainConfig, policy_keys
-from rf_exp.tasks import CameraSpec, Task
+from rf_exp.tasks import CameraSpec, Task, Variation
 from rf_exp.types import Arch, ConstraintSet
 
 RANDOMISED = ("randomisation",)  # a task has the experiment's, unless it says otherwise
@@ -48,7 +48,9 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
     return found | {
         "policy": policy_keys(),
         "training": _fields(TrainConfig, "seed"),  # that is train_seed
-        "task": replace(_entries(Task), own={name: _of_task(task) for name, task in tasks.items()}),
+        "variation": _fields(Variation),
+        "evaluated": _fields(Variation),
+        "task": replace(_entries(Task, "variation"), own={name: _of_task(task) for name, task in tasks.items()}),
         "arch": _entries(Arch, "name"),
         "constraints": Entries(kinds, frozenset(kinds)),
         # A key in the place of its variable's name is refused later, in words of its own.

@@ -30,7 +30,7 @@ class LoadedScene:
         sensors: dict[str, Any] = env._sensors if draws else {}
         self._cameras = {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
         self._poses = self._measured_poses()
-        self._step = 0
+        self.steps = 0
         self._drawn_at, self._drawn = -1, set[str]()  # the step of the last pictures, and their cameras
 
     def step(self, action: NDArray[np.float64]) -> dict[tuple[int, int], float]:
@@ -48,7 +48,7 @@ class LoadedScene:
             # A knock can be over within one control step: keep the hardest push of the physics steps.
             now = self._contacts.between_arms(self.physics.get_contacts(), self.physics.timestep)
             pressed = {pair: max(force, pressed.get(pair, 0.0)) for pair, force in (pressed | now).items()}
-        self._step += 1
+        self.steps += 1
         return pressed
 
     def scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
@@ -58,7 +58,7 @@ class LoadedScene:
         self._poses = poses
         held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
         return Scene(
-            step=self._step,
+            step=self.steps,
             qpos=np.stack([rows.qpos(each.qpos) for rows, each in zip(self._rows, self.robots, strict=True)]),
             qvel=np.stack([rows.qvel(each.qvel) for rows, each in zip(self._rows, self.robots, strict=True)]),
             poses=poses,
@@ -76,9 +76,9 @@ class LoadedScene:
 
     def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
         """Camera -> its texture at this step, drawn once however often it is asked for; None: of all."""
-        if self._drawn_at != self._step:
+        if self._drawn_at != self.steps:
             self._env.scene.sub_scenes[0].update_render()
-            self._drawn_at, self._drawn = self._step, set[str]()
+            self._drawn_at, self._drawn = self.steps, set[str]()
         wanted = list(self._cameras if cameras is None else cameras)
         for name in wanted:
             if name not in self._cameras:

@@ -9,6 +9,7 @@ import sapien
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
+from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
@@ -32,7 +33,6 @@ class Simulator:
                 raise ArgumentError(f"{name}={value}: expected 1 pixel or more")
         if render:
             _require_rendering_once()
-        self.task = task
         self._size_px = (width_px, height_px)
         self._render = render
         self._env = TableEnv(
@@ -40,16 +40,24 @@ class Simulator:
         )
         self._loaded = self._load(0)
 
+    @property
+    def task(self) -> Task:
+        """The task as it stands in the present scene."""
+        return self._env.task
+
     def reset(self, seed: int) -> Scene:
         """Begin the episode of a seed: a pure function of task and seed, whatever ran before."""
         self._loaded = self._load(seed)
-        return self._loaded.scene({})
+        return self._devices.measured(self._loaded.scene({}))
 
     def _load(self, seed: int) -> LoadedScene:
         if not 0 <= seed <= LARGEST_SEED:
             raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
         self._env.reset(seed=int(seed))
-        return LoadedScene(self._env, draws=self._render)
+        loaded = LoadedScene(self._env, draws=self._render)
+        self._devices = Devices(self._env.start, loaded.command)
+        self._command = self._devices.command_of(loaded.command)
+        return loaded
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         """Apply (N, A) joint targets in rad and gripper commands in [-1, 1] for one control step."""
@@ -61,12 +69,15 @@ class Simulator:
                 f"{'' if np.isfinite(action).all() else ' with values that are not finite'}; "
                 f"expected finite numbers of shape {expected}: joint targets in rad, gripper"
             )
-        return self._loaded.scene(self._loaded.step(action))
+        self._command = action.copy()
+        return self._devices.measured(
+            self._loaded.scene(self._loaded.step(self._devices.carried_out(action)))
+        )
 
     @property
     def command(self) -> NDArray[np.float64]:
         """(N, A) what the arms were last told; at the start their own joint positions, grippers open."""
-        return self._loaded.command.copy()
+        return self._command.copy()
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -78,7 +89,11 @@ class Simulator:
 
         What nobody asks for is not drawn. Raises ArgumentError for a camera that there is not.
         """
-        return {name: picture[..., :3].copy() for name, picture in self._drawn("Color", cameras).items()}
+        number, step = list(self.task.cameras), self._loaded.steps
+        return {
+            name: self._devices.taken(picture[..., :3].copy(), number.index(name), step)
+            for name, picture in self._drawn("Color", cameras).items()
+        }
 
     def segmentation(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.int32]]:
         """Camera -> (H, W) number of the body seen at each pixel, see `bodies`; 0 is nothing."""

@@ -45,6 +45,11 @@ class Cell:
         return self.chosen_arch
 
     @property
+    def evaluated_task(self) -> Task:
+        """The task in whose scenes its policies act."""
+        return replace(self.task, variation=self.experiment.evaluated)
+
+    @property
     def views(self) -> tuple[View, ...]:
         """What its policies learn from and command, a view for each policy."""
         return views(self.arch, len(self.task.agents))
@@ -64,7 +69,7 @@ class Cell:
     @property
     def data_path(self) -> Path:
         """The store of its demonstrations."""
-        out, name = self.experiment.out, self.experiment.name
+        out, name = self.experiment.out, self.experiment.data
         return out / "data" / self.task.name / self.constraint_set.name / f"{name}.zarr"
 
     @property
@@ -73,6 +78,8 @@ class Cell:
         name = self.constraint_set.name
         if self.experiment.disturbance_rad:
             name += "-disturbed" if self.experiment.delay_s else "-disturbed-punctual"
+        if self.task.variation.identity:
+            name += f"-in-{self.task.variation.name}"
         return self.experiment.out / "results" / "generate" / self.task.name / f"{name}.jsonl"
 
     def shards_path(self, digest: str) -> Path:
@@ -100,6 +107,7 @@ class Cell:
     def evaluation_path(self) -> Path:
         """The rows of evaluation."""
         how = self.experiment.method, self.experiment.learned_from, self.experiment.shield
+        how = *how, self.experiment.evaluated.name
         rows = rows_file(self.task.name, self.constraint_set.name, self.arch.name, *how)
         return self.experiment.out / rows
 
@@ -173,7 +181,7 @@ class Cell:
             {
                 **aided,
                 "task": self.task.name,
-                "scene": self.task.identity,
+                "scene": self.evaluated_task.identity,
                 "demos": experiment.learned_from,
                 "pictures": [experiment.pictures.width, experiment.pictures.height],
                 "step_limit": step_limit,

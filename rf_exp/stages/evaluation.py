@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,7 @@ from rf_exp.stages.acting import Learned, Policies, acting, learned
 from rf_exp.stages.artifacts import owned, same_configuration
 from rf_exp.stages.cell import Cell
 from rf_exp.stages.logs import rate_log
-from rf_exp.tasks import SuccessEvaluator, Task
+from rf_exp.tasks import SuccessEvaluator, Task, drawn_of
 from rf_exp.types import Pictures, Rollout, RolloutStep
 
 
@@ -80,9 +81,8 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
-    stage = rollout_name(
-        cell.arch.name, experiment.method, experiment.learned_from, experiment.train_seed, experiment.shield
-    )
+    how = experiment.train_seed, experiment.shield, experiment.evaluated.name
+    stage = rollout_name(cell.arch.name, experiment.method, experiment.learned_from, *how)
     before = {r.scene_seed: r for r in known}
     looks: list[tuple[int, list[Path]]] = []
     jobs: list[Callable[[], Any]] = []
@@ -127,7 +127,7 @@ def _compare(then: EvaluationRow, now: Rollout) -> None:
 def scene_of(cell: Cell, policies: Policies) -> Callable[..., tuple[Rollout, float]]:
     """`evaluate_scene` of a cell, which lacks the seed alone."""
     pictures, shield = cell.experiment.pictures, cell.experiment.shield
-    return partial(evaluate_scene, cell.task, pictures, policies, shield=shield)
+    return partial(evaluate_scene, cell.evaluated_task, pictures, policies, shield=shield)
 
 
 def evaluate_scene(
@@ -147,8 +147,10 @@ def evaluate_scene(
     began = time.perf_counter()
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # a small network on one picture gains nothing from more
-    world, monitor = shared_simulator(task, pictures), PolicyMonitor(task)
+    world = shared_simulator(task, pictures)
     start = world.reset(seed)
+    task = world.task  # as it stands in this scene
+    monitor = PolicyMonitor(task)
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
         observers = _observers(stack, world, seed, record, film)
@@ -164,7 +166,8 @@ def evaluate_scene(
         guard = Shield(task) if shield else None
         runners, coordinator = policies.make_runners(), None
         if policies.coordinator is not None:
-            coordinator = Coordinator(policies.coordinator, seed, start, _subgoals(runners))
+            plans = replace(policies.coordinator, task=task)
+            coordinator = Coordinator(plans, seed, start, _subgoals(runners))
         result = rollout(
             world,
             SuccessEvaluator(task, start),
@@ -242,4 +245,6 @@ def _row(cell: Cell, limit: int, learned: Learned, result: Rollout, wall_s: floa
         core_s=round(learned.core_s, 1),
         queries=learned.queries,
         account=result.account,
+        variation=experiment.evaluated.name,
+        drawn=drawn_of(cell.evaluated_task, result.seed),
     )

@@ -24,7 +24,7 @@ from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Description, Store, card
-from rf_exp.tasks import Task, labels
+from rf_exp.tasks import Task, drawn_of, labels
 from rf_exp.types import CameraModel, Episode, Extras, Pictures
 
 COMMONEST = 3  # reasons that are told where seeds fail
@@ -190,7 +190,8 @@ def _record(cell: Cell, seeds: Sequence[int]) -> None:
             continue
         world = shared_simulator(task, cell.experiment.pictures)
         title = f"{task.title}, {cell.constraint_set.name}, scene {seed}"
-        with whole(path) as draft, EpisodeRecorder(draft, task, world, title) as recorder:
+        world.reset(seed)  # cameras and arms are recorded where they stand in this scene
+        with whole(path) as draft, EpisodeRecorder(draft, world.task, world, title) as recorder:
             EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")
     close_shared_simulator()
@@ -217,6 +218,8 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
         disturbance_rad=settings.disturbance_rad,
         delay_s=settings.delay_s,
         account=outcome.account,
+        variation=task.variation.name,
+        drawn=drawn_of(task, outcome.seed),
     )
 
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -12,16 +12,18 @@ from typing import Any
 import dacite
 from omegaconf import OmegaConf
 
-from rf_exp.artifacts import plain
+from rf_exp.artifacts import plain, read_values
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.installed import CONF
 from rf_exp.robots import DEFAULT, Robot, known_robots, robot_named
 from rf_exp.tasks.specs import Randomisation
 from rf_exp.tasks.start import beyond_table
 from rf_exp.tasks.task import Task
+from rf_exp.tasks.variation import Variation
 from rf_exp.texts import printable
 
 CONFIGURED = CONF / "task"
+VARIATIONS = CONF / "variation"
 LONGEST_WORDS = 2_000  # characters of a description
 _KEY = re.compile(r"[A-Za-z][\w-]{0,63}", re.ASCII)
 
@@ -136,6 +138,17 @@ def load_task(name: str, node: Mapping) -> Task:
                 f"at {edge} and fall; narrow its ranges"
             )
     return task
+
+
+def read_variation(name: str) -> Variation:
+    """A choice of conf/variation. Raises ArgumentError for one that is not there."""
+    known = sorted(path.stem for path in VARIATIONS.glob("*.yaml"))
+    if name not in known:
+        raise choices("variation", name, known)
+    node: Any = OmegaConf.to_container(OmegaConf.load(VARIATIONS / f"{name}.yaml"))
+    first, *_ = node.pop("defaults", [None])
+    found = asdict(read_variation(first)) if first is not None else {}
+    return read_values(Variation, found | node, "variation.")
 
 
 def read_task(path: Path) -> Task:

@@ -1,7 +1,7 @@
 """What the configuration of a task says, as frozen values."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +10,8 @@ import numpy as np
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
-from rf_exp.transforms import Matrix, from_axes, planar
+from rf_exp.tasks.variation import CameraMotion
+from rf_exp.transforms import Matrix, from_axes, planar, rotated
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class RobotSpec:
     yaw_deg: float
     rest_rad: tuple[float, ...] = ()  # (dof,); that of the robot unless given
     model: Robot = DEFAULT
+    z_m: float = 0.0  # of its base, above the table top
 
     def __post_init__(self) -> None:
         rest_rad, joints = self.rest_rad or self.model.rest_rad, self.model.dof
@@ -31,7 +33,7 @@ class RobotSpec:
 
     @cached_property
     def world_from_base(self) -> Matrix:
-        return planar(self.x_m, self.y_m, np.deg2rad(self.yaw_deg))
+        return planar(self.x_m, self.y_m, np.deg2rad(self.yaw_deg), self.z_m)
 
     @property
     def mounted(self) -> Asset | None:
@@ -42,6 +44,7 @@ class RobotSpec:
     def identity(self) -> dict[str, Any]:
         """What decides where it stands and how it moves. What most tasks have is not told."""
         placed = {"x_m": self.x_m, "y_m": self.y_m, "yaw_deg": self.yaw_deg, "rest_rad": self.rest_rad}
+        placed |= {"z_m": self.z_m} if self.z_m else {}
         return placed if self.model == DEFAULT else {**placed, "model": self.model.identity}
 
 
@@ -77,19 +80,42 @@ class CameraSpec:
     target_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fov_deg: float = 90.0  # vertical
     mount: str = "world"  # world | wrist
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # off its target: a rotation vector, own axes
 
     def __post_init__(self) -> None:
         if self.mount not in ("world", "wrist"):
             raise ArgumentError(f"camera mount {self.mount!r}; available: world, wrist")
         object.__setattr__(self, "eye_m", tuple(self.eye_m))
         object.__setattr__(self, "target_m", tuple(self.target_m))
+        object.__setattr__(self, "turn_deg", tuple(self.turn_deg))
 
     @cached_property
     def world_from_camera(self) -> Matrix:
         """(4, 4) of a camera that stands in the world: x right, y down, z forward (OpenCV)."""
         forward = np.subtract(self.target_m, self.eye_m)
         upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
-        return from_axes(self.eye_m, z=forward, y=upright)
+        return from_axes(self.eye_m, z=forward, y=upright) @ rotated(np.deg2rad(self.turn_deg))
+
+    def moved(self, by: CameraMotion) -> "CameraSpec":
+        """The same camera, shifted and turned; of one on a hand only the field of view differs."""
+        if self.mount == "wrist":
+            return replace(self, fov_deg=self.fov_deg + by.fov_deg)
+        eye, target = np.add(self.eye_m, by.shift_m), np.add(self.target_m, by.shift_m)
+        return replace(
+            self,
+            eye_m=tuple(eye.tolist()),
+            target_m=tuple(target.tolist()),
+            fov_deg=self.fov_deg + by.fov_deg,
+            turn_deg=by.turn_deg,
+        )
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What decides its pictures. What most tasks have is not told."""
+        said = asdict(self)
+        if not any(self.turn_deg):
+            del said["turn_deg"]
+        return said
 
 
 class Thresholds(dict[str, float]):

@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks.table import beyond_edge
+from rf_exp.tasks.variation import EXACT, Devices, draw
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import FINGERS, Scene, fingers_of, joints_of
 
@@ -32,6 +33,7 @@ class Start:
     light: float  # relative brightness
     tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
     masses_kg: Mapping[str, float]  # object -> its mass
+    devices: Devices = EXACT  # what sensors and actuators add
 
     @property
     def scene(self) -> Scene:
@@ -65,7 +67,10 @@ def start_of(task: "Task", seed: int) -> Start:
                 f"table's edge at {edge} and fall; move its range, or what it is relative to"
             )
     qpos = np.zeros((len(task.robots), task.dof + FINGERS))
+    drawn = draw(task, seed) if task.variation.identity else None
     noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, joints_of(qpos).shape)
+    if drawn is not None:
+        noise += drawn.posture_rad
     for row, robot, off in zip(qpos, task.robots, noise, strict=True):
         row[: robot.model.dof] = robot.rest_rad + off[: robot.model.dof]
         fingers_of(row)[:] = robot.model.hand.open_m
@@ -73,7 +78,7 @@ def start_of(task: "Task", seed: int) -> Start:
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
     masses_kg = {name: _mass_kg(task, name, rng.uniform()) for name in task.objects}
-    return Start(seed, qpos, poses, light, tints, masses_kg)
+    return Start(seed, qpos, poses, light, tints, masses_kg, drawn.devices if drawn else EXACT)
 
 
 def _mass_kg(task: "Task", name: str, draw: float) -> float:

@@ -26,6 +26,7 @@ from rf_exp.statements import Vocabulary
 from rf_exp.tasks import assets
 from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
 from rf_exp.tasks.start import Start, start_of
+from rf_exp.tasks.variation import NONE, Variation, moved
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Scene
 
@@ -48,6 +49,7 @@ class Task:
     step_limit: int = (
         600  # control steps of an attempt, of whoever acts: twice the expert's mean (supplementary B)
     )
+    variation: Variation = NONE
     code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
 
     def __post_init__(self) -> None:
@@ -140,15 +142,17 @@ class Task:
         }
         for spec in objects.values():
             del spec["options"]  # the content tells them
+        varies = {"variation": self.variation.identity} if self.variation.identity else {}
         return {
             "robots": tuple(robot.identity for robot in self.robots),
-            "cameras": {name: asdict(camera) for name, camera in self.cameras.items()},
+            "cameras": {name: camera.identity for name, camera in self.cameras.items()},
             "success": dict(self.success),
             "randomisation": asdict(self.randomisation),
             "objects": objects,
             "order": list(objects),  # in which they are drawn
             "criteria": self.version,
             "plan": self.plan_version,
+            **varies,
         }
 
     def parent_from_camera(self, name: str) -> Matrix:
@@ -162,6 +166,10 @@ class Task:
         """Named places of this task: world_from_object (4, 4) of what is put there."""
         named = getattr(self.module, "places", None)
         return named(scene, self) if named else {}
+
+    def of(self, seed: int) -> "Task":
+        """The task as it stands in the scene of a seed: itself, unless its arms or cameras vary."""
+        return moved(self, seed)
 
     def start(self, seed: int) -> Start:
         """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""

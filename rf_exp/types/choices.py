@@ -6,6 +6,9 @@ from typing import Literal, get_args
 from rf_exp.errors import ArgumentError, choices
 
 SMALLEST_PX, LARGEST_PX = 16, 2048  # of a picture's side: episodes of the largest ones take gigabytes
+UNVARIED = (
+    "none"  # the variation of scenes that differ by where things start, and a little in light and colour
+)
 Kind = Literal["logical", "temporal", "spatial"]
 CameraChoice = Literal["all", "global", "local"]
 Occupancy = Literal["state", "depth"]  # spatial constraints know the scene by its poses, or by cameras

@@ -1,0 +1,60 @@
+"""What stands between the simulated world and who acts in it: sensors and actuators that are not exact."""
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.tasks import Start
+from rf_exp.types import Scene, joints_of
+
+PIXELS, FLICKER = 4, 5  # streams of random numbers of an episode
+FLICKERS = 0.1  # half range of a flickering frame's relative exposure (RoboTwin 2.0)
+
+
+class Devices:
+    """The cameras, joint encoders and drives of one episode."""
+
+    def __init__(self, start: Start, command: NDArray[np.float64]) -> None:
+        """`command` (N, A) is where the arms are held at first, by their true joints."""
+        self._how, self._seed = start.devices, start.seed
+        self._offset = np.array(self._how.joint_offset_rad) if self._how.joint_offset_rad else 0.0
+        self._late = deque([command.copy() for _ in range(self._how.delay_steps)])
+
+    def carried_out(self, command: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the arms are told by their true joints in the step in which (N, A) is commanded."""
+        if self._how.exact:
+            return command
+        meant = command.copy()
+        meant[:, :-1] -= self._offset
+        self._late.append(meant)
+        return self._late.popleft()
+
+    def command_of(self, true: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The command (N, A) that holds arms where their true joints are."""
+        said = true.copy()
+        said[:, :-1] += self._offset
+        return said
+
+    def measured(self, scene: Scene) -> Scene:
+        """The scene with the joints as they are measured."""
+        if not self._how.joint_offset_rad:
+            return scene
+        qpos = scene.qpos.copy()
+        joints_of(qpos)[:] += self._offset
+        return replace(scene, qpos=qpos)
+
+    def taken(self, picture: NDArray[np.uint8], camera: int, step: int) -> NDArray[np.uint8]:
+        """A picture (H, W, 3) as the camera of this number delivers it at a control step, each time alike."""
+        if self._how.sees_exactly:
+            return picture
+        gain = self._how.gain
+        rng = np.random.default_rng([self._seed, FLICKER, step])  # of all cameras alike: it is the lamp
+        if rng.uniform() < self._how.flicker:
+            gain *= 1.0 + rng.uniform(-FLICKERS, FLICKERS)
+        seen = picture.astype(np.float32) * np.float32(gain)
+        if self._how.pixel_noise:
+            noise = np.random.default_rng([self._seed, PIXELS, step, camera])
+            seen += self._how.pixel_noise * noise.standard_normal(picture.shape, np.float32)
+        return np.clip(np.rint(seen), 0, 255).astype(np.uint8)

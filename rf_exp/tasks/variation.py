@@ -1,0 +1,215 @@
+"""Variation: what differs from scene to scene beyond where things start; its ranges, and what a seed draws.
+
+Every factor has a stream of random numbers of its own: alone it draws what it draws beside all others. Bases,
+cameras and the height of the table give the scene of a seed a task of its own (`Task.of`), so that planner,
+checks, simulator and criteria see where things really are. Postures, sensors and actuators belong to the
+start of an episode (`Start`). The factors and their ranges are those of RoboTwin 2.0 (arXiv 2506.18088),
+THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626), and some for several arms.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.types import CONTROL_DT_S, UNVARIED
+
+if TYPE_CHECKING:
+    from rf_exp.tasks.task import Task
+
+STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances
+FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators")  # the stream of each is its number
+MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
+MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg")
+Calibration = Literal["known", "unknown"]
+
+
+def bounded(most: float) -> Any:
+    """The field of a half range: nothing unless given, and at most this."""
+    return field(default=0.0, metadata={"most": most})
+
+
+@dataclass(frozen=True)
+class Variation:
+    """Ranges of the factors. A single number is a half range, drawn uniformly about what a task says.
+
+    Raises ArgumentError for a range that is not possible.
+    """
+
+    name: str = UNVARIED  # of the choice, as it stands in rows and names of files
+    table_height_m: tuple[float, float] = (0.0, 0.0)  # of its top, against the bases of the arms
+    base_position_m: float = bounded(0.2)  # of each base, along x and y
+    base_yaw_deg: float = bounded(45)
+    posture_rad: float = bounded(0.5)  # of each joint at the start, beside `randomisation.init_qpos_std_rad`
+    camera_position_m: float = bounded(0.5)  # along each axis
+    camera_direction_deg: float = bounded(45)  # about an axis that may be any: this is the largest turn
+    camera_fov_deg: float = bounded(20)
+    calibration: Calibration = "known"  # whether policies are told where a camera is that was moved
+    exposure: float = bounded(2)  # of the logarithm, to the base 2, of a camera's exposure
+    flicker: float = field(default=0.0, metadata={"most": 1})  # part of the frames that is lit otherwise
+    pixel_noise: float = field(default=0.0, metadata={"most": 100})  # standard deviation, of 255
+    delay_s: tuple[float, float] = (0.0, 0.0)  # of commands
+    joint_offset_deg: float = bounded(10)  # of what each joint measures
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            most, value = each.metadata.get("most"), getattr(self, each.name)
+            if most is not None and not 0 <= value <= most:
+                raise ArgumentError(f"variation.{each.name} is {value}; expected 0 to {most}")
+        for name, least, most in (("table_height_m", -0.1, 0.1), ("delay_s", 0.0, 1.0)):
+            low, high = getattr(self, name)
+            if not least <= low <= high <= most:
+                raise ArgumentError(
+                    f"variation.{name} is [{low}, {high}]; expected [LOW, HIGH] within [{least}, {most}]"
+                )
+        if self.calibration not in get_args(Calibration):
+            raise choices("variation.calibration", self.calibration, get_args(Calibration))
+
+    @cached_property
+    def identity(self) -> dict[str, Any]:
+        """What decides scenes: the factors that vary. Empty where none does."""
+        return {
+            each.name: value
+            for each in fields(self)
+            if each.name != "name" and (value := getattr(self, each.name)) != each.default
+        }
+
+    @property
+    def moves(self) -> bool:
+        """Whether scenes have tasks of their own."""
+        return any(name in self.identity for name in MOVING)
+
+
+NONE = Variation()
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """How one camera differs from what the task says."""
+
+    shift_m: tuple[float, float, float]  # world frame
+    turn_deg: tuple[float, float, float]  # rotation vector, in the camera's frame
+    fov_deg: float
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What sensors and actuators add in one episode."""
+
+    gain: float = 1.0  # of exposure
+    flicker: float = 0.0  # part of the frames whose exposure differs once more
+    pixel_noise: float = 0.0  # standard deviation, of 255
+    delay_steps: int = 0  # control steps by which commands are late
+    joint_offset_rad: tuple[tuple[float, ...], ...] = ()  # (N, dof) measured minus true; empty: none
+
+    @property
+    def exact(self) -> bool:
+        """Whether they add nothing."""
+        return self == EXACT
+
+    @property
+    def sees_exactly(self) -> bool:
+        """Whether pictures are as they were drawn."""
+        return self.gain == 1 and not self.flicker and not self.pixel_noise
+
+
+EXACT = Devices()
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What a seed draws of a variation."""
+
+    table_height_m: float
+    bases: tuple[tuple[float, float, float], ...]  # x (m), y (m), yaw (deg) of each arm
+    posture_rad: NDArray[np.float64]  # (N, D)
+    cameras: Mapping[str, CameraMotion]
+    devices: Devices
+
+    def plain(self) -> dict[str, Any]:
+        """What differs from the task, as values of JSON."""
+        found = asdict(self)
+        found["posture_rad"] = self.posture_rad.tolist()
+        return found
+
+
+def draw(task: "Task", seed: int) -> Drawn:
+    """What the scene of a seed draws: a pure function of task and seed."""
+    how = task.variation
+    rng = {name: np.random.default_rng([seed, STREAM, k]) for k, name in enumerate(FACTORS)}
+    about = how.base_position_m, how.base_position_m, how.base_yaw_deg
+    bases = [rng["bases"].uniform(-1, 1, 3) * about for _ in task.robots]
+    posture = rng["posture"].uniform(-1, 1, (len(task.robots), task.dof)) * how.posture_rad
+    sensors, actuators = rng["sensors"], rng["actuators"]
+    gain = 2.0 ** (how.exposure * sensors.uniform(-1, 1))
+    delay_steps = round(actuators.uniform(*how.delay_s) / CONTROL_DT_S)
+    offset = np.deg2rad(how.joint_offset_deg) * actuators.uniform(-1, 1, (len(task.robots), task.dof))
+    offsets = tuple(map(tuple, offset.tolist())) if how.joint_offset_deg else ()
+    table_m = float(rng["table"].uniform(*how.table_height_m))
+    return Drawn(
+        table_m,
+        tuple((float(x), float(y), float(yaw)) for x, y, yaw in bases),
+        posture,
+        {name: _camera(how, rng["cameras"], table_m) for name in task.cameras},
+        Devices(float(gain), how.flicker, how.pixel_noise, delay_steps, offsets),
+    )
+
+
+def _camera(how: Variation, rng: np.random.Generator, table_m: float) -> CameraMotion:
+    """Drawn alike whatever of it varies, so that one factor alone moves a camera as it does beside others."""
+    shift, axis, angle, fov = rng.uniform(-1, 1, 3), rng.normal(size=3), rng.uniform(), rng.uniform(-1, 1)
+    turn = how.camera_direction_deg * angle * axis / np.linalg.norm(axis)
+    x, y, z = (how.camera_position_m * shift).tolist()
+    return CameraMotion((x, y, z - table_m), tuple(turn.tolist()), float(how.camera_fov_deg * fov))
+
+
+def moved(task: "Task", seed: int) -> "Task":
+    """The task of a scene: its arms and cameras where the seed has drawn them, its table as high.
+
+    The table is where it always is, at z = 0: with a higher one all else stands lower.
+    """
+    if not task.variation.moves:
+        return task
+    drawn = draw(task, seed)
+    robots = tuple(
+        replace(
+            robot,
+            x_m=robot.x_m + x,
+            y_m=robot.y_m + y,
+            yaw_deg=robot.yaw_deg + yaw,
+            z_m=robot.z_m - drawn.table_height_m,
+        )
+        for robot, (x, y, yaw) in zip(task.robots, drawn.bases, strict=True)
+    )
+    cameras = {name: spec.moved(drawn.cameras[name]) for name, spec in task.cameras.items()}
+    done = {name: getattr(NONE, name) for name in MOVING}
+    return replace(task, robots=robots, cameras=cameras, variation=replace(task.variation, **done))
+
+
+def drawn_of(task: "Task", seed: int) -> dict[str, Any]:
+    """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies."""
+    return draw(task, seed).plain() if task.variation.identity else {}
+
+
+def scene_certificate(task: "Task", seed: int) -> dict[str, Any]:
+    """What an episode says of its scene where that varies: what was drawn, and where arms and cameras are."""
+    if not task.variation.identity:
+        return {}
+    stands = task.of(seed)
+    return {
+        "drawn": drawn_of(task, seed),
+        "calibration": {
+            "world_from_base": [robot.world_from_base.tolist() for robot in stands.robots],
+            "cameras": {
+                name: {
+                    "parent_from_camera": stands.parent_from_camera(name).tolist(),
+                    "fov_deg": spec.fov_deg,
+                }
+                for name, spec in stands.cameras.items()
+            },
+        },
+    }
