@@ -50,7 +50,9 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
         "training": _fields(TrainConfig, "seed"),  # that is train_seed
         "variation": _fields(Variation),
         "evaluated": _fields(Variation),
-        "task": replace(_entries(Task, "variation"), own={name: _of_task(task) for name, task in tasks.items()}),
+        "task": replace(
+            _entries(Task, "variation"), own={name: _of_task(task) for name, task in tasks.items()}
+        ),
         "arch": _entries(Arch, "name"),
         "constraints": Entries(kinds, frozenset(kinds)),
         # A key in the place of its variable's name is refused later, in words of its own.

@@ -73,6 +73,8 @@ def start_of(task: "Task", seed: int) -> Start:
         noise += drawn.posture_rad
     for row, robot, off in zip(qpos, task.robots, noise, strict=True):
         row[: robot.model.dof] = robot.rest_rad + off[: robot.model.dof]
+        if drawn is not None:
+            row[: robot.model.dof] = row[: robot.model.dof].clip(*robot.model.planned_rad)
         fingers_of(row)[:] = robot.model.hand.open_m
     light = 1.0 + rng.uniform(-task.randomisation.light, task.randomisation.light)
     spread = task.randomisation.colour

@@ -10,12 +10,12 @@ THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626), and some fo
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError, choices
+from rf_exp.errors import ArgumentError
 from rf_exp.types import CONTROL_DT_S, UNVARIED
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators")  # the stream of each is its number
 MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
 MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg")
-Calibration = Literal["known", "unknown"]
 
 
 def bounded(most: float) -> Any:
@@ -48,7 +47,6 @@ class Variation:
     camera_position_m: float = bounded(0.5)  # along each axis
     camera_direction_deg: float = bounded(45)  # about an axis that may be any: this is the largest turn
     camera_fov_deg: float = bounded(20)
-    calibration: Calibration = "known"  # whether policies are told where a camera is that was moved
     exposure: float = bounded(2)  # of the logarithm, to the base 2, of a camera's exposure
     flicker: float = field(default=0.0, metadata={"most": 1})  # part of the frames that is lit otherwise
     pixel_noise: float = field(default=0.0, metadata={"most": 100})  # standard deviation, of 255
@@ -66,8 +64,6 @@ class Variation:
                 raise ArgumentError(
                     f"variation.{name} is [{low}, {high}]; expected [LOW, HIGH] within [{least}, {most}]"
                 )
-        if self.calibration not in get_args(Calibration):
-            raise choices("variation.calibration", self.calibration, get_args(Calibration))
 
     @cached_property
     def identity(self) -> dict[str, Any]:

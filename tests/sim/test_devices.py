@@ -1,0 +1,111 @@
+"""Sensors and actuators that are not exact, and arms and cameras that stand otherwise, in simulation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.sim import Simulator
+from rf_exp.tasks import NONE, Variation
+from tests.conftest import read_task
+
+SEED = 5
+CLEAN = read_task("lift_barrier")
+
+
+def moved(variation: Variation, steps: int = 12) -> tuple[NDArray, NDArray]:
+    """Measured joints (T + 1, N, 7) and commands (T, N, 8) of arms that are sent on by the same amounts."""
+    with Simulator(replace(CLEAN, variation=variation), render=False) as world:
+        found, commands = [world.reset(SEED).qpos[:, :7]], []
+        for _ in range(steps):
+            commands.append(world.command + np.array([0, 0.02, 0, 0.02, 0, 0, 0, 0]))
+            found.append(world.step(commands[-1]).qpos[:, :7])
+    return np.stack(found), np.stack(commands)
+
+
+def test_commands_that_are_late_are_carried_out_as_many_steps_later() -> None:
+    exact, _ = moved(NONE)
+    late, commands = moved(Variation("late", delay_s=(0.15, 0.15)))
+    np.testing.assert_allclose(late[:3], late[:1].repeat(3, axis=0), atol=1e-4)  # it stands still as yet
+    np.testing.assert_allclose(late[3:], exact[:-3], atol=1e-4)
+    assert (np.diff(commands[:, :, 1], axis=0) > 0).all()  # what was commanded is told, not what is under way
+
+
+def test_joints_that_measure_wrongly_go_where_they_believe_to_be_sent() -> None:
+    variation = Variation("encoders", joint_offset_deg=2.0)
+    exact, _ = moved(NONE)
+    measured, commands = moved(variation)
+    offset = np.array(replace(CLEAN, variation=variation).start(SEED).devices.joint_offset_rad)
+    assert 0.01 < np.abs(offset).max() < np.deg2rad(2)
+    np.testing.assert_allclose(measured, exact + offset, atol=1e-9)
+    np.testing.assert_allclose(measured[-1], commands[-1][:, :7], atol=0.05)
+
+
+def test_arms_stand_where_they_were_drawn() -> None:
+    usual = replace(CLEAN, variation=Variation("x", (0.02, 0.02), base_position_m=0.05, base_yaw_deg=5.0))
+    with Simulator(usual, render=False) as world:
+        world.reset(SEED)
+        assert world.task == usual.of(SEED) != usual
+        bases = [robot.pose.sp.to_transformation_matrix() for robot in (a.robot for a in world._env.arms)]
+        for found, robot in zip(bases, usual.of(SEED).robots, strict=True):
+            np.testing.assert_allclose(found, robot.world_from_base, atol=1e-6)
+            assert robot.z_m == pytest.approx(-0.02)
+        world.reset(SEED + 1)
+        assert world.task == usual.of(SEED + 1)
+
+
+@pytest.mark.render
+def test_cameras_see_from_where_they_were_drawn() -> None:
+    """Rays of the camera's model meet the table where its depth says."""
+    usual = replace(CLEAN, variation=Variation("cameras", camera_position_m=0.05, camera_direction_deg=5.0))
+    with Simulator(usual, width_px=128, height_px=96) as world:
+        world.reset(SEED)
+        models, depth, bodies = world.camera_models(), world.depth(), world.segmentation()
+        for name, spec in usual.of(SEED).cameras.items():
+            pose = models[name].world_from_camera
+            np.testing.assert_array_equal(pose, spec.world_from_camera)
+            rows, columns = np.nonzero(bodies[name] == world.bodies()["table"][0])
+            pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
+            rays = pose[:3, :3] @ np.linalg.inv(models[name].intrinsics) @ pixels  # a metre along the view
+            far_m = -pose[2, 3] / rays[2]
+            at = pose[:3, 3:] + rays * far_m
+            on_table = (rays[2] < 0) & (np.abs(at[:2]) < 0.8).all(axis=0)
+            off_m = np.abs(depth[name][rows, columns] - far_m)[on_table]
+            assert on_table.sum() > 1000 and np.quantile(off_m, 0.99) < 0.004
+
+
+@pytest.mark.render
+def test_pictures_are_noisy_and_of_their_exposure_each_time_alike() -> None:
+    size = {"width_px": 64, "height_px": 48}
+    with Simulator(CLEAN, **size) as world:
+        world.reset(SEED)
+        clean = world.images()
+    noisy = replace(CLEAN, variation=Variation("noise", exposure=0.3, pixel_noise=10.0))
+    gain = noisy.start(SEED).devices.gain
+    with Simulator(noisy, **size) as world:
+        world.reset(SEED)
+        seen, again = world.images(), world.images(["agent2"])
+        np.testing.assert_array_equal(seen["agent2"], again["agent2"])
+        for name, picture in seen.items():
+            exposed = clean[name] * gain
+            off = (picture - exposed)[(exposed > 40) & (exposed < 215)]
+            assert len(off) > 2000 and abs(off.mean()) < 0.7 and 9.5 < off.std() < 10.5
+        world.step(world.command)
+        assert (world.images()["agent2"] != seen["agent2"]).mean() > 0.5  # another frame has other noise
+        world.reset(SEED)
+        np.testing.assert_array_equal(world.images()["agent2"], seen["agent2"])
+
+
+@pytest.mark.render
+def test_one_frame_in_so_many_flickers() -> None:
+    usual = replace(CLEAN, variation=Variation("flicker", flicker=0.3))
+    with Simulator(usual, width_px=32, height_px=24) as world:
+        world.reset(SEED)
+        means = []
+        for _ in range(60):
+            means.append(world.images(["global"])["global"].mean())
+            world.step(world.command)
+    relative = np.array(means) / np.median(means)
+    flickers = np.abs(relative - 1) > 0.005
+    assert 8 <= flickers.sum() <= 28 and np.abs(relative - 1).max() < 0.11
