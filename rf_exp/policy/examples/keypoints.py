@@ -5,18 +5,19 @@ order, and at the end of the episode; then the TCPs of all other agents now. No 
 all follows from stored joints and commands, and a camera whose place is known.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.gripper_history import changes
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, others, widths, world_from_tcp
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, base_of, others, widths, world_from_tcp
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
-from rf_exp.transforms import apply, inverse, placed, planar
+from rf_exp.transforms import Matrix, apply, inverse, placed
 from rf_exp.types import ARM_JOINTS, CameraModel
 
 if TYPE_CHECKING:
@@ -46,27 +47,34 @@ def keypoints(
 
     Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
     """
-    cameras = [_camera(store, name) for name in stream.cameras]
-    found = []
-    for qpos, action in zip(store.by_episode(store.qpos), store.by_episode(store.action), strict=True):
+    usual = [_camera(store, name) for name in stream.cameras]
+    pixels, points, headings = [], [], []
+    episodes = zip(
+        store.by_episode(store.qpos), store.by_episode(store.action), store.certificates, strict=True
+    )
+    for qpos, action, certificate in episodes:
+        bases, cameras = _scene(certificate, stream.cameras, usual)
         columns = []
         for agent in stream.agents:
-            tcp = world_from_tcp(spec, agent, qpos)
+            tcp = world_from_tcp(spec, agent, qpos, bases)
             changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
             columns += _own(tcp, changed, spec.keyframes)
-        columns += [world_from_tcp(spec, agent, qpos) for agent in others(spec, stream)]
-        found.append(np.stack(columns, axis=1))
-    hands = np.concatenate(found)[kept]  # (T, M, 4, 4)
-    world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
-    to_base = inverse(planar(*spec.bases[stream.agents[0] - 1]))
-    fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
-    heading = np.arctan2(fingers[..., 1], fingers[..., 0])
-    turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
-    count = len(cameras)
+        columns += [world_from_tcp(spec, agent, qpos, bases) for agent in others(spec, stream)]
+        hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
+        world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
+        to_base = inverse(base_of(spec, stream.agents[0], bases))
+        fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
+        heading = np.arctan2(fingers[..., 1], fingers[..., 0])
+        turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
+        seen = [_placed(_project(world, c), k, len(cameras)) for k, c in enumerate(cameras)]
+        pixels.append(np.concatenate(seen, axis=1))
+        points.append(apply(to_base, world).astype(np.float32))
+        headings.append(np.moveaxis(turns, 0, -1).astype(np.float32))
+    of_cameras = 1, len(usual), 1
     return Keypoints(
-        np.concatenate([_placed(_project(world, c), k, count) for k, c in enumerate(cameras)], axis=1),
-        np.tile(apply(to_base, world).astype(np.float32), (1, count, 1)),
-        np.tile(np.moveaxis(turns, 0, -1).astype(np.float32), (1, count, 1)),
+        np.concatenate(pixels)[kept],
+        np.tile(np.concatenate(points)[kept], of_cameras),
+        np.tile(np.concatenate(headings)[kept], of_cameras),
     )
 
 
@@ -95,6 +103,20 @@ def _project(points: NDArray[np.float64], camera: CameraModel) -> NDArray[np.flo
     seen = apply(inverse(camera.world_from_camera), points) @ camera.intrinsics.T
     depth = np.where(seen[..., 2:] > 1e-3, seen[..., 2:], np.nan)
     return seen[..., :2] / depth / (camera.width_px, camera.height_px)
+
+
+def _scene(
+    certificate: Mapping[str, Any], names: Sequence[str], usual: Sequence[CameraModel]
+) -> tuple[list[Matrix] | None, Sequence[CameraModel]]:
+    """Bases of all arms and cameras of one episode, as its certificate says; None and the usual ones if not."""
+    if (stands := certificate.get("calibration")) is None:
+        return None, usual
+    cameras = []
+    for name, camera in zip(names, usual, strict=True):
+        found = stands["cameras"][name]
+        pose, fov_y_rad = np.array(found["parent_from_camera"]), float(np.deg2rad(found["fov_deg"]))
+        cameras.append(replace(camera, fov_y_rad=fov_y_rad, world_from_camera=pose))
+    return [np.array(pose) for pose in stands["world_from_base"]], cameras
 
 
 def _camera(store: "Store", name: str) -> CameraModel:

@@ -7,7 +7,7 @@ where those are that an own hand is near to. Numbers are scaled by their range i
 thing that goes along the whole table, a millimetre would be less than a thousandth.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -151,7 +151,7 @@ def context(
     if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
     stream = view.streams[row]
-    base_from_world = inverse(_base(spec, stream.agents[0]))
+    base_from_world = inverse(base_of(spec, stream.agents[0]))
     parts: list[NDArray[np.floating]] = []
     hands = [_flat(base_from_world @ world_from_tcp(spec, agent, qpos)) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
@@ -172,9 +172,9 @@ def context(
 
 def tcp_poses(spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
-    base_from_world = inverse(_base(spec, stream.agents[0]))
+    base_from_world = inverse(base_of(spec, stream.agents[0]))
     poses = [
-        _flat(base_from_world @ _base(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :]))
+        _flat(base_from_world @ base_of(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :]))
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-2)
@@ -190,13 +190,16 @@ def near(offset_m: Array) -> Array:
     return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
-def _base(spec: ObservationSpec, agent: int) -> Matrix:
-    return planar(*spec.bases[agent - 1])
+def base_of(spec: ObservationSpec, agent: int, bases: Sequence[Matrix] | None = None) -> Matrix:
+    """`world_from_base` (4, 4) of an agent: as the spec says, or where all stand in one scene."""
+    return planar(*spec.bases[agent - 1]) if bases is None else bases[agent - 1]
 
 
-def world_from_tcp(spec: ObservationSpec, agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+def world_from_tcp(
+    spec: ObservationSpec, agent: int, qpos: NDArray[np.floating], bases: Sequence[Matrix] | None = None
+) -> NDArray[np.float64]:
     """(..., 4, 4) of an agent, from the joints of all agents (..., N, 7 or more)."""
-    return _base(spec, agent) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+    return base_of(spec, agent, bases) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:
