@@ -4,23 +4,31 @@
 """
 
 from rf_exp.tasks import assets, predicates
-from rf_exp.tasks.account import Ledger
-from rf_exp.tasks.configuration import (
+from rf_exp.tasks.task import (
     CONFIGURED,
+    NONE,
+    TABLE_CENTRE_M,
+    TABLE_M,
+    CameraSpec,
+    Ledger,
+    ObjectSpec,
+    Randomisation,
+    RobotSpec,
+    Start,
+    SuccessEvaluator,
+    Task,
+    Variation,
     check_words,
     default_of,
+    drawn_of,
+    labelled,
+    labels,
     load_task,
     read_task,
     read_variation,
+    scene_certificate,
     stored_task,
 )
-from rf_exp.tasks.labels import labelled, labels
-from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec
-from rf_exp.tasks.start import Start
-from rf_exp.tasks.success import SuccessEvaluator
-from rf_exp.tasks.table import TABLE_CENTRE_M, TABLE_M
-from rf_exp.tasks.task import Task
-from rf_exp.tasks.variation import NONE, Variation, drawn_of, scene_certificate
 
 __all__ = [
     "CONFIGURED",

@@ -7,7 +7,7 @@ import pytest
 
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import NONE, Task, Variation, drawn_of, read_variation, scene_certificate
-from rf_exp.tasks.variation import EXACT, MOVING, draw
+from rf_exp.tasks.task.variation import EXACT, MOVING, draw
 from rf_exp.types import joints_of
 from tests.conftest import CONF, experiment, read_task
 

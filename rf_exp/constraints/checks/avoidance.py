@@ -20,8 +20,7 @@ from rf_exp.findings import CheckName, Finding, agent_name, names
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, TABLE_MARGIN_M, Swept, lowest_m, nearest
 from rf_exp.statements import AvoidAgents, AvoidObjects
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, doing
 
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
 

@@ -13,8 +13,7 @@ from rf_exp.findings import CheckName, Doing, Finding, agent_name, names
 from rf_exp.geometry import Mask, PlanningScene, Swept, closer_than, nearest
 from rf_exp.statements import KeepApart
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, doing
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from rf_exp.findings import CheckName, Doing, Finding, agent_name
 from rf_exp.geometry import Mask, Nearest, Piece, PlanningScene, Swept, closer_than, nearest, overlap
 from rf_exp.statements import KeepOut, Step
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
 from rf_exp.transforms import transform
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, doing
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from rf_exp.constraints.stl import Specification, bounded, named
 from rf_exp.findings import CheckName, Finding, agent_name
 from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, doing
 
 MEASURED_SPEED = 1.25  # an arm that catches up with its command is faster than it
 _ROUNDING = 1 + 1e-9

@@ -108,7 +108,7 @@ def _project(points: NDArray[np.float64], camera: CameraModel) -> NDArray[np.flo
 def _scene(
     certificate: Mapping[str, Any], names: Sequence[str], usual: Sequence[CameraModel]
 ) -> tuple[list[Matrix] | None, Sequence[CameraModel]]:
-    """Bases of all arms and cameras of one episode, as its certificate says; None and the usual ones if not."""
+    """Bases of all arms and cameras of one episode, as its certificate says; else None and the usual ones."""
     if (stands := certificate.get("calibration")) is None:
         return None, usual
     cameras = []

@@ -19,7 +19,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.types import CONTROL_DT_S, UNVARIED
 
 if TYPE_CHECKING:
-    from rf_exp.tasks.task import Task
+    from rf_exp.tasks.task.task import Task
 
 STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators")  # the stream of each is its number

@@ -10,7 +10,7 @@ import numpy as np
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
-from rf_exp.tasks.variation import CameraMotion
+from rf_exp.tasks.task.variation import CameraMotion
 from rf_exp.transforms import Matrix, from_axes, planar, rotated
 
 
