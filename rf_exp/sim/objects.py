@@ -78,7 +78,7 @@ def _loaded(texture: Texture) -> sapien.render.RenderTexture2D:
 
 def covered(seen: tuple[Surface, ...], finish: Finish) -> tuple[Surface, ...]:
     """Surfaces with another finish: its colour on the lightest, and as much darker on others as they were."""
-    lightest = max(max(surface.colour) for surface in seen)
+    lightest = max(max(surface.colour) for surface in seen) or 1.0  # all is black
     return tuple(_covered(surface, finish, max(surface.colour) / lightest) for surface in seen)
 
 

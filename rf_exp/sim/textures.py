@@ -1,6 +1,6 @@
-"""Procedural textures: pictures that repeat without a seam, as a pure function of kind, set and random numbers.
+"""Procedural textures: pictures that repeat without a seam, a pure function of kind, set and random numbers.
 
-Two sets are kept apart twice. Their palettes of a kind differ by more than the brightness that each texture
+Two sets are kept apart twice. Their palettes of a kind differ, by more than the brightness that each texture
 draws for itself, and no pattern repeats as often along a side in one set as in the other.
 """
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rf_exp.types import Texture, TextureKind, TextureSet
 
 SIZE_PX = 256
-# Ground and figure, sRGB: planks and their grain, tiles and the grout, cloth and its checks, two stones, stripes.
+# Ground and figure, sRGB: planks and their grain, tiles and grout, cloth and its checks, clouds, stripes.
 PALETTES: dict[TextureSet, dict[TextureKind, tuple[str, ...]]] = {
     "seen": {
         "wood": ("8a5f3c 5e3d24", "b98d5d 8d6238", "6e4a38 4a2f24", "a08468 7b6049", "c9a67a a67f52"),
@@ -23,8 +23,8 @@ PALETTES: dict[TextureSet, dict[TextureKind, tuple[str, ...]]] = {
         "stripes": ("b9b3a7 6f8299", "a9968a 6b4f47", "9aa58f 5c6b55", "c2b6a2 a07d4e", "a3a3ad 5d5d6c"),
     },
     "unseen": {
-        "wood": ("9c4f35 6f3322", "d8c3a0 b59b74", "7d7a76 57534f", "6b5b34 473b20", "b07f86 80545c"),
-        "tile": ("c4a35f e0d4b4", "5d6f8f 9aa6bd", "a08fa6 6a5b70", "4f7f7d a9c6c3", "c2c9b4 7f8a6b"),
+        "wood": ("9c4f35 6f3322", "d8c3a0 b59b74", "7d7a76 57534f", "6b6a34 47461f", "b07f86 80545c"),
+        "tile": ("c4a35f e0d4b4", "5d6f8f 9aa6bd", "a08fa6 6a5b70", "4f7f7d a9c6c3", "b9cf9e 75905a"),
         "cloth": ("c9b77a 8a6a24", "9cc0bd 2f6a6a", "b98a8a 5a2f4a", "a9b58f 2f4f3f", "a39a8d 3a3632"),
         "noise": ("a88a5c 6f5330", "7f9fa6 48707a", "9d7f97 684d66", "a3a86f 6b7040", "6f6c6a 403e3d"),
         "stripes": ("c9b06a 7d6a3a", "7fa6a3 3f6f6d", "b07f8f 6d4256", "8fae6f c9d3a8", "7a86b5 474f85"),
@@ -118,7 +118,8 @@ PATTERNS: dict[TextureKind, Callable[[np.random.Generator, int, int], tuple[Fiel
 def _coordinates(size_px: int) -> tuple[Field, Field]:
     """Down and across, in [0, 1) at the middles of pixels."""
     middles = (np.arange(size_px) + 0.5) / size_px
-    return tuple(np.meshgrid(middles, middles, indexing="ij"))
+    down, across = np.meshgrid(middles, middles, indexing="ij")
+    return down, across
 
 
 def _line(along: Field, wide: float) -> Field:
@@ -135,7 +136,7 @@ def _band(along: Field, wide: float) -> Field:
 def _noise(
     rng: np.random.Generator, size_px: int, roll_off: float, across_per_down: float = 1.0, lowest: float = 1.0
 ) -> Field:
-    """Periodic noise of mean 0 and deviation 1 whose amplitude falls with frequency to the power of `roll_off`.
+    """Periodic noise of mean 0 and deviation 1; amplitudes fall with frequency to the power of `roll_off`.
 
     It varies `across_per_down` times as fast across as down; frequencies below `lowest` are no stronger.
     """
