@@ -8,7 +8,6 @@ import pytest
 from rf_exp.errors import ArgumentError
 from rf_exp.types import Finish, Lamp, Light, Texture
 
-
 MARBLE: Any = "marble"
 
 
