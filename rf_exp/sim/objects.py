@@ -1,6 +1,6 @@
 """Builds assets as ManiSkill actors: convex collision pieces, and one render mesh for each finish."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, cast
 
@@ -13,12 +13,16 @@ from mani_skill.utils.structs.actor import Actor
 from numpy.typing import NDArray
 from sapien import physx
 
+from rf_exp.sim.textures import SIZE_PX, pixels
 from rf_exp.tasks.assets import Asset, Colour, Part
 from rf_exp.transforms import Matrix, quaternion
+from rf_exp.types import Finish, Texture
 
 SMOOTH_RAD = np.deg2rad(30)  # edges sharper than this are seen as edges
 UNTINTED = np.ones(3)
 PATCH_RADIUS_M = 0.02  # torsional friction of a contact, as of a soft surface
+WHITE: Colour = (1.0, 1.0, 1.0)
+MIPMAPS = SIZE_PX.bit_length()  # down to one pixel, or what repeats far away would flicker
 
 
 def sapien_pose(matrix: Matrix) -> sapien.Pose:
@@ -36,6 +40,7 @@ class Surface:
     colour: Colour
     roughness: float
     metallic: float
+    texture: Texture | None = None  # drawn in the colour
 
     def shape(self, tint: NDArray[np.float64]) -> sapien.render.RenderShapeTriangleMesh:
         """A new render shape, its colour times `tint` (3,); needs a renderer."""
@@ -43,8 +48,46 @@ class Surface:
         material.base_color = [*np.clip(self.colour * tint, 0.0, 1.0).tolist(), 1.0]
         material.roughness = self.roughness
         material.metallic = self.metallic
-        uvs = np.zeros((len(self.vertices), 2), np.float32)
-        return sapien.render.RenderShapeTriangleMesh(self.vertices, self.faces, self.normals, uvs, material)
+        if self.texture is None:
+            mesh, uvs = self, np.zeros((len(self.vertices), 2), np.float32)
+        else:
+            mesh = self._apart()
+            uvs = mesh._along_m() / np.float32(self.texture.tile_m)
+            material.base_color_texture = _loaded(self.texture)
+        return sapien.render.RenderShapeTriangleMesh(mesh.vertices, mesh.faces, mesh.normals, uvs, material)
+
+    def _apart(self) -> "Surface":
+        """The same triangles, none sharing a vertex: neighbours may be textured along other axes."""
+        corners = self.faces.ravel()
+        faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+        return replace(self, vertices=self.vertices[corners], faces=faces, normals=self.normals[corners])
+
+    def _along_m(self) -> NDArray[np.float32]:
+        """(V, 2) metres along the two axes that each triangle faces least (box projection); for `_apart`."""
+        corners = self.vertices.reshape(-1, 3, 3)  # (F, corner, axis)
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        along = np.array([(1, 2), (0, 2), (0, 1)])[np.abs(areas).argmax(axis=1)]  # (F, 2)
+        return np.take_along_axis(corners, along[:, None], axis=2).reshape(-1, 2)
+
+
+def _loaded(texture: Texture) -> sapien.render.RenderTexture2D:
+    rgb = pixels(texture)
+    rgba = np.concatenate([rgb, np.full_like(rgb[..., :1], 255)], axis=-1)
+    return sapien.render.RenderTexture2D(rgba, "R8G8B8A8Unorm", mipmap_levels=MIPMAPS, srgb=True)
+
+
+def covered(seen: tuple[Surface, ...], finish: Finish) -> tuple[Surface, ...]:
+    """Surfaces with another finish: its colour on the lightest, and as much darker on others as they were."""
+    lightest = max(max(surface.colour) for surface in seen) or 1.0  # all is black
+    return tuple(_covered(surface, finish, max(surface.colour) / lightest) for surface in seen)
+
+
+def _covered(surface: Surface, finish: Finish, shade: float) -> Surface:
+    colour = surface.colour
+    if (new := finish.colour or (WHITE if finish.texture else None)) is not None:
+        colour = (new[0] * shade, new[1] * shade, new[2] * shade)
+    roughness = surface.roughness if finish.roughness is None else finish.roughness
+    return replace(surface, colour=colour, texture=finish.texture, roughness=roughness)
 
 
 def surfaces(asset: Asset) -> tuple[Surface, ...]:

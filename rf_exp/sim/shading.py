@@ -2,10 +2,10 @@
 
 ManiSkill's `minimal` pack inverts a matrix for every vertex, carries a tangent frame for textures of
 normals, looks up an environment and a table of reflections for every pixel, and copies the picture in a pass
-of its own. Nothing of that is seen in a scene without textures and without surroundings to mirror: what
-`shaders/` draws is equal (tests/sim/test_shading.py), but for single pixels that round to the next of 255
-shades. `python benchmarks/render.py` tells what a picture costs. A pack is a folder of GLSL files that SAPIEN
-compiles.
+of its own. Nothing of that is seen in a scene with textures of colours alone and without surroundings to
+mirror: what `shaders/` draws is equal (tests/sim/test_shading.py), but for single pixels that round to the
+next of 255 shades. `python benchmarks/render.py` tells what a picture costs. A pack is a folder of GLSL files
+that SAPIEN compiles.
 """
 
 import ctypes

@@ -1,4 +1,4 @@
-"""The table, the floor and the light: the same for every task, for generation and evaluation."""
+"""The table, the floor and the light: the same for every task, but for what covers and lights them."""
 
 from functools import cache
 
@@ -9,11 +9,11 @@ from rf_exp.sim import objects
 from rf_exp.tasks import TABLE_CENTRE_M, TABLE_M
 from rf_exp.tasks.assets import Asset, Part
 from rf_exp.transforms import planar, transform
+from rf_exp.types import BARE, Light, Look
 
 FLOOR_Z_M = -0.75
 WALL_M = 3.5  # from the middle of the room
 WOOD, LEG, FLOOR, WALL = (0.50, 0.37, 0.25), (0.12, 0.12, 0.13), (0.30, 0.31, 0.32), (0.42, 0.48, 0.54)
-LAMP, FILL, AMBIENT = 1.6, 0.6, 0.3
 
 
 @cache
@@ -39,17 +39,20 @@ def _table() -> tuple[Asset, tuple[objects.Surface, ...]]:
     return asset, objects.surfaces(asset)
 
 
-def build_table_scene(scene: ManiSkillScene) -> None:
-    """Table and floor."""
-    objects.build(scene, "table", *_table(), transform())
+def build_table_scene(scene: ManiSkillScene, look: Look) -> None:
+    """Table and floor, covered as `look` says."""
+    asset, seen = _table()
+    finishes = {WOOD: look.table, FLOOR: look.floor, WALL: look.walls}
+    covered = [objects.covered((surface,), finishes.get(surface.colour, BARE)) for surface in seen]
+    objects.build(scene, "table", asset, sum(covered, ()), transform())
 
 
-def light_table_scene(scene: ManiSkillScene, brightness: float) -> None:
-    """A lamp, a weaker one from the other side, and light from everywhere.
+def light_table_scene(scene: ManiSkillScene, light: Light) -> None:
+    """Lamps, and light from everywhere.
 
     Nothing casts a shadow, in generation as in evaluation: on software Vulkan shadows double the
     price of a picture.
     """
-    scene.set_ambient_light([AMBIENT * brightness] * 3)
-    scene.add_directional_light([-0.6, 0.4, -1.0], [LAMP * brightness] * 3)
-    scene.add_directional_light([0.4, -0.7, -0.5], [FILL * brightness] * 3)
+    scene.set_ambient_light(list(light.ambient))
+    for lamp in light.lamps:
+        scene.add_directional_light(list(lamp.direction), list(lamp.colour))

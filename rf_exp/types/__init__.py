@@ -4,6 +4,7 @@ Agents are numbered from 1 as in the paper (Agent_1); arrays over agents have ag
 k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control steps at 20 Hz.
 """
 
+from rf_exp.types.appearance import BARE, Finish, Lamp, Light, Look, Rgb, Texture, TextureKind, TextureSet
 from rf_exp.types.choices import (
     FOREIGN,
     LARGEST_PX,
@@ -40,6 +41,7 @@ from rf_exp.types.timeline import activity, doing, spans
 
 __all__ = [
     "ARM_JOINTS",
+    "BARE",
     "CONTROL_DT_S",
     "CONTROL_HZ",
     "FINGERS",
@@ -59,13 +61,18 @@ __all__ = [
     "ConstraintSet",
     "Episode",
     "Extras",
+    "Finish",
     "JointLimits",
     "Judged",
     "KeypointDetection",
     "Kind",
+    "Lamp",
+    "Light",
+    "Look",
     "Measured",
     "Occupancy",
     "Pictures",
+    "Rgb",
     "Rollout",
     "RolloutStep",
     "Scene",
@@ -73,6 +80,9 @@ __all__ = [
     "SeeingWorld",
     "Segment",
     "Subgoal",
+    "Texture",
+    "TextureKind",
+    "TextureSet",
     "Trajectory",
     "Verdict",
     "World",

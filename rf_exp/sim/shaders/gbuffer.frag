@@ -37,7 +37,7 @@ layout(set = 2, binding = 0) uniform MaterialBuffer {
   vec4 textureTransforms[6];
 } material;
 
-// No material of ours has a texture, but SAPIEN binds all of them.
+// Materials of ours have a texture of colours at most, but SAPIEN binds all of them.
 layout(set = 2, binding = 1) uniform sampler2D colorTexture;
 layout(set = 2, binding = 2) uniform sampler2D roughnessTexture;
 layout(set = 2, binding = 3) uniform sampler2D normalTexture;
@@ -71,6 +71,7 @@ layout(set = 3, binding = 0) uniform SceneBuffer {
 
 layout(location = 0) in vec3 inPosition;
 layout(location = 1) in vec3 inNormal;
+layout(location = 2) in vec2 inUV;
 
 layout(location = 0) out vec4 outColor;
 layout(location = 1) out ivec4 outPositionSegmentation;  // mm in camera axes, number of the body
@@ -97,10 +98,14 @@ vec3 reflected(vec3 normal, vec3 toEye, vec3 toLamp, vec3 diffuse, vec3 straight
 void main() {
   vec3 normal = normalize(inNormal);
   vec3 toEye = -normalize(inPosition);
-  vec3 diffuse = material.baseColor.rgb * (1 - material.metallic);
-  vec3 straight = mix(vec3(material.fresnel * 0.08), material.baseColor.rgb, material.metallic);
+  vec3 albedo = material.baseColor.rgb;
+  if ((material.textureMask & 1) != 0) {
+    albedo *= texture(colorTexture, inUV).rgb;
+  }
+  vec3 diffuse = albedo * (1 - material.metallic);
+  vec3 straight = mix(vec3(material.fresnel * 0.08), albedo, material.metallic);
   float alpha = material.roughness * material.roughness;
-  vec3 color = material.emission.rgb + scene.ambientLight.rgb * material.baseColor.rgb;
+  vec3 color = material.emission.rgb + scene.ambientLight.rgb * albedo;
   for (int i = 0; i < NUM_DIRECTIONAL_LIGHTS; ++i) {
     vec3 toLamp = -(mat3(camera.viewMatrix) * scene.directionalLights[i].direction.xyz);
     color += scene.directionalLights[i].emission.rgb * reflected(normal, toEye, toLamp, diffuse, straight, alpha);

@@ -29,11 +29,13 @@ layout(location = 4) in vec3 bitangent;
 
 layout(location = 0) out vec3 outPosition;
 layout(location = 1) out vec3 outNormal;
+layout(location = 2) out vec2 outUV;
 
 void main() {
   mat4 cameraFromModel = camera.viewMatrix * placed.modelMatrix;
   vec4 seen = cameraFromModel * vec4(position, 1.0);
   outPosition = seen.xyz;
   outNormal = mat3(cameraFromModel) * normal;  // no mesh of ours is scaled unevenly
+  outUV = uv;
   gl_Position = camera.projectionMatrix * seen;
 }
