@@ -252,7 +252,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
             ),
             "policy": read_recipe(node["policy"], picture),  # a policy sees what the cameras take
             "foreign": foreign,
-            "evaluated": read_values(Variation, node["evaluated"], "evaluated."),
+            "evaluated": read_values(Variation, node["evaluated"], "evaluated.").held_out,
         }
         if foreign is not None:  # its rows are its own, whatever recipe and architecture ours would have
             plain |= {"recipe": foreign["name"], "archs": (FOREIGN,)}

@@ -21,12 +21,12 @@ from sapien import physx
 
 from rf_exp.sim import objects
 from rf_exp.sim.agent import uid_of
+from rf_exp.sim.drawing.shading import choose_formats, keep_freed_memory, shader_config
 from rf_exp.sim.rows import Rows
-from rf_exp.sim.shading import choose_formats, keep_freed_memory, shader_config
 from rf_exp.sim.table_scene import build_table_scene, light_table_scene
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import CONTROL_HZ, FINGERS, Light, Look
+from rf_exp.types import CONTROL_HZ, FINGERS
 
 CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on one edge only: things swing
 PHYSICS_HZ = 100
@@ -143,7 +143,7 @@ class TableEnv(BaseEnv):
             _excuse_only_within(arm.robot._objs[0], agent)
 
     def _load_scene(self, options: dict) -> None:
-        build_table_scene(self.scene, Look())
+        build_table_scene(self.scene, self.start.look)
         self.actors = {
             name: objects.build(
                 self.scene,
@@ -157,7 +157,7 @@ class TableEnv(BaseEnv):
         }
 
     def _load_lighting(self, options: dict) -> None:
-        light_table_scene(self.scene, Light().brighter(self.start.light))
+        light_table_scene(self.scene, self.start.lamps.brighter(self.start.light))
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         for arm, rows, row in zip(self.arms, self.rows(), self.start.qpos, strict=True):

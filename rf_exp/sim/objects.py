@@ -13,7 +13,7 @@ from mani_skill.utils.structs.actor import Actor
 from numpy.typing import NDArray
 from sapien import physx
 
-from rf_exp.sim.textures import SIZE_PX, pixels
+from rf_exp.sim.drawing.textures import SIZE_PX, pixels
 from rf_exp.tasks.assets import Asset, Colour, Part
 from rf_exp.transforms import Matrix, quaternion
 from rf_exp.types import Finish, Texture

@@ -4,7 +4,18 @@ Agents are numbered from 1 as in the paper (Agent_1); arrays over agents have ag
 k - 1. World frame: table top at z = 0. Units: metres, radians, seconds; control steps at 20 Hz.
 """
 
-from rf_exp.types.appearance import BARE, Finish, Lamp, Light, Look, Rgb, Texture, TextureKind, TextureSet
+from rf_exp.types.appearance import (
+    BARE,
+    MOST_LAMPS,
+    Finish,
+    Lamp,
+    Light,
+    Look,
+    Rgb,
+    Texture,
+    TextureKind,
+    TextureSet,
+)
 from rf_exp.types.choices import (
     FOREIGN,
     LARGEST_PX,
@@ -49,6 +60,7 @@ __all__ = [
     "GRIPPER_CLOSED",
     "GRIPPER_OPEN",
     "LARGEST_PX",
+    "MOST_LAMPS",
     "NO_EXTRAS",
     "NO_PICTURES",
     "SMALLEST_PX",

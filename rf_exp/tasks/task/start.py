@@ -1,7 +1,7 @@
 """The start of an episode, drawn from its seed."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.tasks.task.table import beyond_edge
 from rf_exp.tasks.task.variation import EXACT, Devices, draw
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import FINGERS, Scene, fingers_of, joints_of
+from rf_exp.types import FINGERS, Light, Look, Scene, fingers_of, joints_of
 
 if TYPE_CHECKING:
     from rf_exp.tasks.task.task import Task
@@ -34,6 +34,8 @@ class Start:
     tints: Mapping[str, NDArray[np.float64]]  # object -> (3,) relative brightness of red, green, blue
     masses_kg: Mapping[str, float]  # object -> its mass
     devices: Devices = EXACT  # what sensors and actuators add
+    look: Look = field(default_factory=Look)
+    lamps: Light = field(default_factory=Light)  # before they are as bright as `light` says
 
     @property
     def scene(self) -> Scene:
@@ -80,7 +82,11 @@ def start_of(task: "Task", seed: int) -> Start:
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
     masses_kg = {name: _mass_kg(task, name, rng.uniform()) for name in task.objects}
-    return Start(seed, qpos, poses, light, tints, masses_kg, drawn.devices if drawn else EXACT)
+    start = Start(seed, qpos, poses, light, tints, masses_kg)
+    if drawn is None:
+        return start
+    tints = {name: tint * drawn.tints[name] for name, tint in tints.items()}
+    return replace(start, tints=tints, devices=drawn.devices, look=drawn.look, lamps=drawn.light)
 
 
 def _mass_kg(task: "Task", name: str, draw: float) -> float:

@@ -10,19 +10,35 @@ THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626), and some fo
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError
-from rf_exp.types import CONTROL_DT_S, UNVARIED
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.transforms import rotated
+from rf_exp.types import (
+    CONTROL_DT_S,
+    MOST_LAMPS,
+    UNVARIED,
+    Finish,
+    Lamp,
+    Light,
+    Look,
+    Texture,
+    TextureKind,
+    TextureSet,
+)
 
 if TYPE_CHECKING:
     from rf_exp.tasks.task.task import Task
 
-STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances
-FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators")  # the stream of each is its number
+STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances; then the number of a factor
+FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
+Textures = Literal["plain", "seen", "unseen"]
+TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
+TEXTURED = 0.75  # of the surfaces that differ have a texture
+FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
 MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
 MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg")
 
@@ -40,6 +56,12 @@ class Variation:
     """
 
     name: str = UNVARIED  # of the choice, as it stands in rows and names of files
+    textures: Textures = "plain"  # of table, floor and walls: as they are, or of one of two sets
+    object_colour: float = bounded(1)  # of the relative brightness of each primary colour of each thing
+    lamps: tuple[int, int] = (2, 2)  # how many
+    light_intensity: float = bounded(3)  # of the logarithm, to the base 2, of how bright all lamps are
+    light_colour: tuple[float, float] = (1.0, 1.0)  # relative brightness of each lamp in each primary colour
+    light_direction_deg: float = bounded(90)  # the largest turn of each lamp
     table_height_m: tuple[float, float] = (0.0, 0.0)  # of its top, against the bases of the arms
     base_position_m: float = bounded(0.2)  # of each base, along x and y
     base_yaw_deg: float = bounded(45)
@@ -58,7 +80,10 @@ class Variation:
             most, value = each.metadata.get("most"), getattr(self, each.name)
             if most is not None and not 0 <= value <= most:
                 raise ArgumentError(f"variation.{each.name} is {value}; expected 0 to {most}")
-        for name, least, most in (("table_height_m", -0.1, 0.1), ("delay_s", 0.0, 1.0)):
+        if self.textures not in get_args(Textures):
+            raise choices("variation.textures", self.textures, get_args(Textures))
+        ranges = ("table_height_m", -0.1, 0.1), ("delay_s", 0.0, 1.0), ("lamps", 0, MOST_LAMPS)
+        for name, least, most in (*ranges, ("light_colour", 0.0, 4.0)):
             low, high = getattr(self, name)
             if not least <= low <= high <= most:
                 raise ArgumentError(
@@ -73,6 +98,11 @@ class Variation:
             for each in fields(self)
             if each.name != "name" and (value := getattr(self, each.name)) != each.default
         }
+
+    @property
+    def held_out(self) -> "Variation":
+        """The same for evaluation: with textures that demonstrations do not show."""
+        return replace(self, textures="unseen") if self.textures == "seen" else self
 
     @property
     def moves(self) -> bool:
@@ -125,6 +155,9 @@ class Drawn:
     posture_rad: NDArray[np.float64]  # (N, D)
     cameras: Mapping[str, CameraMotion]
     devices: Devices
+    tints: Mapping[str, tuple[float, ...]]  # object -> (3,) relative brightness of red, green, blue
+    look: Look
+    light: Light
 
     def plain(self) -> dict[str, Any]:
         """What differs from the task, as values of JSON."""
@@ -152,7 +185,46 @@ def draw(task: "Task", seed: int) -> Drawn:
         posture,
         {name: _camera(how, rng["cameras"], table_m) for name in task.cameras},
         Devices(float(gain), how.flicker, how.pixel_noise, delay_steps, offsets),
+        *_appearance(task, rng["appearance"]),
+        _light(how, rng["light"]),
     )
+
+
+def _appearance(task: "Task", rng: np.random.Generator) -> tuple[Mapping[str, tuple[float, ...]], Look]:
+    """The tints of things, then what covers table, floor and walls."""
+    how = task.variation
+    tints = {name: tuple((1.0 + how.object_colour * rng.uniform(-1, 1, 3)).tolist()) for name in task.objects}
+    if how.textures == "plain":
+        return tints, Look()
+    return tints, Look(*(_finish(how.textures, tile_m, rng) for tile_m in TILES_M))
+
+
+def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
+    """A texture three times out of four, else a colour."""
+    kind: TextureKind = rng.choice(get_args(TextureKind)).item()
+    texture = Texture(kind, of, int(rng.integers(2**31)), tile_m * float(rng.uniform(0.7, 1.4)))
+    red, green, blue = rng.uniform(0.05, 0.8, 3).tolist()
+    roughness = float(rng.uniform(0.4, 1.0))
+    if rng.uniform() < TEXTURED:
+        return Finish(texture=texture, roughness=roughness)
+    return Finish((red, green, blue), roughness=roughness)
+
+
+def _light(how: Variation, rng: np.random.Generator) -> Light:
+    """The usual lamps first, in other directions and colours; further ones come from above."""
+    bright = 2.0 ** (how.light_intensity * rng.uniform(-1, 1))
+    count = int(rng.integers(how.lamps[0], how.lamps[1] + 1))
+    usual, lamps = Light(), []
+    for number in range(MOST_LAMPS):  # as many are drawn, whatever their number is
+        axis, angle, colour = rng.normal(size=3), rng.uniform(), rng.uniform(*how.light_colour, 3)
+        above = *rng.uniform(-1, 1, 2), -1.0
+        lamp = usual.lamps[number] if number < len(usual.lamps) else Lamp(above, FURTHER)
+        turn = rotated(np.deg2rad(how.light_direction_deg) * angle * axis / np.linalg.norm(axis))
+        x, y, z = (turn[:3, :3] @ lamp.direction).tolist()
+        red, green, blue = (bright * colour * lamp.colour).tolist()
+        lamps.append(Lamp((x, y, z), (red, green, blue)))
+    red, green, blue = (bright * rng.uniform(*how.light_colour, 3) * usual.ambient).tolist()
+    return Light((red, green, blue), tuple(lamps[:count]))
 
 
 def _camera(how: Variation, rng: np.random.Generator, table_m: float) -> CameraMotion:

@@ -1,0 +1,1 @@
+"""How pictures are drawn: shaders of our own, and textures that are computed."""
