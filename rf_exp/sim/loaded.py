@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import choices
 from rf_exp.sim.contacts import Contacts
+from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, Scene, joints_of
@@ -24,7 +25,9 @@ class LoadedScene:
         hands = [robot.model.hand for robot in env.task.robots]
         self._contacts = Contacts(self.robots, hands, self.bodies)
         start = joints_of(env.start.qpos)
-        self.command = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
+        held = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
+        self.devices = Devices(env.start, held)
+        self.command = self.devices.command_of(held)
         self._env = env
         self.physics: Any = env.scene.px
         sensors: dict[str, Any] = env._sensors if draws else {}
@@ -39,7 +42,8 @@ class LoadedScene:
         Returns (agent, agent) -> the hardest push between two arms, in N.
         """
         self.command = action.copy()
-        for joints, rows, command in zip(self._joints, self._rows, action, strict=True):
+        told = self.devices.carried_out(action)
+        for joints, rows, command in zip(self._joints, self._rows, told, strict=True):
             for joint, value in zip(joints, rows.targets(command).tolist(), strict=True):
                 joint.set_drive_target(value)
         pressed: dict[tuple[int, int], float] = {}
@@ -57,7 +61,7 @@ class LoadedScene:
         moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
         self._poses = poses
         held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
-        return Scene(
+        scene = Scene(
             step=self.steps,
             qpos=np.stack([rows.qpos(each.qpos) for rows, each in zip(self._rows, self.robots, strict=True)]),
             qvel=np.stack([rows.qvel(each.qvel) for rows, each in zip(self._rows, self.robots, strict=True)]),
@@ -68,6 +72,7 @@ class LoadedScene:
             finger_forces=pushes,
             arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
         )
+        return self.devices.measured(scene)
 
     def _measured_poses(self) -> dict[str, Matrix]:
         return {

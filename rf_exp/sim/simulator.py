@@ -9,7 +9,6 @@ import sapien
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
@@ -48,16 +47,13 @@ class Simulator:
     def reset(self, seed: int) -> Scene:
         """Begin the episode of a seed: a pure function of task and seed, whatever ran before."""
         self._loaded = self._load(seed)
-        return self._devices.measured(self._loaded.scene({}))
+        return self._loaded.scene({})
 
     def _load(self, seed: int) -> LoadedScene:
         if not 0 <= seed <= LARGEST_SEED:
             raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
         self._env.reset(seed=int(seed))
-        loaded = LoadedScene(self._env, draws=self._render)
-        self._devices = Devices(self._env.start, loaded.command)
-        self._command = self._devices.command_of(loaded.command)
-        return loaded
+        return LoadedScene(self._env, draws=self._render)
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         """Apply (N, A) joint targets in rad and gripper commands in [-1, 1] for one control step."""
@@ -69,15 +65,12 @@ class Simulator:
                 f"{'' if np.isfinite(action).all() else ' with values that are not finite'}; "
                 f"expected finite numbers of shape {expected}: joint targets in rad, gripper"
             )
-        self._command = action.copy()
-        return self._devices.measured(
-            self._loaded.scene(self._loaded.step(self._devices.carried_out(action)))
-        )
+        return self._loaded.scene(self._loaded.step(action))
 
     @property
     def command(self) -> NDArray[np.float64]:
         """(N, A) what the arms were last told; at the start their own joint positions, grippers open."""
-        return self._command.copy()
+        return self._loaded.command.copy()
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -91,7 +84,7 @@ class Simulator:
         """
         number, step = list(self.task.cameras), self._loaded.steps
         return {
-            name: self._devices.taken(picture[..., :3].copy(), number.index(name), step)
+            name: self._loaded.devices.taken(picture[..., :3].copy(), number.index(name), step)
             for name, picture in self._drawn("Color", cameras).items()
         }
 

@@ -43,7 +43,9 @@ def test_joints_that_measure_wrongly_go_where_they_believe_to_be_sent() -> None:
 
 
 def test_arms_stand_where_they_were_drawn() -> None:
-    usual = replace(CLEAN, variation=Variation("x", (0.02, 0.02), base_position_m=0.05, base_yaw_deg=5.0))
+    usual = replace(
+        CLEAN, variation=Variation("x", table_height_m=(0.02, 0.02), base_position_m=0.05, base_yaw_deg=5.0)
+    )
     with Simulator(usual, render=False) as world:
         world.reset(SEED)
         assert world.task == usual.of(SEED) != usual

@@ -8,7 +8,7 @@ import pytest
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import NONE, Task, Variation, drawn_of, read_variation, scene_certificate
 from rf_exp.tasks.task.variation import EXACT, MOVING, draw
-from rf_exp.types import joints_of
+from rf_exp.types import Light, joints_of
 from tests.conftest import CONF, experiment, read_task
 
 CHOICES = tuple(sorted(path.stem for path in (CONF / "variation").glob("*.yaml")))
@@ -31,8 +31,8 @@ def test_the_clean_world_stays_as_it_was(task: Task) -> None:
 @pytest.mark.parametrize("name", CHOICES)
 def test_every_choice_is_read_alike_with_and_without_hydra(name: str) -> None:
     asked = experiment("task=lift_barrier", f"variation={name}")
-    assert asked.tasks[0].variation == read_variation(name) == asked.evaluated
-    assert asked.evaluated.name == name
+    assert asked.tasks[0].variation == read_variation(name)
+    assert asked.evaluated == read_variation(name).held_out and asked.evaluated.name == name
     apart = experiment("task=lift_barrier", f"variation@evaluated={name}")
     assert apart.tasks[0].variation == NONE and apart.evaluated.name == name
 
@@ -87,9 +87,36 @@ def test_draws_fill_their_ranges_and_stay_in_them() -> None:
         (np.array([each.posture_rad for each in drawn]), 0.15),
         (np.log2([each.devices.gain for each in drawn]), 0.5),
         (np.rad2deg([each.devices.joint_offset_rad for each in drawn]), 0.5),
+        (np.array([[*each.tints.values()] for each in drawn]) - 1, 0.2),
     ):
         assert 0.9 * most < np.abs(values).max() <= most
     assert {each.devices.delay_steps for each in drawn} == {0, 1, 2, 3}
+
+
+def test_what_demonstrations_show_is_not_what_evaluation_shows() -> None:
+    assert (FULL.textures, FULL.held_out.textures) == ("seen", "unseen") and NONE.held_out is NONE
+    for variation in (FULL, FULL.held_out):
+        task = replace(read_task("take_photo"), variation=variation)
+        looks = [task.start(seed).look for seed in SEEDS]
+        finishes = [each for look in looks for each in (look.table, look.floor, look.walls)]
+        textures = [each.texture for each in finishes if each.texture is not None]
+        assert {each.set for each in textures} == {variation.textures}
+        assert {each.kind for each in textures} == {"wood", "tile", "cloth", "noise", "stripes"}
+        assert 0.65 < len(textures) / len(finishes) < 0.85
+        assert all((each.colour is None) != (each.texture is None) for each in finishes)
+
+
+def test_lamps_are_as_many_as_bright_and_as_coloured_as_asked_for() -> None:
+    task = varied("lift_barrier", "light")
+    lights = [task.start(seed).lamps for seed in SEEDS]
+    assert {len(each.lamps) for each in lights} == {1, 2, 3}
+    usual = Light()
+    bright = np.array([np.array(each.ambient) / usual.ambient for each in lights])
+    assert 0.75 * 2**-0.7 < bright.min() < 0.55 and 1.7 < bright.max() < 1.25 * 2**0.7
+    for each in lights:
+        before, now = np.array(usual.lamps[0].direction), np.array(each.lamps[0].direction)
+        turned = np.arccos(before @ now / np.linalg.norm(before) / np.linalg.norm(now))
+        assert turned <= np.deg2rad(30) + 1e-9
 
 
 def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
@@ -148,6 +175,8 @@ def test_demonstrations_of_scenes_that_differ_are_others() -> None:
     [
         ({"base_position_m": -0.1}, "variation.base_position_m is -0.1; expected 0 to 0.2"),
         ({"camera_direction_deg": 90}, "variation.camera_direction_deg is 90; expected 0 to 45"),
+        ({"textures": "new"}, "unknown variation.textures 'new'; available: plain, seen, unseen"),
+        ({"lamps": (1, 9)}, "variation.lamps is [1, 9]; expected [LOW, HIGH] within [0, 3]"),
         ({"flicker": 2}, "variation.flicker is 2; expected 0 to 1"),
         ({"delay_s": (0.2, 0.1)}, "variation.delay_s is [0.2, 0.1]; expected [LOW, HIGH] within [0.0, 1.0]"),
         (
@@ -164,5 +193,5 @@ def test_a_range_that_is_not_possible_is_told(changes, said) -> None:
 
 
 def test_a_choice_that_is_not_there_is_told() -> None:
-    with pytest.raises(ArgumentError, match="unknown variation 'wild'; available: bases, cameras"):
+    with pytest.raises(ArgumentError, match="unknown variation 'wild'; available: appearance, bases"):
         read_variation("wild")
