@@ -205,6 +205,11 @@ class Words:
     def everybody(self) -> tuple[int, ...]:
         return self.several(self.vocabulary.agents)
 
+    def pair(self) -> tuple[int, int]:
+        """The two agents of a sentence that is about one and another one."""
+        one, other = self.several((self.agent(), self.agent("other")))
+        return one, other
+
     def several(self, agents: tuple[int, ...]) -> tuple[int, ...]:
         if len(set(agents)) < 2:
             named = ", ".join(f"Agent_{agent}" for agent in dict.fromkeys(agents))
