@@ -5,6 +5,7 @@ logic.
 """
 
 from rf_exp.constraints import stl
+from rf_exp.constraints.bounded import BoundedCheck
 from rf_exp.constraints.checker import CheckCode, CheckedPlan, RoboChecker, compile
 from rf_exp.constraints.checks import AvoidAgentsCheck
 from rf_exp.constraints.compiler import Plans, compiled
@@ -17,6 +18,7 @@ from rf_exp.constraints.touching import CONTACT_N, overlapping, pressing, touchi
 __all__ = [
     "CONTACT_N",
     "AvoidAgentsCheck",
+    "BoundedCheck",
     "Check",
     "CheckCode",
     "CheckedPlan",

@@ -25,7 +25,7 @@ from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import Violation
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
-from rf_exp.statements import Proposal, Statement
+from rf_exp.statements import Proposal, Statement, Step
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory
 
@@ -137,14 +137,8 @@ class RoboChecker:
     @property
     def order(self) -> tuple[tuple[Part, Part], ...]:
         """(first, then) of the sequences that are active in this row."""
-        return tuple(
-            (
-                (check.first.agent, check.first.verb, check.first.object),
-                (check.then.agent, check.then.verb, check.then.object),
-            )
-            for check in self.checks
-            if isinstance(check, BeforeCheck)
-        )
+        orders = [check.steps for check in self.checks if isinstance(check, BeforeCheck)]
+        return tuple((_part(first), _part(then)) for first, then in orders)
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""
@@ -174,6 +168,10 @@ class RoboChecker:
         """All checks on a plan before anything moves."""
         plan = Plan(paths, timed)
         return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
+
+
+def _part(step: Step) -> Part:
+    return step.agent, step.verb, step.object
 
 
 def _implied(task: Task, code: CheckCode) -> tuple[Check, ...]:

@@ -90,6 +90,7 @@ class Check(ABC):
         return self.found(True, Finding.IDLE, value, bound, plan.begins_s)
 
 
+@dataclass(frozen=True)
 class OneAgentCheck(Check):
     """A check of one agent."""
 
@@ -98,13 +99,6 @@ class OneAgentCheck(Check):
     @property
     def agents(self) -> tuple[int, ...]:
         return (self.agent,)
-
-
-def check_of(stated: Statement, plans: "Plans") -> Check:
-    """The check of a statement about plans. Raises TypeError for a kind that has none."""
-    if type(stated) not in _CHECKS:
-        raise TypeError(f"no check states that it is of {type(stated).__name__}")
-    return _CHECKS[type(stated)].compiled(stated, plans)
 
 
 def checked_kinds() -> Mapping[type[Statement], type[Check]]:

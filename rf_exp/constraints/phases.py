@@ -1,4 +1,4 @@
-"""When parts of plans begin and end: on paths, by the clock, as signals, and what is common to checks of it."""
+"""When parts of plans begin and end: on paths, by the clock, as signals, and what checks of it share."""
 
 from abc import abstractmethod
 from typing import Literal, Self

@@ -45,7 +45,6 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
     states, name, unit = Direction, CheckName.DIRECTION, "deg"
     finding, bounds = Finding.OFF_DIRECTION, (ANGLE_DEG, ANGLE_MEASURED_DEG)
 
-    agent: int
     object: str
     orientation: str  # one of ORIENTATIONS
     text: str = ""

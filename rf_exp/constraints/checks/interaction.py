@@ -31,7 +31,6 @@ class ContactAtCheck(OneAgentCheck, BoundedCheck):
     states, name, unit = ContactAt, CheckName.INTERACTION, "m"
     finding, bounds = Finding.BESIDE_POINT, (POSITION_M, POSITION_MEASURED_M)
 
-    agent: int
     object: str
     point: str
     text: str = ""
@@ -94,7 +93,6 @@ class PlaceAtCheck(OneAgentCheck):
 
     states, name, unit = PlaceAt, CheckName.INTERACTION, "m"
 
-    agent: int
     target: str
     point: str
     text: str = ""

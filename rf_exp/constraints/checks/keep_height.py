@@ -20,7 +20,6 @@ class KeepHeightCheck(OneAgentCheck, BoundedCheck):
     states, name, unit = KeepHeight, CheckName.OCCUPANCY, "m"
     finding = Finding.OFF_HEIGHT
 
-    agent: int
     limit_m: float
     side: str  # below | above
     text: str = ""

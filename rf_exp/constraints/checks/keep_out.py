@@ -30,7 +30,6 @@ class KeepOutCheck(OneAgentCheck):
 
     states, name, unit = KeepOut, CheckName.OCCUPANCY, "m"
 
-    agent: int
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
     text: str = ""

@@ -28,7 +28,6 @@ class SpeedLimitCheck(OneAgentCheck):
 
     states, name, unit = SpeedLimit, CheckName.SCHEDULING, "m/s"
 
-    agent: int
     at_most_m_s: float
     text: str = ""
 
