@@ -1,7 +1,6 @@
 """Where a plan makes an arm meet an object, and what that is compared with."""
 
 from dataclasses import dataclass
-from itertools import zip_longest
 
 import numpy as np
 
@@ -42,12 +41,11 @@ class Contact:
 
 def last_contact(plan: Plan, agent: int, name: str) -> Contact | None:
     """The last contact that the plan of an agent makes with an object."""
-    trajectory = plan.trajectory(agent)
-    parts, found = list(trajectory.intervals), None
-    for (segment, _, end), following in zip_longest(parts, parts[1:]):
+    parts, found = list(plan.trajectory(agent).intervals), None
+    for index, (segment, _, end) in enumerate(parts):
         if segment.primitive in CONTACT and segment.subgoal.object == name:
-            closes = following is not None and following[0].primitive == "close"
-            found = Contact(segment, end, following[2] if closes else end)
+            closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
+            found = Contact(segment, end, closed[0] if closed else end)
     return found
 
 

@@ -42,7 +42,7 @@ class AvoidAgents(OfAgents):
         elif "agent" in words:
             agents = (words.agent(),)
         else:
-            agents = words.agents() if "agents" in words else words.everybody()
+            agents = words.agents() if "agents" in words else words.several(words.vocabulary.agents)
         return cls(tuple(sorted(agents)))
 
 
