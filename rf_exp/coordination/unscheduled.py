@@ -52,7 +52,7 @@ class Unscheduled:
         found = None if collision is None else _collision(a, b, collision)
         if collision is not None and found is not None:
             finding, doing = found
-            cause, share = Cause.SPACE, float(collision.mean())  # of the pairs of positions
+            cause, share = Cause.SPACE, float(collision.mean())  # of the pairs that are too close
         else:
             row, column = blocked_region(
                 problem.diagrams[pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
