@@ -25,7 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from rf_exp import markdown
 from rf_exp.constraints import CONTACT_N
 from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import FAULTS, Brain, FaultyBrain, FaultySpec, Question, ScriptedSpec, applies
@@ -34,6 +33,7 @@ from rf_exp.findings import Violation
 from rf_exp.processes import in_order
 from rf_exp.sim import shared_simulator
 from rf_exp.tasks import Task, load_task
+from rf_exp.texts import markdown
 from rf_exp.types import NO_PICTURES, CameraModel, ConstraintSet, Scene, SeeingWorld
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"

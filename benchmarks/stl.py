@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from omegaconf import OmegaConf
 
-from rf_exp import markdown
 from rf_exp.constraints import Check, RoboChecker, compiled
 from rf_exp.constraints.stl import judged, kept
 from rf_exp.datagen import EpisodeMaker, Settings, Trace
@@ -46,6 +45,7 @@ from rf_exp.statements import (
     Together,
 )
 from rf_exp.tasks import Task, load_task
+from rf_exp.texts import markdown
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
 CONF = Path(__file__).resolve().parents[1] / "conf" / "task"

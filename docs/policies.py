@@ -27,8 +27,8 @@ from rf_exp.ablation import (
     wilson,
 )
 from rf_exp.artifacts import rendered
-from rf_exp.markdown import table
 from rf_exp.tasks import CONFIGURED, read_task
+from rf_exp.texts.markdown import table
 from rf_exp.types import FOREIGN
 
 ROOT = Path(__file__).parents[1]

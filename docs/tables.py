@@ -24,7 +24,7 @@ from rf_exp.ablation import (
     title_of,
     wilson,
 )
-from rf_exp.markdown import table
+from rf_exp.texts.markdown import table
 
 ROOT = Path(__file__).parents[1]
 

@@ -19,11 +19,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from rf_exp.arguments import arranged, checked_folder
 from rf_exp.artifacts import disk_full
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.installed import CONF
-from rf_exp.keys import keys_are_in, keys_of_files, no_key, refuse_unknown_keys
+from rf_exp.keys import arranged, checked_folder, keys_are_in, keys_of_files, no_key, refuse_unknown_keys
 from rf_exp.processes import SHELL_SIGNAL, end_with_parent
 from rf_exp.progress import complaints
 from rf_exp.secrets import refuse_keys

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rf_exp.arguments import checked_folder
 from rf_exp.artifacts import read_values
 from rf_exp.datagen.brain import BrainSpec, FaultySpec, OpenAISpec, read_brain
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.keys import checked_folder
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
 from rf_exp.tasks import Task, load_task

@@ -11,9 +11,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.arguments import arranged, checked_folder
 from rf_exp.command import guarded
 from rf_exp.errors import ArgumentError
+from rf_exp.keys import arranged, checked_folder
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ from rf_exp.experiment import read_experiment
 from rf_exp.policy.config import PARTS
 from rf_exp.release import unpacked
 from rf_exp.tasks import assets
-from rf_exp.tasks.assets import annotation
+from rf_exp.tasks.assets.asset import annotation
 from tests.conftest import CONF
 from tests.policy.test_release import packed
 from tests.policy.test_release import said as released

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rf_exp.timeline import activity, spans
-from rf_exp.types import Schedule
+from rf_exp.types import Schedule, activity, spans
 from tests.constraints.robots import REST, idle, walk
 
 LENGTHS = st.lists(st.tuples(st.integers(1, 5), st.integers(0, 4)), min_size=1, max_size=4)  # steps, a wait

@@ -15,7 +15,6 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text as Words
 
-from rf_exp import markdown as marked
 from rf_exp.ablation.tables import (
     CLEAN,
     MISSING,
@@ -31,6 +30,7 @@ from rf_exp.ablation.tables import (
 )
 from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
+from rf_exp.texts import markdown as marked
 
 LONG_TEXT = 60  # characters; columns of such texts wrap in LaTeX and are folded away in the report
 NAME_WIDTH = 18  # characters of a row's title on the terminal, where longer ones wrap

@@ -3,15 +3,15 @@
 from pathlib import Path
 from typing import Any
 
-from rf_exp.markdown import Markdown, text
 from rf_exp.texts import visible
+from rf_exp.texts.markdown import Markdown, text
 
 
 def rendered(template: Path, **values: object) -> str:
     """The page that a Jinja2 template makes of some values; in HTML and Markdown what they hold is escaped.
 
-    Unless it is markup already: markupsafe's in HTML, `rf_exp.markdown.Markdown` in Markdown (`.md`). The
-    template may include others of its folder. A name in it that has no value is an error.
+    Unless it is markup already: markupsafe's in HTML, `rf_exp.texts.markdown.Markdown` in Markdown (`.md`).
+    The template may include others of its folder. A name in it that has no value is an error.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape  # only for pages
 

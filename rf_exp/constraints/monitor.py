@@ -12,8 +12,7 @@ from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.touching import touching
 from rf_exp.findings import About, Cause, CheckName, Finding, Violation
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Scene, Segment, arm_of
+from rf_exp.types import CONTROL_DT_S, Scene, Segment, arm_of, doing
 
 TRACKING_RAD = 0.15  # beyond the lag
 LOST_STEPS = 4  # control steps without grip before something counts as lost

@@ -12,7 +12,6 @@ from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Mask, PlanningScene
 from rf_exp.perception import Seen, together
 from rf_exp.robots import Arm
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
 from rf_exp.transforms import Matrix
 from rf_exp.types import (
     CONTROL_DT_S,
@@ -22,6 +21,7 @@ from rf_exp.types import (
     Segment,
     Trajectory,
     arm_of,
+    doing,
     gripper_of,
 )
 

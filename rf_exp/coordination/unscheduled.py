@@ -11,8 +11,7 @@ from rf_exp.coordination import search
 from rf_exp.coordination.diagrams import UNREACHABLE, blocked_region, remaining
 from rf_exp.findings import About, Cause, CheckName, Doing, Finding, Violation
 from rf_exp.geometry import Mask
-from rf_exp.timeline import doing
-from rf_exp.types import CONTROL_DT_S, Trajectory
+from rf_exp.types import CONTROL_DT_S, Trajectory, doing
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,11 @@ from .coordinator import Coordinator as Coordinator
 from .driving import commands_of as commands_of
 from .driving import drive as drive
 from .driving import follow as follow
-from .episode import EpisodeMaker as EpisodeMaker
+from .episode.loop import EpisodeMaker as EpisodeMaker
+from .episode.observer import NullObserver as NullObserver
+from .episode.observer import Observer as Observer
+from .episode.outcome import Outcome as Outcome
+from .episode.trace import Trace as Trace
 from .generation import generate as generate
 from .generation import make_episode as make_episode
 from .motion import Motion as Motion
@@ -13,12 +17,8 @@ from .motion import State as State
 from .motion import Unreachable as Unreachable
 from .motion import add_primitive as add_primitive
 from .motion import as_commanded as as_commanded
-from .observer import NullObserver as NullObserver
-from .observer import Observer as Observer
-from .outcome import Outcome as Outcome
 from .planning import Planned as Planned
 from .planning import Planner as Planner
 from .planning import Settings as Settings
-from .trace import Trace as Trace
 from .version import GENERATOR as GENERATOR
 from .version import generator_version as generator_version

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.brain import FaultyBrain
-from rf_exp.datagen.episode import EpisodeMaker
-from rf_exp.datagen.outcome import Outcome
+from rf_exp.datagen.episode.loop import EpisodeMaker
+from rf_exp.datagen.episode.outcome import Outcome
 from rf_exp.datagen.planning import Settings
 from rf_exp.findings import Account
 from rf_exp.processes import Timeout, in_order

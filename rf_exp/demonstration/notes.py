@@ -16,8 +16,7 @@ from rf_exp.findings import Violation
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
-from rf_exp.timeline import spans
-from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Subgoal
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Subgoal, spans
 from rf_exp.viz.figures import coordination, lanes
 from rf_exp.viz.text import CheckResult
 

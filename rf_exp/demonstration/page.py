@@ -12,9 +12,9 @@ from rf_exp.artifacts import rendered, whole, write_text
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.demonstration.notes import Phase, Picture, Round
 from rf_exp.findings import Violation
-from rf_exp.markdown import Markdown, block, cell, code, table
-from rf_exp.markdown import text as words
 from rf_exp.statements import Statement
+from rf_exp.texts.markdown import Markdown, block, cell, code, table
+from rf_exp.texts.markdown import text as words
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Subgoal
 from rf_exp.viz import text
 from rf_exp.viz.text import CheckResult

@@ -14,8 +14,7 @@ from rf_exp.errors import StageError
 from rf_exp.findings import Violation
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator
-from rf_exp.timeline import activity
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, activity
 
 Pictures = Mapping[str, NDArray[np.uint8]]  # camera -> (H, W, 3)
 

@@ -1,6 +1,18 @@
-"""The keys that a configuration may have. Any other would be ignored, so it is refused, with its nearest."""
+"""The keys that a configuration may have, and arguments before Hydra reads them.
 
+Any other key would be ignored, so it is refused, with its nearest.
+"""
+
+from rf_exp.keys.arguments import arranged, checked_folder
 from rf_exp.keys.likeness import RENAMED, keys_are_in, keys_of_files, no_key
 from rf_exp.keys.refusal import refuse_unknown_keys
 
-__all__ = ["RENAMED", "keys_are_in", "keys_of_files", "no_key", "refuse_unknown_keys"]
+__all__ = [
+    "RENAMED",
+    "arranged",
+    "checked_folder",
+    "keys_are_in",
+    "keys_of_files",
+    "no_key",
+    "refuse_unknown_keys",
+]

@@ -14,8 +14,7 @@ from rf_exp.geometry import Mask, centres_m
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
-from rf_exp.timeline import activity
-from rf_exp.types import Scene
+from rf_exp.types import Scene, activity
 from rf_exp.viz.text import CheckResult
 
 CAMERAS = "cameras"  # owner of the voxels that they see

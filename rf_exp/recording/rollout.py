@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.geometry import PlanningScene
-from rf_exp.markdown import Markdown
 from rf_exp.recording.scene import SceneRecorder
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
+from rf_exp.texts.markdown import Markdown
 from rf_exp.types import CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Scene, Verdict
 from rf_exp.viz import text
 

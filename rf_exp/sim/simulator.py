@@ -13,7 +13,7 @@ from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks import Task
-from rf_exp.types import CameraModel, Scene
+from rf_exp.types import CameraModel, Pictures, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
 GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
@@ -146,6 +146,29 @@ class Limited:
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all there are."""
         return self._world.images(self.cameras if cameras is None else cameras)
+
+
+# One simulator a process, kept between episodes: building the renderer costs seconds.
+_simulator: tuple[tuple[str, Pictures], Simulator] | None = None
+
+
+def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
+    """This process's simulator for a task and picture size; an earlier one is closed."""
+    global _simulator
+    key = (repr(task), pictures)
+    if _simulator is None or _simulator[0] != key:
+        close_shared_simulator()
+        size = {"width_px": pictures.width, "height_px": pictures.height}
+        _simulator = key, Simulator(task, **size, render=pictures.render)
+    return _simulator[1]
+
+
+def close_shared_simulator() -> None:
+    """Gives the memory of this process's simulator back."""
+    global _simulator
+    if _simulator is not None:
+        _simulator[1].close()
+        _simulator = None
 
 
 _require_rendering_once = cache(require_rendering)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.markdown import block, cell, code, table, text
 from rf_exp.store.reader import Reader
 from rf_exp.texts import LONGEST_LINE, printable
+from rf_exp.texts.markdown import block, cell, code, table, text
 
 HEADER = """---
 license: mit

@@ -4,14 +4,26 @@
 """
 
 from rf_exp.tasks import assets, predicates
-from rf_exp.tasks.account import Ledger
-from rf_exp.tasks.configuration import CONFIGURED, check_words, default_of, load_task, read_task, stored_task
-from rf_exp.tasks.labels import labelled, labels
-from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec
-from rf_exp.tasks.start import Start
-from rf_exp.tasks.success import SuccessEvaluator
-from rf_exp.tasks.table import TABLE_CENTRE_M, TABLE_M
-from rf_exp.tasks.task import Task
+from rf_exp.tasks.task import (
+    CONFIGURED,
+    TABLE_CENTRE_M,
+    TABLE_M,
+    CameraSpec,
+    Ledger,
+    ObjectSpec,
+    Randomisation,
+    RobotSpec,
+    Start,
+    SuccessEvaluator,
+    Task,
+    check_words,
+    default_of,
+    labelled,
+    labels,
+    load_task,
+    read_task,
+    stored_task,
+)
 
 __all__ = [
     "CONFIGURED",

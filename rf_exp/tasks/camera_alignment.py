@@ -1,7 +1,7 @@
 """Camera Alignment: two arms lift the camera, a third holds the steak where the camera looks."""
 
 from rf_exp.statements import Proposal, keep_clear
-from rf_exp.tasks import held_camera
+from rf_exp.tasks.shared import held_camera
 from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import Condition, Scene

@@ -3,8 +3,8 @@
 from itertools import pairwise
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
-from rf_exp.tasks import shoe_on_goal
 from rf_exp.tasks.predicates import distance_xy_m, holders
+from rf_exp.tasks.shared import shoe_on_goal
 from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal

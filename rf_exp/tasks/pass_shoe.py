@@ -1,8 +1,8 @@
 """Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
-from rf_exp.tasks import shoe_on_goal
 from rf_exp.tasks.predicates import distance_xy_m
+from rf_exp.tasks.shared import shoe_on_goal
 from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal

@@ -3,8 +3,8 @@
 import numpy as np
 
 from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
-from rf_exp.tasks import held_camera
 from rf_exp.tasks.predicates import pushed_n
+from rf_exp.tasks.shared import held_camera
 from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import Condition, Scene, Subgoal

@@ -35,6 +35,7 @@ from rf_exp.types.scene import (
     World,
 )
 from rf_exp.types.success import UNITS, Condition, Judged, Measured, Verdict
+from rf_exp.types.timeline import activity, doing, spans
 
 __all__ = [
     "ARM_JOINTS",
@@ -73,10 +74,13 @@ __all__ = [
     "Trajectory",
     "Verdict",
     "World",
+    "activity",
     "arm_of",
     "camera_names",
+    "doing",
     "fingers_of",
     "gripper_of",
     "joints_of",
+    "spans",
     "what_of",
 ]

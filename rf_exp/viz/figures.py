@@ -13,8 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rf_exp.timeline import spans
-from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory
+from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory, spans
 from rf_exp.viz.layout import (
     BACKGROUND,
     INK,

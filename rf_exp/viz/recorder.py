@@ -9,10 +9,10 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.findings import Violation
-from rf_exp.markdown import Markdown
-from rf_exp.markdown import text as words
 from rf_exp.robots import Robot
 from rf_exp.statements import Proposal
+from rf_exp.texts.markdown import Markdown
+from rf_exp.texts.markdown import text as words
 from rf_exp.transforms import Matrix
 from rf_exp.types import CameraModel, KeypointDetection, Schedule, Trajectory, fingers_of
 from rf_exp.viz import text

@@ -10,8 +10,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError, choices
-from rf_exp.markdown import Markdown
 from rf_exp.robots import DEFAULT, Robot
+from rf_exp.texts.markdown import Markdown
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_DT_S, FINGERS, CameraModel
 from rf_exp.viz.elements import Mesh, expect, lines, mesh3d, pinhole, placed

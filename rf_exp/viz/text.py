@@ -4,11 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
-from rf_exp import markdown
 from rf_exp.findings import Violation
-from rf_exp.markdown import Markdown
 from rf_exp.statements import Proposal
-from rf_exp.texts import one_line
+from rf_exp.texts import markdown, one_line
+from rf_exp.texts.markdown import Markdown
 from rf_exp.types import CONTROL_DT_S, Measured, Rollout, Subgoal, Verdict
 
 LEAST = 5e-4  # of a number that is shown

@@ -6,7 +6,7 @@ import pytest
 from jinja2 import UndefinedError
 
 from rf_exp.artifacts import rendered
-from rf_exp.markdown import Markdown
+from rf_exp.texts.markdown import Markdown
 
 
 @pytest.mark.parametrize(

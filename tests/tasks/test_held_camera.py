@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.tasks import held_camera
+from rf_exp.tasks.shared import held_camera
 from tests.conftest import read_task
 from tests.scenes import start_scene
 

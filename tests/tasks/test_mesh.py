@@ -11,7 +11,7 @@ import yaml
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import __main__ as command
-from rf_exp.tasks.assets import mesh
+from rf_exp.tasks.assets.asset import mesh
 
 POINT = {"kind": "grasp", "position_m": [0, 0, 0.02], "approach": [0, 0, -1]}
 

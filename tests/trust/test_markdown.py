@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rf_exp.markdown import block, cell, code, table, text
+from rf_exp.texts.markdown import block, cell, code, table, text
 from tests.trust.payloads import EXTENSIONS, MARK, MARKUP, skeleton, structure
 
 READERS = pytest.mark.parametrize("extensions", EXTENSIONS, ids=lambda each: "-".join(each[:2]) or "none")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from rf_exp.findings import Account, Cause, CheckName, Closest, Finding, Unmet, Violation
-from rf_exp.markdown import Markdown
 from rf_exp.statements import Proposal, Together
+from rf_exp.texts.markdown import Markdown
 from rf_exp.types import Measured, Rollout, Subgoal, Verdict
 from rf_exp.viz import VIOLATED, text
 from rf_exp.viz.layout import PRIMITIVES, WAITS

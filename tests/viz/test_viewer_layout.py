@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rf_exp.markdown import Markdown
 from rf_exp.statements import Proposal
+from rf_exp.texts.markdown import Markdown
 from tests.viz.recorded import (
     ACTION,
     CAMERAS,

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from rf_exp import markdown
 from rf_exp.ablation.statistics import Estimate
-from rf_exp.texts import one_line
+from rf_exp.texts import markdown, one_line
 
 MISSING = "missing"
 CLEAN = "without a violation"  # generation: at the first attempt

@@ -13,9 +13,8 @@ from rf_exp.constraints.stl import Specification, named
 from rf_exp.findings import About, CheckName, Finding, names
 from rf_exp.statements import KeepLevel
 from rf_exp.tasks import Task
-from rf_exp.timeline import doing
 from rf_exp.transforms import Matrix
-from rf_exp.types import Scene
+from rf_exp.types import Scene, doing
 
 MEASURED_DEG = 5.0  # that a measured thing may be tilted more than planned
 UP = np.array([0.0, 0.0, 1.0])

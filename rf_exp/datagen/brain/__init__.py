@@ -1,9 +1,9 @@
 """RoboBrain: proposes subgoals and textual constraints."""
 
+from rf_exp.datagen.brain.chat.probing import probe
 from rf_exp.datagen.brain.faults import FAULTS
 from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies, faults_for
 from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
-from rf_exp.datagen.brain.probing import probe
 from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain, ScriptedSpec
 from rf_exp.datagen.brain.spec import SPECS, BrainSpec, read_brain

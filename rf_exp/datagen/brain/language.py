@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import ClassVar
 
 from rf_exp.artifacts import without
-from rf_exp.datagen.brain.chat import OpenAIChat
-from rf_exp.datagen.brain.connection import Connection
-from rf_exp.datagen.brain.exchanges import Chat, exchanges_path
+from rf_exp.datagen.brain.chat.connection import Connection
+from rf_exp.datagen.brain.chat.exchanges import Chat, exchanges_path
+from rf_exp.datagen.brain.chat.live import OpenAIChat
+from rf_exp.datagen.brain.chat.replay import ReplayChat
 from rf_exp.datagen.brain.protocol import BadAnswer, Question, from_json, strict_answer, to_json
-from rf_exp.datagen.brain.replay import ReplayChat
 from rf_exp.datagen.brain.sight import Sight
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task

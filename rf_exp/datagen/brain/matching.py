@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rf_exp.datagen.brain.exchanges import Chat, Message
+from rf_exp.datagen.brain.chat.exchanges import Chat, Message
 from rf_exp.datagen.brain.prompts import filled, listed
 from rf_exp.datagen.brain.questions import constraint_forms
 from rf_exp.datagen.brain.reading import BadAnswer, read_object

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rf_exp.datagen.brain.exchanges import Message
+from rf_exp.datagen.brain.chat.exchanges import Message
 from rf_exp.datagen.brain.prompts import filled, listed
 from rf_exp.datagen.brain.protocol import Question
 from rf_exp.datagen.brain.sight import Sight

@@ -1,6 +1,6 @@
 """Procedural assets: one module a thing, each with a function `build(...)` returning its `Asset`.
 
-A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.mesh`.
+A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.asset.mesh`.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,11 +9,11 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint, Part, convex_pieces
+from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part, convex_pieces
 
 __all__ = ["Asset", "Colour", "InteractionPoint", "Part", "available", "convex_pieces", "load"]
 
-_MACHINERY = ("__main__", "annotation", "base", "mesh")
+_MACHINERY = ("__main__", "asset")
 
 
 def available() -> tuple[str, ...]:
@@ -34,7 +34,7 @@ def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
 @cache
 def _load(name: str, options: tuple[tuple[str, object], ...]) -> Asset:
     if name.endswith((".yaml", ".yml")):
-        return _call(name, partial(import_module(f"{__name__}.mesh").build, name), options)
+        return _call(name, partial(import_module(f"{__name__}.asset.mesh").build, name), options)
     if "." not in name and name not in available():
         raise choices("asset", name, available())
     try:

@@ -14,7 +14,8 @@ from trimesh.visual.material import PBRMaterial
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import complaints, console
 from rf_exp.tasks import assets
-from rf_exp.tasks.assets import Asset, annotation
+from rf_exp.tasks.assets import Asset
+from rf_exp.tasks.assets.asset import annotation
 
 
 def scene(asset: Asset) -> trimesh.Scene:

@@ -6,7 +6,7 @@ button to a third.
 
 import numpy as np
 
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import Matrix, from_axes, transform
 
 BODY_HALF_M = (0.030, 0.070)  # along x, where it looks, and y

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import from_axes, transform
 
 COLOURS = {"blue": (0.02, 0.12, 0.62), "red": (0.62, 0.02, 0.02), "green": (0.02, 0.38, 0.06)}

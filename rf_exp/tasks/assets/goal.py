@@ -1,7 +1,7 @@
 """A target painted on the table: rings that thicken towards the middle, so that none flickers."""
 
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform
 
 CREAM, SLATE = (0.62, 0.60, 0.54), (0.16, 0.19, 0.24)

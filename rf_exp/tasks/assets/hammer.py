@@ -3,7 +3,7 @@
 The origin is 2 cm in front of that axis, so a scene can lay the mallet against a line.
 """
 
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import from_axes, transform
 
 HEAD_X_M = -0.02

@@ -7,7 +7,7 @@ z = SEAT_Z_M above the pot's origin.
 import numpy as np
 
 from rf_exp.tasks.assets import pot
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import from_axes, transform
 
 PLUG_M = 0.008  # how deep the lid reaches into the pot

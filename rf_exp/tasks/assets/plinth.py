@@ -1,7 +1,7 @@
 """A block of stone on which something stands, fixed to the table."""
 
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform
 
 STONE, PALE = (0.30, 0.30, 0.29), (0.50, 0.50, 0.47)

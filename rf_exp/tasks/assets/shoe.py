@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import from_axes
 
 LENGTH_M, WIDTH_M, SOLE_M = 0.20, 0.074, 0.020

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rf_exp.tasks.assets.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import from_axes, planar
 
 HALF_M = (0.045, 0.025)  # along x and y

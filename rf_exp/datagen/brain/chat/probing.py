@@ -10,11 +10,11 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from rf_exp.datagen.brain.connection import Connection
-from rf_exp.datagen.brain.exchanges import Message
+from rf_exp.datagen.brain.chat.connection import Connection
+from rf_exp.datagen.brain.chat.exchanges import Message
+from rf_exp.datagen.brain.chat.request import request
 from rf_exp.datagen.brain.protocol import strict_answer
 from rf_exp.datagen.brain.reading import BadAnswer, Rejected, Unreached, read_object
-from rf_exp.datagen.brain.request import request
 from rf_exp.secrets import without
 from rf_exp.tasks import Task
 from rf_exp.texts import printable

@@ -24,8 +24,8 @@ from rf_exp.errors import ArgumentError
 from rf_exp.robots import Arm
 from rf_exp.statements import Vocabulary
 from rf_exp.tasks import assets
-from rf_exp.tasks.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
-from rf_exp.tasks.start import Start, start_of
+from rf_exp.tasks.task.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
+from rf_exp.tasks.task.start import Start, start_of
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Scene
 

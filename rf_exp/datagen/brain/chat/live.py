@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from rf_exp.datagen.brain import exchanges
-from rf_exp.datagen.brain.connection import Connection
-from rf_exp.datagen.brain.exchanges import Exchange, Message
+from rf_exp.datagen.brain.chat import exchanges
+from rf_exp.datagen.brain.chat.connection import Connection
+from rf_exp.datagen.brain.chat.exchanges import Exchange, Message
+from rf_exp.datagen.brain.chat.request import request
 from rf_exp.datagen.brain.reading import BadAnswer
-from rf_exp.datagen.brain.request import request
 from rf_exp.secrets import without
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from math import hypot
 
-from rf_exp.tasks.task import Task
+from rf_exp.tasks.task.task import Task
 from rf_exp.types import Condition, Measured, Scene, Verdict
 
 OFF_M = 0.05  # below the top of the table

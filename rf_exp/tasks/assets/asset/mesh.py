@@ -14,9 +14,9 @@ from trimesh.visual import ColorVisuals, uv_to_color
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import assets
-from rf_exp.tasks.assets import annotation
-from rf_exp.tasks.assets.annotation import Annotation
-from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint, Part, convex_pieces
+from rf_exp.tasks.assets.asset import annotation
+from rf_exp.tasks.assets.asset.annotation import Annotation
+from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part, convex_pieces
 
 FORMATS = (".glb", ".obj", ".ply", ".stl")
 LINEAR = (".glb",)  # formats whose colours are linear, but for textures; elsewhere all is sRGB

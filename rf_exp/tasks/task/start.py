@@ -11,12 +11,12 @@ from shapely import MultiPoint, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from rf_exp.errors import ArgumentError
-from rf_exp.tasks.table import beyond_edge
+from rf_exp.tasks.task.table import beyond_edge
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import FINGERS, Scene, fingers_of, joints_of
 
 if TYPE_CHECKING:
-    from rf_exp.tasks.task import Task
+    from rf_exp.tasks.task.task import Task
 
 GAP_M = 0.005  # between objects at the start
 _DRAWS = 1000

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.tasks.task import Task
+from rf_exp.tasks.task.task import Task
 
 TABLE = "table"  # with the room around it
 

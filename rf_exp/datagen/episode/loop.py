@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from rf_exp.coordination import actions, intended
 from rf_exp.datagen.brain import Brain, Question, to_json
 from rf_exp.datagen.driving import commands_of, drive, follow, from_start
-from rf_exp.datagen.log import EpisodeLog, Frame
+from rf_exp.datagen.episode.log import EpisodeLog, Frame
+from rf_exp.datagen.episode.object_motion import ObjectMotionWatch, nearer
+from rf_exp.datagen.episode.observer import NullObserver, Observer
+from rf_exp.datagen.episode.outcome import Outcome
 from rf_exp.datagen.motion import Disturbance, as_commanded, come_to_rest_disturbed
-from rf_exp.datagen.object_motion import ObjectMotionWatch, nearer
-from rf_exp.datagen.observer import NullObserver, Observer
-from rf_exp.datagen.outcome import Outcome
 from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import NOBODYS, Subgoals
 from rf_exp.findings import Violation

@@ -9,9 +9,9 @@ import base64
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rf_exp.datagen.brain.completion import content
-from rf_exp.datagen.brain.connection import Connection
-from rf_exp.datagen.brain.exchanges import Message
+from rf_exp.datagen.brain.chat.completion import content
+from rf_exp.datagen.brain.chat.connection import Connection
+from rf_exp.datagen.brain.chat.exchanges import Message
 from rf_exp.datagen.brain.reading import BadAnswer, Rejected, Unreached
 from rf_exp.texts import printable
 
@@ -30,7 +30,7 @@ async def request(
     """
     import openai  # half a second; only who asks a model needs it
 
-    from rf_exp.datagen.brain.bodies import connection as bounded
+    from rf_exp.datagen.brain.chat.bodies import connection as bounded
 
     try:
         async with (

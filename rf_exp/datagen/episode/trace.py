@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.stl import Execution
-from rf_exp.datagen.observer import NullObserver
+from rf_exp.datagen.episode.observer import NullObserver
 from rf_exp.datagen.planning import Planned
 from rf_exp.findings import Violation
 from rf_exp.types import CONTROL_HZ, Scene

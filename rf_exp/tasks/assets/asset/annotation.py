@@ -15,7 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks.assets.base import Asset, Colour, InteractionPoint
+from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint
 from rf_exp.transforms import Matrix, from_axes, transform
 
 Vector = tuple[float, float, float]

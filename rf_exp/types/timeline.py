@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rf_exp.findings import Doing
-from rf_exp.types import Schedule, Segment, Trajectory
+from rf_exp.types.motion import Schedule, Segment, Trajectory
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.installed import CONF
 from rf_exp.robots import DEFAULT, Robot, known_robots, robot_named
-from rf_exp.tasks.specs import Randomisation
-from rf_exp.tasks.start import beyond_table
-from rf_exp.tasks.task import Task
+from rf_exp.tasks.task.specs import Randomisation
+from rf_exp.tasks.task.start import beyond_table
+from rf_exp.tasks.task.task import Task
 from rf_exp.texts import printable
 
 CONFIGURED = CONF / "task"

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rf_exp.datagen.brain import exchanges
-from rf_exp.datagen.brain.exchanges import Message
+from rf_exp.datagen.brain.chat import exchanges
+from rf_exp.datagen.brain.chat.exchanges import Message
 from rf_exp.datagen.brain.protocol import BadAnswer
 
 

@@ -11,8 +11,8 @@ from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion import Motions, Unreachable, in_turn, plan_motion
-from rf_exp.datagen.obstacles import Obstacles
-from rf_exp.datagen.overlaps import taken
+from rf_exp.datagen.planning.obstacles import Obstacles
+from rf_exp.datagen.planning.overlaps import taken
 from rf_exp.datagen.yielding import Way, ways
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation

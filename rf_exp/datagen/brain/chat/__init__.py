@@ -1,0 +1,1 @@
+"""A talk with a language model: its server, live, and its recording."""
