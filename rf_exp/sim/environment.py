@@ -20,8 +20,8 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
 from rf_exp.sim import objects
-from rf_exp.sim.agent import uid_of
-from rf_exp.sim.rows import Rows
+from rf_exp.sim.robots.agent import uid_of
+from rf_exp.sim.robots.rows import Rows
 from rf_exp.sim.shading import choose_formats, keep_freed_memory, shader_config
 from rf_exp.sim.table_scene import build_table_scene, light_table_scene
 from rf_exp.tasks import Task

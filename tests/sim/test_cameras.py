@@ -11,7 +11,8 @@ from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.gallery.performance import play
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.sim import Limited, Simulator, agent
+from rf_exp.sim import Limited, Simulator
+from rf_exp.sim.robots import agent
 from rf_exp.tasks import TABLE_CENTRE_M, CameraSpec, Task
 from rf_exp.transforms import apply, inverse
 from rf_exp.types import ConstraintSet

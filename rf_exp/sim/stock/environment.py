@@ -16,8 +16,8 @@ from sapien import physx
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots import Robot, known_robots
 from rf_exp.sim.contacts import Contacts
-from rf_exp.sim.rows import Rows
-from rf_exp.sim.shapes import solids
+from rf_exp.sim.robots.rows import Rows
+from rf_exp.sim.stock.shapes import solids
 from rf_exp.transforms import Matrix, apply, inverse
 from rf_exp.types import CONTROL_HZ, FINGERS, Scene
 
