@@ -7,8 +7,10 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
-from rf_exp.constraints.checked import CheckedPlan
+import numpy as np
+
 from rf_exp.constraints.checks import (
     AvoidAgentsCheck,
     AvoidObjectsCheck,
@@ -17,13 +19,15 @@ from rf_exp.constraints.checks import (
     TogetherCheck,
 )
 from rf_exp.constraints.compiler import compiled
-from rf_exp.constraints.evidence import Check
+from rf_exp.constraints.evidence import Check, Evidence, violation
+from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import Violation
-from rf_exp.statements import Proposal, Statement
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
+from rf_exp.statements import Proposal, Statement, Step
 from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet, Scene, Schedule, Subgoal, Trajectory
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
@@ -45,6 +49,50 @@ class CheckCode:
 def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) -> CheckCode:
     """The check code of constraints. Raises ArgumentError for one that is not understood or does not fit."""
     return CheckCode(tuple(compiled(stated, task, proposal) for stated in constraints))
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedPlan:
+    """A plan, the checks of its row, and what each found before anything moves."""
+
+    plan: Plan
+    checks: tuple[Check, ...]
+    evidence: tuple[Evidence, ...]  # of each check
+
+    @property
+    def violations(self) -> list[Violation]:
+        """Of the checks that failed, earliest first."""
+        found = zip(self.checks, self.evidence, strict=True)
+        failed = [violation(check, evidence) for check, evidence in found if not evidence.ok]
+        return sorted(failed, key=lambda each: each.time_s)
+
+    def monitor(self) -> Monitor:
+        """Watches one execution of the plan."""
+        return Monitor(self.plan, self.checks)
+
+    def certificate(self) -> dict[str, Any]:
+        """What was checked before execution and with what result; plain JSON values."""
+        timed = self.plan.schedule
+        return {
+            "row": self.plan.constraint_set.name,
+            "margins_m": {"agents": AGENT_MARGIN_M, "objects": OBJECT_MARGIN_M},
+            "makespan_s": len(timed) * CONTROL_DT_S,
+            "makespan_bound_s": timed.makespan_bound * CONTROL_DT_S,
+            "checks": [
+                {
+                    "check": check.name,
+                    "kind": check.kind,
+                    "code": repr(check),
+                    "text": check.text,
+                    "ok": bool(evidence.ok),
+                    "value": float(evidence.value) if np.isfinite(evidence.value) else None,
+                    "bound": float(evidence.bound),
+                    "time_s": float(evidence.time_s),
+                    "reason": evidence.sentence,
+                }
+                for check, evidence in zip(self.checks, self.evidence, strict=True)
+            ],
+        }
 
 
 class RoboChecker:
@@ -89,14 +137,8 @@ class RoboChecker:
     @property
     def order(self) -> tuple[tuple[Part, Part], ...]:
         """(first, then) of the sequences that are active in this row."""
-        return tuple(
-            (
-                (check.first.agent, check.first.verb, check.first.object),
-                (check.then.agent, check.then.verb, check.then.object),
-            )
-            for check in self.checks
-            if isinstance(check, BeforeCheck)
-        )
+        orders = [check.steps for check in self.checks if isinstance(check, BeforeCheck)]
+        return tuple((_part(first), _part(then)) for first, then in orders)
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""
@@ -126,6 +168,10 @@ class RoboChecker:
         """All checks on a plan before anything moves."""
         plan = Plan(paths, timed)
         return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
+
+
+def _part(step: Step) -> Part:
+    return step.agent, step.verb, step.object
 
 
 def _implied(task: Task, code: CheckCode) -> tuple[Check, ...]:

@@ -4,7 +4,7 @@ A statement becomes a check only where it fits the plan: it speaks of subgoals t
 points that they are about. `Check.compiled` of its kind says so.
 """
 
-from rf_exp.constraints.evidence import Check, check_of
+from rf_exp.constraints.evidence import Check, checked_kinds
 from rf_exp.errors import ArgumentError
 from rf_exp.statements import TABLE, VERBS, Event, LiesOn, Proposal, Statement, Step, agent_name
 from rf_exp.tasks import Task
@@ -73,6 +73,10 @@ class Plans:
 def compiled(stated: Statement, task: Task, proposal: Proposal) -> Check:
     """The check of a statement about a plan.
 
-    Raises ArgumentError where it speaks of what is not there, or does not fit the plan.
+    Raises ArgumentError where it speaks of what is not there, or does not fit the plan, and TypeError for a
+    kind that has no check.
     """
-    return check_of(stated.known_in(task.vocabulary), Plans(task, proposal, stated))
+    known, kind = stated.known_in(task.vocabulary), checked_kinds().get(type(stated))
+    if kind is None:
+        raise TypeError(f"no check states that it is of {type(stated).__name__}")
+    return kind.compiled(known, Plans(task, proposal, stated))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
+from rf_exp.constraints.evidence import Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan
 from rf_exp.findings import Finding
 from rf_exp.tasks.assets import InteractionPoint
@@ -24,19 +24,15 @@ class Contact:
 
     def tcp(self, plan: Plan) -> Matrix:
         """world_from_tcp as planned."""
-        return plan.planning_scene.arms[self.segment.agent - 1].tcp(self.segment.qpos[-1])
+        return plan.arm(self.segment.agent).tcp(self.segment.qpos[-1])
 
     def object_pose(self, plan: Plan, name: str) -> Matrix:
         """world_from_object: where it stands, or where another agent leaves it, whichever is met."""
         poses = [plan.scene.poses[name]]
         for trajectory in plan.trajectories:
-            arm = plan.planning_scene.arms[trajectory.agent - 1]
             carrying = [segment for segment in trajectory.segments if segment.attached == name]
             if trajectory.agent != self.segment.agent and carrying:
-                assert (
-                    carrying[-1].tcp_from_object is not None
-                )  # PlanningScene.along has refused it otherwise
-                poses.append(arm.tcp(carrying[-1].qpos[-1]) @ carrying[-1].tcp_from_object)
+                poses.append(plan.carried(carrying[-1], carrying[-1].qpos[-1]))
         tcp = self.tcp(plan)
         point = plan.task.asset(name).points.get(self.segment.subgoal.point or "")
         at = np.eye(4) if point is None else point.object_from_tcp
@@ -45,14 +41,11 @@ class Contact:
 
 def last_contact(plan: Plan, agent: int, name: str) -> Contact | None:
     """The last contact that the plan of an agent makes with an object."""
-    trajectory = plan.trajectory(agent)
-    found: Contact | None = None
-    ends = trajectory.knots[1:]
-    for index, (segment, end) in enumerate(zip(trajectory.segments, ends, strict=True)):
+    parts, found = list(plan.trajectory(agent).intervals), None
+    for index, (segment, _, end) in enumerate(parts):
         if segment.primitive in CONTACT and segment.subgoal.object == name:
-            following = trajectory.segments[index + 1 : index + 2]
-            closes = bool(following) and following[0].primitive == "close"
-            found = Contact(segment, end, ends[index + 1] if closes else end)
+            closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
+            found = Contact(segment, end, closed[0] if closed else end)
     return found
 
 
@@ -67,8 +60,9 @@ def no_contact(
     holds = plan.scene.held[check.agent - 1] == name
     moving = tuple(dict.fromkeys(each.subgoal.text for each in plan.trajectory(check.agent).segments))
     finding, value = (Finding.HOLDS_IT, 0.0) if holds else (missed, value)
-    about: About = {"object": name, "aspect": aspect, "subgoals": moving}
-    return check.found(holds, finding, value, bound, plan.begins_s, **about)
+    return check.found(
+        holds, finding, value, bound, plan.begins_s, object=name, aspect=aspect, subgoals=moving
+    )
 
 
 def nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
@@ -76,6 +70,10 @@ def nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> Interacti
     return min(points, key=lambda point: offset_m(tcp, pose @ point.object_from_tcp), default=None)
 
 
-def settles_now(plan: Plan, agent: int, scene: Scene, position: int) -> bool:
-    """Whether this is the control step at which the agent arrives at a path position."""
-    return scene.step - plan.scene.step == int(np.searchsorted(plan.positions(agent), position))
+def contact_now(plan: Plan, agent: int, name: str, scene: Scene) -> Contact | None:
+    """The last contact of an agent with an object, in the control step in which its fingers have closed."""
+    contact = last_contact(plan, agent, name)
+    if contact is None:
+        return None
+    settles = int(np.searchsorted(plan.positions(agent), contact.settled))
+    return contact if scene.step - plan.scene.step == settles else None

@@ -3,11 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, ClassVar, Self, TypedDict, Unpack
+from typing import TYPE_CHECKING, ClassVar, Self, Unpack
 
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Rule
-from rf_exp.findings import Cause, CheckName, Doing, Finding, Found, Violation
+from rf_exp.findings import About, Cause, CheckName, Finding, Found, Violation
 from rf_exp.statements import Statement
 from rf_exp.tasks import Task
 from rf_exp.types import Kind, Scene
@@ -29,19 +29,6 @@ class Evidence(Found):
     """The answer of a check: never a bare bool."""
 
     ok: bool
-
-
-class About(TypedDict, total=False):
-    """The facts of `Found` that a check may add to its numbers."""
-
-    agents: tuple[int, ...]
-    measured: bool
-    obstacles: tuple[str, ...]
-    object: str | None
-    aspect: str
-    doing: tuple[Doing | None, ...]
-    parts: tuple[str, ...]
-    subgoals: tuple[str, ...]
 
 
 class Check(ABC):
@@ -103,6 +90,7 @@ class Check(ABC):
         return self.found(True, Finding.IDLE, value, bound, plan.begins_s)
 
 
+@dataclass(frozen=True)
 class OneAgentCheck(Check):
     """A check of one agent."""
 
@@ -111,13 +99,6 @@ class OneAgentCheck(Check):
     @property
     def agents(self) -> tuple[int, ...]:
         return (self.agent,)
-
-
-def check_of(stated: Statement, plans: "Plans") -> Check:
-    """The check of a statement about plans. Raises TypeError for a kind that has none."""
-    if type(stated) not in _CHECKS:
-        raise TypeError(f"no check states that it is of {type(stated).__name__}")
-    return _CHECKS[type(stated)].compiled(stated, plans)
 
 
 def checked_kinds() -> Mapping[type[Statement], type[Check]]:

@@ -1,17 +1,27 @@
-"""The monitor of a plan: its checks on the real state, and a watch of its own, at every control step."""
+"""Monitors, asked at every control step: of a plan, by its checks and a watch of its own, and of a policy."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Unpack
 
 import numpy as np
 
 from rf_exp.constraints.checks import TRAILS_STEPS, AvoidAgentsCheck
 from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.plan import Plan
-from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.constraints.touching import touching
+from rf_exp.findings import About, Cause, CheckName, Finding, Violation
+from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Scene, Segment, arm_of, doing
 
 TRACKING_RAD = 0.15  # beyond the lag
 LOST_STEPS = 4  # control steps without grip before something counts as lost
+_WATCHED: Mapping[Finding, tuple[CheckName, Cause, str]] = {  # who finds it, what it is about, the unit
+    Finding.PUSHES: (CheckName.COLLISION, Cause.CONTACT, "N"),
+    Finding.HIT: (CheckName.COLLISION, Cause.CONTACT, "N"),
+    Finding.DROPPED: (CheckName.INTERACTION, Cause.GRIP, "s"),
+    Finding.STRAYED: (CheckName.TRACKING, Cause.TRACKING, "rad"),
+}
 
 
 class Monitor:
@@ -58,19 +68,9 @@ class Monitor:
         if not hits:
             return None
         force_n, agents, things = max(hits)
-        return Violation(
-            check=CheckName.COLLISION,
-            cause=Cause.CONTACT,
-            finding=Finding.PUSHES if things else Finding.HIT,
-            value=force_n,
-            bound=min(reflex_n[agent] for agent in agents),
-            unit="N",
-            time_s=scene.step * CONTROL_DT_S,
-            agents=agents,
-            measured=True,
-            obstacles=things,
-            doing=tuple(doing(now(agent)) for agent in agents),
-        )
+        finding, bound_n = Finding.PUSHES if things else Finding.HIT, min(reflex_n[agent] for agent in agents)
+        does = tuple(doing(now(agent)) for agent in agents)
+        return _seen(scene, finding, force_n, bound_n, agents=agents, obstacles=things, doing=does)
 
     def _dropped(self, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""
@@ -83,19 +83,9 @@ class Monitor:
             holds = carried is None or scene.held[agent - 1] == carried
             self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
             if self._lost[agent] >= LOST_STEPS and segment is not None:
-                return Violation(
-                    check=CheckName.INTERACTION,
-                    cause=Cause.GRIP,
-                    finding=Finding.DROPPED,
-                    value=self._lost[agent] * CONTROL_DT_S,
-                    bound=LOST_STEPS * CONTROL_DT_S,
-                    unit="s",
-                    time_s=scene.step * CONTROL_DT_S,
-                    agents=(agent,),
-                    measured=True,
-                    object=carried,
-                    doing=(doing(segment),),
-                )
+                numbers = self._lost[agent] * CONTROL_DT_S, LOST_STEPS * CONTROL_DT_S
+                about: About = {"agents": (agent,), "object": carried, "doing": (doing(segment),)}
+                return _seen(scene, Finding.DROPPED, *numbers, **about)
         return None
 
     def _strayed(self, scene: Scene) -> Violation | None:
@@ -108,16 +98,40 @@ class Monitor:
             targets = path[recent.min() : recent.max() + 1]
             error = float(np.abs(targets - scene.qpos[agent - 1, : path.shape[1]]).max(axis=1).min())
             if error > TRACKING_RAD:
-                return Violation(
-                    check=CheckName.TRACKING,
-                    cause=Cause.TRACKING,
-                    finding=Finding.STRAYED,
-                    value=error,
-                    bound=TRACKING_RAD,
-                    unit="rad",
-                    time_s=scene.step * CONTROL_DT_S,
-                    agents=(agent,),
-                    measured=True,
-                    doing=(doing(plan.segment_at(agent, int(recent[-1]))),),
-                )
+                does = plan.doing((agent,), recent[-1:])
+                return _seen(scene, Finding.STRAYED, error, TRACKING_RAD, agents=(agent,), doing=does)
         return None
+
+
+class PolicyMonitor:
+    """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping.
+
+    What a policy is about is unknown, so a gripper, or what it holds, may meet what another one holds.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._pairs = tuple(combinations(task.agents, 2))
+        self._may_touch = dict.fromkeys(task.agents, frozenset(task.objects))
+
+    def __call__(self, scene: Scene) -> Violation | None:
+        found = touching(self._task, scene, self._pairs, self._may_touch)
+        if found is None:
+            return None
+        return violation(AvoidAgentsCheck(found.agents), found)
+
+
+def _seen(scene: Scene, finding: Finding, value: float, bound: float, **about: Unpack[About]) -> Violation:
+    """What the watch has found in a measured scene."""
+    check, cause, unit = _WATCHED[finding]
+    facts: About = {"measured": True, **about}
+    return Violation(
+        check=check,
+        cause=cause,
+        finding=finding,
+        value=value,
+        bound=bound,
+        unit=unit,
+        time_s=scene.time_s,
+        **facts,
+    )

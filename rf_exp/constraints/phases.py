@@ -1,15 +1,18 @@
-"""When a part of a plan begins and ends: on its path, by the clock, and as signals of an execution."""
+"""When parts of plans begin and end: on paths, by the clock, as signals, and what checks of it share."""
 
-from typing import Literal
+from abc import abstractmethod
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.plan import Plan
+from rf_exp.constraints.evidence import Check
+from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.stl import CLOCK_S, VOID, Execution, Signal, condition, named
-from rf_exp.coordination import subgoal_runs
+from rf_exp.coordination import Demands, subgoal_runs
+from rf_exp.findings import CheckName
 from rf_exp.statements import Step
-from rf_exp.types import CONTROL_DT_S, Trajectory
+from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Trajectory
 
 
 def span(step: Step, trajectory: Trajectory) -> tuple[int, int] | None:
@@ -33,6 +36,40 @@ def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
     begins = int(np.searchsorted(positions, positions_of[0], "right"))
     ends = int(np.searchsorted(positions, positions_of[1]))
     return begins * CONTROL_DT_S, ends * CONTROL_DT_S
+
+
+class TimedCheck(Check):
+    """A check of when parts of plans begin and end, by the commands given. Value and bound in seconds."""
+
+    name, unit = CheckName.SCHEDULING, "s"
+
+    steps: tuple[Step, ...]  # the parts
+
+    @property
+    def agents(self) -> tuple[int, ...]:
+        return tuple(step.agent for step in self.steps)
+
+    def rule(self, paths: Paths) -> Self:
+        return self
+
+    @abstractmethod
+    def demand(self, demands: Demands) -> None:
+        """What it forbids a schedule."""
+
+    def spans(self, demands: Demands) -> list[tuple[int, int, int]]:
+        """Of its parts that are there the agent, and the first and last path position."""
+        found = [(step.agent, span(step, demands.trajectory(step.agent))) for step in self.steps]
+        return [(agent, *positions) for agent, positions in found if positions is not None]
+
+    def times_s(self, plan: Plan) -> list[tuple[float, float]]:
+        """When its parts that are there begin and end, since the start of the plan."""
+        found = [times_s(step, plan) for step in self.steps]
+        return [each for each in found if each is not None]
+
+
+def steps_within(within_s: float) -> int:
+    """The control steps of a time that is not to be exceeded."""
+    return int(min(within_s, 1e6) * CONTROL_HZ + 1e-9)
 
 
 def since(step: Step, edge: Literal["begin", "end"]) -> Signal:

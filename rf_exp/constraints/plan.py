@@ -1,15 +1,18 @@
 """What is about to be executed: the paths of all agents, and with a schedule a plan."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.findings import Doing
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Mask, PlanningScene, Swept, closer_than
 from rf_exp.perception import Seen, together
+from rf_exp.robots import Arm
 from rf_exp.tasks import Task
+from rf_exp.transforms import Matrix
 from rf_exp.types import (
     CONTROL_DT_S,
     ConstraintSet,
@@ -18,6 +21,7 @@ from rf_exp.types import (
     Segment,
     Trajectory,
     arm_of,
+    doing,
     gripper_of,
 )
 
@@ -95,14 +99,17 @@ class Paths:
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
 
+    def arm(self, agent: int) -> Arm:
+        return self.planning_scene.arms[agent - 1]
+
     def grippers_m(self, agent: int) -> NDArray[np.float64]:
         """(P, 3) the tool centre point of an agent at its path positions, world frame."""
-        return self.planning_scene.arms[agent - 1].tcp(self.trajectory(agent).path())[:, :3, 3]
+        return self.arm(agent).tcp(self.trajectory(agent).path())[:, :3, 3]
 
     @property
     def begins_s(self) -> float:
         """When the plan begins, on the clock of the episode."""
-        return self.scene.step * CONTROL_DT_S
+        return self.scene.time_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +148,18 @@ class Plan:
         """When the plan begins, on the clock of the episode."""
         return self.paths.begins_s
 
+    def arm(self, agent: int) -> Arm:
+        return self.paths.arm(agent)
+
+    def carried(self, segment: Segment, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 4, 4) world_from_object of what a segment carries, with its arm at joints (..., dof)."""
+        assert segment.tcp_from_object is not None  # PlanningScene.along has refused it otherwise
+        return self.arm(segment.agent).tcp(qpos) @ segment.tcp_from_object
+
+    def tcp(self, agent: int, scene: Scene) -> Matrix:
+        """world_from_tcp of an agent as measured."""
+        return self.arm(agent).tcp(scene.qpos[agent - 1])
+
     def positions(self, agent: int) -> NDArray[np.int64]:
         """(T + 1,) path position of an agent at each control step."""
         return self.schedule.positions[:, agent - 1]
@@ -155,22 +174,34 @@ class Plan:
         first, last = (min(max(step, 0), len(positions) - 1) for step in (now - before, now))
         return positions[first : last + 1]
 
+    def first_step(self, agents: Iterable[int], positions: Iterable[int]) -> int:
+        """The first control step at which agents are at these path positions, all at once."""
+        there = [self.positions(agent) == at for agent, at in zip(agents, positions, strict=True)]
+        return int(np.flatnonzero(np.all(there, axis=0))[0])
+
+    def step_s(self, step: int) -> float:
+        """When a control step is over, on the clock of the episode."""
+        return self.begins_s + step * CONTROL_DT_S
+
     def time_s(self, agent: int, position: int) -> float:
         """When an agent first is at a path position, on the clock of the episode."""
-        return self.begins_s + float(np.searchsorted(self.positions(agent), position)) * CONTROL_DT_S
+        return self.step_s(int(np.searchsorted(self.positions(agent), position)))
 
     def segment_at(self, agent: int, position: int) -> Segment | None:
         """`Trajectory.segment_at` of an agent."""
         return self.paths.trajectory(agent).segment_at(position)
 
+    def doing(self, agents: Iterable[int], positions: Iterable[int]) -> tuple[Doing | None, ...]:
+        """What each of these agents is about at its path position."""
+        pairs = zip(agents, positions, strict=True)
+        return tuple(doing(self.segment_at(agent, int(position))) for agent, position in pairs)
+
 
 def _finer(trajectory: Trajectory) -> Trajectory:
     """The same motion with FINER path positions for each one, straight in joints and gripper."""
-    path, start = trajectory.path(), 0
-    segments = []
-    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+    path, segments = trajectory.path(), []
+    for segment, start, end in trajectory.intervals:
         at = np.arange(FINER * start + 1, FINER * end + 1) / FINER
         finer = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
         segments.append(replace(segment, qpos=arm_of(finer), gripper=gripper_of(finer)))
-        start = end
     return replace(trajectory, segments=tuple(segments))

@@ -50,7 +50,7 @@ def slowed(
 
 def _factors(trajectory: Trajectory, arms: Sequence[Arm], limit_m_s: float) -> list[float]:
     path, factors = trajectory.path(), []
-    for start, end in zip(trajectory.knots[:-1], trajectory.knots[1:], strict=True):
+    for _, start, end in trajectory.intervals:
         speeds = speeds_m_s(arms[trajectory.agent - 1], path[start : end + 1])
         fastest = float(speeds.max())
         factors.append(fastest / limit_m_s * SPARE if fastest > limit_m_s else 1.0)

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Mapping
 from functools import cache
+from typing import Unpack
 
 from rf_exp.constraints.evidence import Evidence
-from rf_exp.findings import Finding
+from rf_exp.findings import About, Finding
 from rf_exp.geometry import PlanningScene, Swept, overlap
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import Scene
 
 CONTACT_N = 1.0  # force between two arms that counts as contact
 
@@ -26,16 +27,7 @@ def pressing(scene: Scene, pairs: tuple[tuple[int, int], ...]) -> Evidence | Non
     """The first pair of arms that the simulator sees press on one another."""
     for a, b, force_n in scene.arm_contacts:
         if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
-            return Evidence(
-                ok=False,
-                finding=Finding.TOUCHING,
-                value=force_n,
-                bound=CONTACT_N,
-                unit="N",
-                time_s=scene.step * CONTROL_DT_S,
-                agents=(a, b),
-                measured=True,
-            )
+            return _found(scene, Finding.TOUCHING, force_n, CONTACT_N, "N", agents=(a, b))
     return None
 
 
@@ -53,16 +45,17 @@ def overlapping(
     for (a, b), bodies in zip(pairs, measured_arms(task, scene, pairs, may_touch or {}), strict=True):
         gap = overlap(*bodies)
         if gap is not None:
-            return Evidence(
-                ok=False,
-                finding=Finding.OVERLAPPING,
-                value=gap.distance_m,
-                time_s=scene.step * CONTROL_DT_S,
-                agents=(a, b),
-                measured=True,
-                parts=(gap.a, gap.b),
-            )
+            return _found(scene, Finding.OVERLAPPING, gap.distance_m, agents=(a, b), parts=(gap.a, gap.b))
     return None
+
+
+def _found(
+    scene: Scene, finding: Finding, value: float, bound: float = 0.0, unit: str = "", **about: Unpack[About]
+) -> Evidence:
+    facts: About = {"measured": True, **about}
+    return Evidence(
+        ok=False, finding=finding, value=value, bound=bound, unit=unit, time_s=scene.time_s, **facts
+    )
 
 
 def measured_arms(

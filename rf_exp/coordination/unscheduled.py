@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.coordination import search
 from rf_exp.coordination.diagrams import UNREACHABLE, blocked_region, remaining
-from rf_exp.findings import Cause, CheckName, Doing, Finding, Violation
+from rf_exp.findings import About, Cause, CheckName, Doing, Finding, Violation
 from rf_exp.geometry import Mask
 from rf_exp.types import CONTROL_DT_S, Trajectory, doing
 
@@ -33,26 +34,12 @@ class Unscheduled:
 
     def unequal(self, a: int, b: int, label: str, steps: int) -> Violation:
         """Two that move as one under a label plan motions of which one is so many control steps longer."""
-        return Violation(
-            check=CheckName.SCHEDULING,
-            cause=Cause.TIME,
-            finding=Finding.UNEQUAL,
-            value=steps * CONTROL_DT_S,
-            unit="s",
-            time_s=self.begins_s,
-            agents=(a, b),
-            subgoals=(label,),
-        )
+        longer_s = steps * CONTROL_DT_S
+        return self._found(Finding.UNEQUAL, longer_s, unit="s", agents=(a, b), subgoals=(label,))
 
     def _all(self, finding: Finding) -> Violation:
         everyone = tuple(trajectory.agent for trajectory in self.trajectories)
-        return Violation(
-            check=CheckName.SCHEDULING,
-            cause=Cause.TIME,
-            finding=finding,
-            time_s=self.begins_s,
-            agents=everyone,
-        )
+        return self._found(finding, agents=everyone)
 
     def _pair(
         self, pair: tuple[int, int], problem: search.Problem, real: tuple[NDArray[np.int64], ...]
@@ -64,7 +51,7 @@ class Unscheduled:
         found = None if collision is None else _collision(a, b, collision)
         if collision is not None and found is not None:
             finding, doing = found
-            cause, share = Cause.SPACE, float(collision.mean())
+            cause, share = Cause.SPACE, float(collision.mean())  # of the pairs that are too close
         else:
             row, column = blocked_region(
                 problem.diagrams[pair], sorted(problem.knots[i - 1]), sorted(problem.knots[j - 1])
@@ -73,15 +60,7 @@ class Unscheduled:
             finding = Finding.ORDERS_OR_WAYS if ways else Finding.ORDERS
             doing = _at(a, int(real[i - 1][row])), _at(b, int(real[j - 1][column]))
             cause, share = Cause.TIME, 0.0
-        return Violation(
-            check=CheckName.SCHEDULING,
-            cause=cause,
-            finding=finding,
-            value=share,  # of the pairs of positions that are too close
-            time_s=self.begins_s,
-            agents=(i, j),
-            doing=doing,
-        )
+        return self._found(finding, share, cause=cause, agents=(i, j), doing=doing)
 
     def _late(self, problem: search.Problem) -> Violation | None:
         """The deadline that is missed by most; None where deadlines are not what is in the way."""
@@ -93,15 +72,29 @@ class Unscheduled:
             reached = int(np.searchsorted(free.positions[:, agent], position))
             late.append((reached - latest, agent + 1, reached * CONTROL_DT_S, latest * CONTROL_DT_S))
         _, agent, needed_s, allowed_s = max(late)
+        return self._found(Finding.DEADLINE, needed_s, allowed_s, unit="s", after_s=needed_s, agents=(agent,))
+
+    def _found(
+        self,
+        finding: Finding,
+        value: float = 0.0,
+        bound: float = 0.0,
+        *,
+        unit: str = "",
+        after_s: float = 0.0,
+        cause: Cause = Cause.TIME,
+        **about: Unpack[About],
+    ) -> Violation:
+        """`after_s`: when it happens, since the schedule would begin."""
         return Violation(
             check=CheckName.SCHEDULING,
-            cause=Cause.TIME,
-            finding=Finding.DEADLINE,
-            value=needed_s,
-            bound=allowed_s,
-            unit="s",
-            time_s=self.begins_s + needed_s,
-            agents=(agent,),
+            cause=cause,
+            finding=finding,
+            value=value,
+            bound=bound,
+            unit=unit,
+            time_s=self.begins_s + after_s,
+            **about,
         )
 
 

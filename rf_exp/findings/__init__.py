@@ -2,11 +2,12 @@
 
 from rf_exp.findings.account import NOTHING, Account, Closest, Lost, Touch, Unmet
 from rf_exp.findings.finding import Finding
-from rf_exp.findings.violation import Cause, CheckName, Doing, Found, Violation
+from rf_exp.findings.violation import About, Cause, CheckName, Doing, Found, Violation
 from rf_exp.findings.words import agent_name, names
 
 __all__ = [
     "NOTHING",
+    "About",
     "Account",
     "Cause",
     "CheckName",

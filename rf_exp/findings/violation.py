@@ -5,6 +5,7 @@ Agents are numbered from 1. There is one clock: `time_s` is in seconds since the
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypedDict
 
 from rf_exp.findings.finding import Finding
 from rf_exp.findings.words import Words, agent_name
@@ -74,6 +75,19 @@ class Found:
         """One that a person and a model can act on."""
         said = self.finding.form.format_map(Words(self))
         return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
+
+
+class About(TypedDict, total=False):
+    """Facts of `Found` beside its numbers, for whoever passes them on."""
+
+    agents: tuple[int, ...]
+    measured: bool
+    obstacles: tuple[str, ...]
+    object: str | None
+    aspect: str
+    doing: tuple[Doing | None, ...]
+    parts: tuple[str, ...]
+    subgoals: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -86,10 +86,10 @@ class Swept:
         edge = np.zeros((1, len(self.pieces)))
         return np.maximum(np.concatenate([edge, step]), np.concatenate([step, edge]))
 
-    def only(self, label: str) -> "Swept":
-        """The pieces with one label."""
-        of = [k for k, each in enumerate(self.labels) if each == label]
-        pieces, labels = tuple(self.pieces[k] for k in of), (label,) * len(of)
+    def only(self, *names: str) -> "Swept":
+        """The pieces with these labels."""
+        of = [k for k, label in enumerate(self.labels) if label in names]
+        pieces, labels = tuple(self.pieces[k] for k in of), tuple(self.labels[k] for k in of)
         return replace(self, pieces=pieces, labels=labels, poses=self.poses[:, of])
 
     def _moved(self, points: NDArray[np.float64]) -> NDArray[np.float64]:

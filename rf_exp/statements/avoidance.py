@@ -2,19 +2,31 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, OfAgent, OfAgents, Statement
+from rf_exp.statements.language.base import OfAgent, OfAgents, Statement
 from rf_exp.statements.language.notation import Words
 from rf_exp.statements.language.vocabulary import agent_name, listed
-from rf_exp.types import Kind
+
+_KEEPS_OFF = r"(?:avoid {collisions} (?:between|of) {agent} (?:and|with)|{agent} {not} {collide with})"
+_EACH_OTHER = (
+    r"(?:{must} avoid (?:colliding|collisions?|contact) with each other|"
+    r"{not} collide(?: with each other)?)"
+)
 
 
 @dataclass(frozen=True)
 class AvoidAgents(OfAgents):
     """One agent touches no other, or several do not touch one another."""
 
-    kind: ClassVar[Kind] = "spatial"
+    kind = "spatial"
+    patterns = (
+        rf"{_KEEPS_OFF} {{others}}",
+        r"(?:avoid {collisions} between {agent} and|{agent} {must} avoid(?: {collisions} with)?) "
+        r"{agent other}",
+        r"{agent} {not} (?:occupy the same space as|{collide with}|enter the space of) {agent other}",
+        rf"{{agents}} {_EACH_OTHER}",
+        rf"(?:all )?(?:agents|robots|arms) {_EACH_OTHER}",
+    )
 
     @property
     def sentence(self) -> str:
@@ -24,54 +36,26 @@ class AvoidAgents(OfAgents):
         return f"Avoid collision between {first} and {others[0] if others else 'other agents'}."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        whom = r"(?:avoid {collisions} (?:between|of) {agent} (?:and|with)|{agent} {not} {collide with}) "
-        each_other = (
-            r"(?:{must} avoid (?:colliding|collisions?|contact) with each other|"
-            r"{not} collide(?: with each other)?)"
-        )
-        return (
-            Form(rf"{whom}{{others}}", lambda words: cls((words.agent(),))),
-            Form(
-                r"(?:avoid {collisions} between {agent} and|{agent} {must} avoid(?: {collisions} with)?) "
-                r"{agent other}",
-                cls._read_pair,
-            ),
-            Form(
-                r"{agent} {not} (?:occupy the same space as|{collide with}|enter the space of) {agent other}",
-                cls._read_pair,
-            ),
-            Form(rf"{{agents}} {each_other}", lambda words: cls(tuple(sorted(words.agents())))),
-            Form(
-                rf"(?:all )?(?:agents|robots|arms) {each_other}",
-                lambda words: cls(tuple(sorted(words.everybody()))),
-            ),
-        )
-
-    @classmethod
-    def _read_pair(cls, words: Words) -> Statement:
-        return cls(tuple(sorted(words.several((words.agent(), words.agent("other"))))))
+    def reading(cls, words: Words) -> Statement:
+        if "other_agent" in words:
+            agents = words.pair()
+        elif "agent" in words:
+            agents = (words.agent(),)
+        else:
+            agents = words.agents() if "agents" in words else words.several(words.vocabulary.agents)
+        return cls(tuple(sorted(agents)))
 
 
 @dataclass(frozen=True)
 class AvoidObjects(OfAgent):
     """An agent touches nothing but what its subgoals are about."""
 
-    kind: ClassVar[Kind] = "spatial"
+    kind = "spatial"
+    patterns = (rf"{_KEEPS_OFF} {{things}}",)
 
     @property
     def sentence(self) -> str:
         return f"Avoid collision between {agent_name(self.agent)} and the objects."
-
-    @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        return (
-            Form(
-                r"(?:avoid {collisions} (?:between|of) {agent} (?:and|with)|{agent} {not} {collide with}) "
-                r"{things}",
-                lambda words: cls(words.agent()),
-            ),
-        )
 
 
 def keep_clear(agents: Iterable[int]) -> list[Statement]:

@@ -1,20 +1,36 @@
 """Temporal: one thing is over before another begins (paper, section 3.2)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, Statement
-from rf_exp.statements.language.events import Event, LiesOn, Step, named
+from rf_exp.statements.language.base import Statement
+from rf_exp.statements.language.events import Event, LiesOn, Step
 from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind
+from rf_exp.statements.language.vocabulary import Names, agent_name
+
+_DOES = r"{does then} {object then}"
 
 
 @dataclass(frozen=True)
 class Before(Statement):
     """Something is over before an agent begins something, with a pause of `wait_s` between."""
 
-    kind: ClassVar[Kind] = "temporal"
+    kind = "temporal"
+    patterns = (
+        r"{did first} before {starts then}",
+        r"before {starts then}, {did first}",
+        r"(?:first,? )?{did first},? (?:and )?then,? "
+        r"(?:{starts then}|{object then} (?:{must} be|is) {participle then} by {agent then})",
+        rf"{{agent then}} (?:(?:{{must}} )?(?:only )?{_DOES}|{{may}} only {_DOES}|"
+        rf"(?:{{must}}|{{may}}) {_DOES} only) (?:after|once) {{ended first}}",
+        rf"(?:only )?(?:after|once) {{ended first}},? {{agent then}} {{must}} {_DOES}",
+        rf"{{agent then}} {{not}} (?:{_DOES}|{{begin}}) (?:before|until) {{ended first}}",
+        r"{agent then} (?:{must} )?waits? until {ended first}"
+        r"(?: before (?:it )?(?:{may} )?(?:{does then}|{doing then}) {object then})?",
+        r"{agent then} (?:{must} )?waits? for {agent first} to (?:{does first} {object first}|"
+        r"(?:be done|finish|complete)(?: {task}| {doing first} {object first})?)",
+        r"{agent then} (?:{must} )?waits? (?:for )?(?:at least )?{s} after (?:{ended first}|{agent first})",
+        rf"{{agent then}} (?:{{must}} )?{_DOES} at least {{s}} after {{ended first}}",
+    )
 
     first: Event
     then: Step
@@ -26,8 +42,8 @@ class Before(Statement):
         return (*first, self.then.agent)
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
-        return *named(self.first), *named(self.then)
+    def names(self) -> Names:
+        return *self.first.names, *self.then.names
 
     @property
     def sentence(self) -> str:
@@ -43,50 +59,7 @@ class Before(Statement):
         return f"{first.must} before {then.begins}."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        does = r"{does then} {object then}"
-        return (
-            Form(r"{did first} before {starts then}", cls._read),
-            Form(r"before {starts then}, {did first}", cls._read),
-            Form(
-                r"(?:first,? )?{did first},? (?:and )?then,? "
-                r"(?:{starts then}|{object then} (?:{must} be|is) {participle then} by {agent then})",
-                cls._read,
-            ),
-            Form(
-                rf"{{agent then}} (?:(?:{{must}} )?(?:only )?{does}|{{may}} only {does}|"
-                rf"(?:{{must}}|{{may}}) {does} only) (?:after|once) {{ended first}}",
-                cls._read,
-            ),
-            Form(
-                rf"(?:only )?(?:after|once) {{ended first}},? {{agent then}} {{must}} {does}",
-                cls._read,
-            ),
-            Form(rf"{{agent then}} {{not}} (?:{does}|{{begin}}) (?:before|until) {{ended first}}", cls._read),
-            Form(
-                r"{agent then} (?:{must} )?waits? until {ended first}"
-                r"(?: before (?:it )?(?:{may} )?(?:{does then}|{doing then}) {object then})?",
-                cls._read,
-            ),
-            Form(
-                r"{agent then} (?:{must} )?waits? for {agent first} to "
-                r"(?:{does first} {object first}|"
-                r"(?:be done|finish|complete)(?: {task}| {doing first} {object first})?)",
-                cls._read,
-            ),
-            Form(
-                r"{agent then} (?:{must} )?waits? (?:for )?(?:at least )?{s} after "
-                r"(?:{ended first}|{agent first})",
-                cls._read,
-            ),
-            Form(
-                rf"{{agent then}} (?:{{must}} )?{does} at least {{s}} after {{ended first}}",
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         first, then = words.event("first"), words.step("then")
         if isinstance(first, Step) and first.agent == then.agent:
             words.several((then.agent,))

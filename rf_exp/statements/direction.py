@@ -2,28 +2,35 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
 
 from rf_exp.statements.interaction import ContactAt
-from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.base import OfAgent, Statement
 from rf_exp.statements.language.notation import Words
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind, Subgoal
+from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.types import Subgoal
 
 
 @dataclass(frozen=True)
 class Direction(OfAgent):
     """Interaction direction: how the gripper of an agent is turned, at contact or while it does something."""
 
-    kind: ClassVar[Kind] = "logical"
+    kind = "logical"
+    patterns = (
+        r"{agent} (?:{must} )?(?:approach(?:es)?|reach(?:es)?|{meets}) {object} {comes}",
+        r"the (?:gripper|hand) of {agent} (?:{must} be|is) {is} (?:to|at) {object}"
+        r"(?: (?:when|while) {doing}(?: it)?)?",
+        r"(?:the (?:gripper|hand) of {agent} (?:{must} (?:be|stay|remain)|is|stays|remains) {is}|"
+        r"{agent} (?:{must} (?:keep|hold)|keeps|holds) (?:its |the )(?:gripper|hand) {is})"
+        r" (?:when|while) {doing} {object}",
+    )
 
     object: str
     direction: str = "perpendicular"  # perpendicular (as annotated) | vertical | horizontal | level
     verb: str | None = None  # what it does then; contact with the object unless given
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         return ((self.object, None),)
 
     @property
@@ -34,18 +41,7 @@ class Direction(OfAgent):
         return f"The gripper of {who} must be {self.direction} {to} {self.object}{when}."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        gripper = r"(?:the (?:gripper|hand) of {agent} (?:{must} (?:be|stay|remain)|is|stays|remains) {is}|"
-        keeps = r"{agent} (?:{must} (?:keep|hold)|keeps|holds) (?:its |the )(?:gripper|hand) {is})"
-        return (
-            Form(r"{agent} (?:{must} )?(?:approach(?:es)?|reach(?:es)?|{meets}) {object} {comes}", cls._read),
-            Form(r"the (?:gripper|hand) of {agent} (?:{must} be|is) {is} (?:to|at) {object}"
-                 r"(?: (?:when|while) {doing}(?: it)?)?", cls._read),
-            Form(rf"{gripper}{keeps} (?:when|while) {{doing}} {{object}}", cls._read),
-        )  # fmt: skip
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         agent, name, direction = words.agent(), words.object(), words.direction()
         verb = words.verb(contact=words["direction"] in ("from above", "from the side", "perpendicularly"))
         if verb and direction == "perpendicular" and not VERBS[verb].is_contact:

@@ -1,13 +1,11 @@
 """Logical: where an object is met, and where it is put (paper, section 3.2, interaction position)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.base import OfAgent, Statement
 from rf_exp.statements.language.notation import Words
 from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS
-from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind
+from rf_exp.statements.language.vocabulary import Names, agent_name
 
 WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
 
@@ -16,14 +14,18 @@ WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "th
 class ContactAt(OfAgent):
     """Interaction position: the gripper of an agent meets an object at an annotated point."""
 
-    kind: ClassVar[Kind] = "logical"
+    kind = "logical"
+    patterns = (
+        r"{agent} (?:{must} )?{verb} {object} (?:at|by|on) (?:its |the )?{point}",
+        r"{agent} (?:{must} )?{verb} (?:the |its ){point} of {object}",
+    )
 
     verb: str  # one that meets a point: grasp, press
     object: str
     point: str
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         return ((self.object, self.point),)
 
     @property
@@ -31,17 +33,7 @@ class ContactAt(OfAgent):
         return f"{agent_name(self.agent)} must {self.verb} {self.object} at its {self.point} point."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        return (
-            Form(r"{agent} (?:{must} )?{verb} {object} (?:at|by|on) (?:its |the )?{point}", cls._read),
-            Form(
-                r"{agent} (?:{must} )?{verb} (?:the |its ){point} of {object}",
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         agent, name, verb = words.agent(), words.object(), words.verb(contact=True) or ""
         point = words.point(name)
         kind = words.kind(name, point)
@@ -56,14 +48,15 @@ class ContactAt(OfAgent):
 class PlaceAt(OfAgent):
     """Where an agent puts an object: at an annotated point of another one."""
 
-    kind: ClassVar[Kind] = "logical"
+    kind = "logical"
+    patterns = (r"{agent} {must} {verb} {object} (?:at|on|in|into) (?:the )?{point} of {object target}",)
 
     object: str
     target: str
     point: str
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         return (self.object, None), (self.target, self.point)
 
     @property
@@ -72,12 +65,7 @@ class PlaceAt(OfAgent):
         return f"{who} must place {self.object} at the {self.point} point of {self.target}."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        where = r"(?:at|on|in|into) (?:the )?{point} of {object target}"
-        return (Form(rf"{{agent}} {{must}} {{verb}} {{object}} {where}", cls._read),)
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         agent, name, target = words.agent(), words.object(), words.object("target")
         point = words.point(target)
         if words.verb() != "place":

@@ -1,19 +1,23 @@
 """Spatial: a gripper stays below or above a height."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
-from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.base import OfAgent, Statement
 from rf_exp.statements.language.notation import Words, number
 from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind
 
 
 @dataclass(frozen=True)
 class KeepHeight(OfAgent):
     """The gripper of an agent stays below, or above, a height over the table."""
 
-    kind: ClassVar[Kind] = "spatial"
+    kind = "spatial"
+    patterns = (
+        r"(?:{agent} {must} (?:keep|hold) (?:its|the) (?:gripper|hand)|the (?:gripper|hand) of {agent} "
+        r"{must} (?:stay|remain|be|be kept)) (?P<side>below|under|above|over) {m}"
+        r"(?: (?:above|over) the table)?",
+    )
 
     limit_m: float
     side: Literal["below", "above"] = "below"
@@ -23,20 +27,7 @@ class KeepHeight(OfAgent):
         return f"{agent_name(self.agent)} must keep its gripper {self.side} {number(self.limit_m)} m."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        gripper = (
-            r"(?:{agent} {must} (?:keep|hold) (?:its|the) (?:gripper|hand)|the (?:gripper|hand) of {agent} "
-        )
-        return (
-            Form(
-                gripper + r"{must} (?:stay|remain|be|be kept)) (?P<side>below|under|above|over) {m}"
-                r"(?: (?:above|over) the table)?",
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         side = "below" if words["side"] in ("below", "under") else "above"
         return cls(words.agent(), words.quantity("m", 2.0), side)
 

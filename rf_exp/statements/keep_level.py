@@ -1,21 +1,24 @@
 """Logical: what is carried is kept level."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, Statement
+from rf_exp.statements.language.base import Statement
 from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind
+from rf_exp.statements.language.vocabulary import Names, agent_name
 
 LEVEL_DEG = 10.0  # what level means when no angle is given
+_LEVEL = r"(?:level|upright|horizontal)(?:,? (?:to )?within {deg})?"
 
 
 @dataclass(frozen=True)
 class KeepLevel(Statement):
     """What an agent carries, or all who carry it, is tilted by no more than so much, against how it stood."""
 
-    kind: ClassVar[Kind] = "logical"
+    kind = "logical"
+    patterns = (
+        rf"{{agent}} {{must}} (?:keep|hold|carry) {{object}} {_LEVEL}",
+        rf"(?:keep {{object}}|{{object}} {{must}} (?:stay|remain|be|be kept|be held)) {_LEVEL}",
+    )
 
     object: str
     within_deg: float = LEVEL_DEG
@@ -26,7 +29,7 @@ class KeepLevel(Statement):
         return () if self.agent is None else (self.agent,)
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         return ((self.object, None),)
 
     @property
@@ -37,18 +40,7 @@ class KeepLevel(Statement):
         return f"{agent_name(self.agent)} must keep {self.object} {within}"
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        level = r"(?:level|upright|horizontal)(?:,? (?:to )?within {deg})?"
-        return (
-            Form(rf"{{agent}} {{must}} (?:keep|hold|carry) {{object}} {level}", cls._read),
-            Form(
-                rf"(?:keep {{object}}|{{object}} {{must}} (?:stay|remain|be|be kept|be held)) {level}",
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         agent = words.agent() if "agent" in words else None
         return cls(words.object(), words.quantity("deg", 90.0, LEVEL_DEG), agent)
 

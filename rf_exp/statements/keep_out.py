@@ -1,25 +1,34 @@
 """Spatial: an agent stays out of a zone (paper, section 3.2)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, Statement
-from rf_exp.statements.language.events import Event, Step, named
+from rf_exp.statements.language.base import OfAgent, Statement
+from rf_exp.statements.language.events import Event, Step
 from rf_exp.statements.language.notation import Vector, Words, vector
-from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind
+from rf_exp.statements.language.vocabulary import Names, agent_name
+
+_ZONE = (
+    r"{agent} (?:(?:{must} )?(?:(?:stays?|keeps?) out of|avoids?)|{not} enters?)(?: the)? "
+    r"(?:zone|box|region|area) {low} to {high}"
+)
+_INSIDE = r"(?: still)? is (?:still )?(?:there|in it|in there|inside)"
 
 
 @dataclass(frozen=True)
-class KeepOut(Statement):
+class KeepOut(OfAgent):
     """A keep-out zone: an agent, with what it carries, stays out of a box. Corners in metres, world frame.
 
     Only while an agent or an object is in it, or until something is over, where one of them is given.
     """
 
-    kind: ClassVar[Kind] = "spatial"
+    kind = "spatial"
+    patterns = (
+        _ZONE,
+        rf"{_ZONE} (?:while|when|as long as) {{agent other}}{_INSIDE}",
+        rf"{_ZONE} (?:while|when|as long as) {{object other}}{_INSIDE}",
+        rf"{_ZONE} (?:until|before) {{ended until}}",
+    )
 
-    agent: int
     low_m: Vector
     high_m: Vector
     occupied_by: int | str | None = None  # an agent, or an object
@@ -32,9 +41,9 @@ class KeepOut(Statement):
         return (self.agent, *others)
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         occupied = ((self.occupied_by, None),) if isinstance(self.occupied_by, str) else ()
-        return *occupied, *(named(self.until) if self.until else ())
+        return *occupied, *(self.until.names if self.until else ())
 
     @property
     def sentence(self) -> str:
@@ -45,34 +54,18 @@ class KeepOut(Statement):
         return f"{zone} until {self.until.ended}." if self.until else f"{zone}."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        zone = (
-            r"{agent} (?:(?:{must} )?(?:(?:stays?|keeps?) out of|avoids?)|{not} enters?)(?: the)? "
-            r"(?:zone|box|region|area) {low} to {high}"
-        )
-        inside = r"(?: still)? is (?:still )?(?:there|in it|in there|inside)"
-        return (
-            Form(zone, cls._read),
-            Form(rf"{zone} (?:while|when|as long as) {{agent other}}{inside}", cls._read),
-            Form(rf"{zone} (?:while|when|as long as) {{object other}}{inside}", cls._read),
-            Form(rf"{zone} (?:until|before) {{ended until}}", cls._read),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
-        agent, (low_m, high_m) = words.agent(), words.zone()
+    def reading(cls, words: Words) -> Statement:
+        agent, zone = words.agent(), words.zone()
         if "other_agent" in words:
-            other = words.agent("other")
-            words.several((agent, other))
-            return cls(agent, low_m, high_m, other)
+            return cls(agent, *zone, occupied_by=words.pair()[1])
         if "other_object" in words:
-            return cls(agent, low_m, high_m, words.object("other"))
-        if any(f"until_{part}" in words for part in ("agent", "object")):
+            return cls(agent, *zone, occupied_by=words.object("other"))
+        if "until_agent" in words or "until_object" in words:
             until = words.event("until")
             if isinstance(until, Step):
                 words.several((agent, until.agent))
-            return cls(agent, low_m, high_m, until=until)
-        return cls(agent, low_m, high_m)
+            return cls(agent, *zone, until=until)
+        return cls(agent, *zone)
 
 
 KeepOut.samples = (

@@ -1,28 +1,33 @@
 """Logical: agents that carry one thing raise it by the same height (paper, section 3.2)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, OfAgents, Statement
-from rf_exp.statements.language.events import Step, named
+from rf_exp.statements.language.base import OfAgents, Statement
+from rf_exp.statements.language.events import Step
 from rf_exp.statements.language.notation import Words
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import listed
-from rf_exp.types import Kind
+from rf_exp.statements.language.vocabulary import Names, listed
+
+_WHEN = r"(?: (?:when|while) {doing} {object})?"
 
 
 @dataclass(frozen=True)
 class SameHeight(OfAgents):
     """Agents that carry one thing together raise it by the same height; all the while or in one phase."""
 
-    kind: ClassVar[Kind] = "logical"
+    kind = "logical"
+    patterns = (
+        r"{agents} (?:both )?(?:{must} )?(?:both )?(?:keep|maintain|have|hold) (?:the |a |an )?"
+        rf"{{consistent}} (?:gripper )?heights?{_WHEN}",
+        r"keep (?:the )?gripper heights? (?:{consistent}|the same)(?: (?:between|of|for) {agents})?" + _WHEN,
+    )
 
     verb: str | None = None
     object: str | None = None
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
-        return named(self.phase[0])
+    def names(self) -> Names:
+        return self.phase[0].names
 
     @property
     def sentence(self) -> str:
@@ -35,23 +40,7 @@ class SameHeight(OfAgents):
         return tuple(Step(agent, self.verb, self.object) for agent in self.who)
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        when = r"(?: (?:when|while) {doing} {object})?"
-        return (
-            Form(
-                r"{agents} (?:both )?(?:{must} )?(?:both )?(?:keep|maintain|have|hold) (?:the |a |an )?"
-                rf"{{consistent}} (?:gripper )?heights?{when}",
-                cls._read,
-            ),
-            Form(
-                r"keep (?:the )?gripper heights? (?:{consistent}|the same)(?: (?:between|of|for) {agents})?"
-                + when,
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         verb = words.verb()
         return cls(words.agents(), verb, words.object() if verb else None)
 

@@ -1,12 +1,10 @@
 """Temporal: a gripper is not too fast."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from rf_exp.statements.language.base import Form, OfAgent, Statement
+from rf_exp.statements.language.base import OfAgent, Statement
 from rf_exp.statements.language.notation import Words, number
 from rf_exp.statements.language.vocabulary import agent_name
-from rf_exp.types import Kind
 
 SLOWEST_M_S = 0.01  # a slower plan would take for ever
 
@@ -15,7 +13,13 @@ SLOWEST_M_S = 0.01  # a slower plan would take for ever
 class SpeedLimit(OfAgent):
     """The gripper of an agent moves no faster than so much. Its motion is planned that slow."""
 
-    kind: ClassVar[Kind] = "temporal"
+    kind = "temporal"
+    patterns = (
+        r"(?:{agent} (?:{not} moves?(?: its (?:gripper|hand))? faster than|"
+        r"{must} move(?: its (?:gripper|hand))? (?:at most (?:at|with)|slower than|no faster than"
+        r"|at no more than))"
+        r"|the (?:gripper|hand) of {agent} {not} (?:be|move) faster than) {speed}",
+    )
 
     at_most_m_s: float
 
@@ -24,19 +28,7 @@ class SpeedLimit(OfAgent):
         return f"{agent_name(self.agent)} must move at most at {number(self.at_most_m_s)} m/s."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        return (
-            Form(
-                r"(?:{agent} (?:{not} moves?(?: its (?:gripper|hand))? faster than|"
-                r"{must} move(?: its (?:gripper|hand))? (?:at most (?:at|with)|slower than|no faster than"
-                r"|at no more than))"
-                r"|the (?:gripper|hand) of {agent} {not} (?:be|move) faster than) {speed}",
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         return cls(words.agent(), words.quantity("speed", 10.0, smallest=SLOWEST_M_S))
 
 

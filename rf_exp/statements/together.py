@@ -1,14 +1,12 @@
 """Temporal: agents begin a thing together (paper, section 3.2)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from rf_exp.statements.deadline import Deadline
-from rf_exp.statements.language.base import Form, OfAgents, Statement
+from rf_exp.statements.language.base import OfAgents, Statement
 from rf_exp.statements.language.events import Step
 from rf_exp.statements.language.notation import MAX_WAIT_S, TOGETHER_S, Words, number
-from rf_exp.statements.language.vocabulary import listed
-from rf_exp.types import Kind
+from rf_exp.statements.language.vocabulary import Names, listed
 
 LARGEST_TOLERANCE_S = 10.0  # between beginnings that are called simultaneous
 _JOINS = ("put", "set", "lay", "stack", "bring")  # with `together`
@@ -19,14 +17,19 @@ SHORT_S = 2.0  # nothing is over so soon: `simultaneously within 2 s` is no dead
 class Together(OfAgents):
     """Agents begin the same thing, or all that they do, at most `within_s` apart."""
 
-    kind: ClassVar[Kind] = "temporal"
+    kind = "temporal"
+    patterns = (
+        r"{agents} (?:both )?(?:{must} )?(?:both )?{verb} {object} {together}{within}",
+        r"{agents} (?:{must} )?(?:perform|do|execute|carry out|start|begin) (?:(?:the|their) )?"
+        r"(?:tasks?|actions?|motions?) {together}{within}",
+    )
 
     verb: str | None = None
     object: str | None = None
     within_s: float = TOGETHER_S
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         return ((self.object, None),) if self.object else ()
 
     @property
@@ -36,21 +39,7 @@ class Together(OfAgents):
         return f"{listed(self.who)} must {what} simultaneously within {number(self.within_s)} s{apart}."
 
     @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        return (
-            Form(
-                r"{agents} (?:both )?(?:{must} )?(?:both )?{verb} {object} {together}{within}",
-                cls._read,
-            ),
-            Form(
-                r"{agents} (?:{must} )?(?:perform|do|execute|carry out|start|begin) (?:(?:the|their) )?"
-                r"(?:tasks?|actions?|motions?) {together}{within}",
-                cls._read,
-            ),
-        )
-
-    @classmethod
-    def _read(cls, words: Words) -> Statement:
+    def reading(cls, words: Words) -> Statement:
         verb = words.verb()
         name = words.object() if verb else None
         loosely = words["together"] == "together"

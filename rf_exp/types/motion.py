@@ -1,5 +1,6 @@
 """What arms are to do: subgoals, segments, trajectories, schedules."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -86,6 +87,11 @@ class Trajectory:
 
     def __len__(self) -> int:
         return self.knots[-1]
+
+    @property
+    def intervals(self) -> Iterator[tuple[Segment, int, int]]:
+        """Each segment with the path positions at which it begins and ends."""
+        return zip(self.segments, self.knots[:-1], self.knots[1:], strict=True)
 
     def segment_at(self, position: int) -> Segment | None:
         """The segment that ends at or after a path position, beyond all the last; None without segments."""

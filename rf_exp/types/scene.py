@@ -30,6 +30,11 @@ class Scene:
     arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
     seen: NDArray[np.int64] | None = None  # (K, 3) voxels that the depth cameras see occupied, if they looked
 
+    @property
+    def time_s(self) -> float:
+        """Since the start of the episode."""
+        return self.step * CONTROL_DT_S
+
 
 @dataclass(frozen=True)
 class CameraModel:

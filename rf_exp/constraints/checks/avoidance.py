@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import About, Check, Evidence
+from rf_exp.constraints.evidence import Check, Evidence
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import VOID, Execution, Signal, Specification, always, named, of_schedule
 from rf_exp.constraints.touching import CONTACT_N, measured_arms, touching
-from rf_exp.findings import CheckName, Finding, agent_name, names
+from rf_exp.findings import About, CheckName, Finding, agent_name, names
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, TABLE_MARGIN_M, Swept, lowest_m, nearest
 from rf_exp.statements import AvoidAgents, AvoidObjects
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Scene, doing
+from rf_exp.types import Scene
 
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
 
@@ -56,16 +56,12 @@ class AvoidAgentsCheck(Check):
             cells = at[hits[:1]] if len(hits) else at
             gap = nearest(plan.paths.swept[i - 1], plan.paths.swept[j - 1], cells)
             assert gap is not None  # links must always keep apart
+            numbers = gap.distance_m, AGENT_MARGIN_M, plan.step_s(plan.first_step((i, j), gap.at))
             if len(hits):
-                row, column = (int(position) for position in cells[0])
-                does = doing(plan.segment_at(i, row)), doing(plan.segment_at(j, column))
-                about: About = {"agents": (i, j), "doing": does, "parts": (gap.a, gap.b)}
-                time_s = plan.begins_s + float(hits[0]) * CONTROL_DT_S
-                return self.found(False, Finding.CLOSE, gap.distance_m, AGENT_MARGIN_M, time_s, **about)
+                does, parts = plan.doing((i, j), gap.at), (gap.a, gap.b)
+                return self.found(False, Finding.CLOSE, *numbers, agents=(i, j), doing=does, parts=parts)
             if gap.distance_m < least.value:
-                when = int(np.flatnonzero((at == gap.at).all(axis=1))[0])
-                time_s, clear = plan.begins_s + when * CONTROL_DT_S, (gap.distance_m, AGENT_MARGIN_M)
-                least = self.found(True, Finding.CLEAR, *clear, time_s, agents=(i, j))
+                least = self.found(True, Finding.CLEAR, *numbers, agents=(i, j))
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
@@ -153,9 +149,9 @@ class AvoidObjectsCheck(Check):
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
             if gap is not None and gap.distance_m < least.value:
-                clear, time_s = (gap.distance_m, OBJECT_MARGIN_M), plan.time_s(agent, gap.at[0])
+                numbers = gap.distance_m, OBJECT_MARGIN_M, plan.time_s(agent, gap.at[0])
                 about: About = {"agents": (agent,), "obstacles": (gap.b,)}
-                least = self.found(True, Finding.CLEAR_OF_THING, *clear, time_s, **about)
+                least = self.found(True, Finding.CLEAR_OF_THING, *numbers, **about)
         return least
 
     def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
@@ -163,12 +159,13 @@ class AvoidObjectsCheck(Check):
         rows = np.arange(len(finer))[plan.paths.around(position)]
         gap = nearest(finer, still, np.stack([rows, 0 * rows], axis=1))
         low_m = float(lowest_m(body)[position])
-        part, thing, value = ("arm", "the table", low_m)
+        part, thing, value = "arm", "the table", low_m
         if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
             part, thing, value = gap.a, gap.b, gap.distance_m
-        time_s, does = plan.time_s(agent, position), doing(plan.segment_at(agent, position))
-        about: About = {"agents": (agent,), "obstacles": (thing,), "doing": (does,), "parts": (part,)}
-        return self.found(False, Finding.CLOSE_TO_THING, value, OBJECT_MARGIN_M, time_s, **about)
+        numbers = value, OBJECT_MARGIN_M, plan.time_s(agent, position)
+        about: About = {"agents": (agent,), "obstacles": (thing,), "parts": (part,)}
+        about["doing"] = plan.doing((agent,), (position,))
+        return self.found(False, Finding.CLOSE_TO_THING, *numbers, **about)
 
     def stl(self, task: Task) -> Specification:
         clear = [_clearance(agent) for agent in self.agents]

@@ -5,22 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Check, Evidence
-from rf_exp.constraints.phases import about, begun, since, span, times_s
-from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.phases import TimedCheck, about, begun, since
+from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import CLOCK_S, Specification, always, of_schedule
 from rf_exp.coordination import Demands
-from rf_exp.findings import CheckName, Finding, names
+from rf_exp.findings import Finding, names
 from rf_exp.statements import Before, Step, agent_name
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_HZ
 
 
 @dataclass(frozen=True)
-class BeforeCheck(Check):
+class BeforeCheck(TimedCheck):
     """One part is over before another begins, with a pause of `wait_s` between. Values in seconds."""
 
-    states, name, unit = Before, CheckName.SCHEDULING, "s"
+    states = Before
 
     first: Step
     then: Step
@@ -35,32 +35,28 @@ class BeforeCheck(Check):
         return cls(first, then, stated.wait_s, stated.sentence)
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        return self.first.agent, self.then.agent
+    def steps(self) -> tuple[Step, Step]:
+        return self.first, self.then
 
     def __repr__(self) -> str:
         wait = f", wait {self.wait_s:g} s" if self.wait_s else ""
         return f"VS({names(self.agents)}, sequential{about(self.first)}{about(self.then)}{wait})"
 
-    def rule(self, paths: Paths) -> "BeforeCheck":
-        return self
-
     def demand(self, demands: Demands) -> None:
-        """The cells of coordination diagrams that it forbids."""
-        first = span(self.first, demands.trajectory(self.first.agent))
-        then = span(self.then, demands.trajectory(self.then.agent))
-        if first is None or then is None:
+        spans = self.spans(demands)
+        if len(spans) < 2:
             return
-        demands.before(self.first.agent, first[1], self.then.agent, then[0])
+        (first, _, end), (then, start, _) = spans
+        demands.before(first, end, then, start)
         if self.wait_s > 0:
-            steps = int(np.ceil(self.wait_s * CONTROL_HZ - 1e-9))
-            demands.delay(self.first.agent, first[1], self.then.agent, then[0], steps)
+            demands.delay(first, end, then, start, int(np.ceil(self.wait_s * CONTROL_HZ - 1e-9)))
 
     def planned(self, plan: Plan) -> Evidence:
-        first, then = times_s(self.first, plan), times_s(self.then, plan)
-        if first is None or then is None:
+        times = self.times_s(plan)
+        if len(times) < 2:
             return self.idle(plan, self.wait_s)
-        pause_s, begins_s = then[0] - first[1], plan.begins_s + then[0]
+        (_, end_s), (start_s, _) = times
+        pause_s, begins_s = start_s - end_s, plan.begins_s + start_s
         ok, subgoals = pause_s >= self.wait_s - 1e-9, (self.first.text, self.then.text)
         return self.found(ok, Finding.TOO_SOON, pause_s, self.wait_s, begins_s, subgoals=subgoals)
 

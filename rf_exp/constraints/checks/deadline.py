@@ -3,22 +3,21 @@
 from dataclasses import dataclass
 
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Check, Evidence
-from rf_exp.constraints.phases import about, span, times_s, unfinished
-from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.phases import TimedCheck, about, steps_within, times_s, unfinished
+from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import CLOCK_S, Signal, Specification, always, of_schedule
 from rf_exp.coordination import Demands
-from rf_exp.findings import CheckName, Finding, names
+from rf_exp.findings import Finding, names
 from rf_exp.statements import Deadline, Step
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_HZ
 
 
 @dataclass(frozen=True)
-class DeadlineCheck(Check):
+class DeadlineCheck(TimedCheck):
     """A part is over in time. Value and bound in seconds since the start of the plan."""
 
-    states, name, unit = Deadline, CheckName.SCHEDULING, "s"
+    states = Deadline
 
     step: Step
     within_s: float
@@ -29,20 +28,15 @@ class DeadlineCheck(Check):
         return cls(plans.step(stated.step), stated.within_s, stated.sentence)
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.step.agent,)
+    def steps(self) -> tuple[Step]:
+        return (self.step,)
 
     def __repr__(self) -> str:
         return f"VS({names(self.agents)}, deadline{about(self.step)}, {self.within_s:g} s)"
 
-    def rule(self, paths: Paths) -> "DeadlineCheck":
-        return self
-
     def demand(self, demands: Demands) -> None:
-        """The last step at which the part may be over."""
-        part = span(self.step, demands.trajectory(self.step.agent))
-        if part is not None:
-            demands.deadline(self.step.agent, part[1], int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9))
+        for agent, _, end in self.spans(demands):
+            demands.deadline(agent, end, steps_within(self.within_s))
 
     def planned(self, plan: Plan) -> Evidence:
         times = times_s(self.step, plan)

@@ -7,18 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rf_exp.constraints.bounded import BoundedCheck
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.contact import Contact, last_contact, nearest_point, no_contact, settles_now
-from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
+from rf_exp.constraints.contact import Contact, contact_now, last_contact, nearest_point, no_contact
+from rf_exp.constraints.evidence import Evidence, OneAgentCheck
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import Specification, bounded, named
-from rf_exp.findings import CheckName, Finding, agent_name
+from rf_exp.constraints.stl import Specification, named
+from rf_exp.findings import About, CheckName, Finding, agent_name
 from rf_exp.statements import VERBS, Direction, Step
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, angle_between_rad
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import Scene
 
 ANGLE_DEG = 10.0
 ANGLE_MEASURED_DEG = 20.0
@@ -34,7 +35,7 @@ ORIENTATIONS = {
 
 
 @dataclass(frozen=True)
-class DirectionCheck(OneAgentCheck):
+class DirectionCheck(OneAgentCheck, BoundedCheck):
     """The gripper has the required orientation at contact. Value and bound in degrees.
 
     `perpendicular` asks for the annotated direction of the interaction point: both the approach
@@ -42,8 +43,8 @@ class DirectionCheck(OneAgentCheck):
     """
 
     states, name, unit = Direction, CheckName.DIRECTION, "deg"
+    finding, bounds = Finding.OFF_DIRECTION, (ANGLE_DEG, ANGLE_MEASURED_DEG)
 
-    agent: int
     object: str
     orientation: str  # one of ORIENTATIONS
     text: str = ""
@@ -74,8 +75,7 @@ class DirectionCheck(OneAgentCheck):
             missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
             return no_contact(self, plan, self.object, *missed)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
-        time_s = plan.time_s(self.agent, contact.end)
-        return self._evidence(contact.tcp(plan), pose, point, ANGLE_DEG, time_s, False)
+        return self._turned(contact.tcp(plan), pose, point, plan.time_s(self.agent, contact.end))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         point = None
@@ -84,13 +84,12 @@ class DirectionCheck(OneAgentCheck):
             if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
                 return None
         else:
-            contact = last_contact(plan, self.agent, self.object)
-            if contact is None or not settles_now(plan, self.agent, scene, contact.settled):
+            contact = contact_now(plan, self.agent, self.object, scene)
+            if contact is None:
                 return None
             point = self._point(plan, contact)
-        tcp = plan.planning_scene.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
-        pose, now_s = scene.poses[self.object], scene.step * CONTROL_DT_S
-        return self._evidence(tcp, pose, point, ANGLE_MEASURED_DEG, now_s, True)
+        tcp, pose = plan.tcp(self.agent, scene), scene.poses[self.object]
+        return self._turned(tcp, pose, point, scene.time_s, measured=True)
 
     def _throughout(self, plan: Plan, phase: Step) -> Evidence:
         """The worst moment of a phase."""
@@ -98,13 +97,10 @@ class DirectionCheck(OneAgentCheck):
         part = span(phase, trajectory)
         if part is None:
             return self.idle(plan, ANGLE_DEG)
-        tcp = plan.planning_scene.arms[self.agent - 1].tcp(trajectory.path()[part[0] : part[1] + 1])
+        tcp = plan.arm(self.agent).tcp(trajectory.path()[part[0] : part[1] + 1])
         pose = plan.scene.poses[self.object]
-        found = [
-            self._evidence(each, pose, None, ANGLE_DEG, plan.time_s(self.agent, part[0] + row), False)
-            for row, each in enumerate(tcp)
-        ]
-        return max(found, key=lambda evidence: evidence.value)
+        worst = self.worst(np.array([self._off_deg(each, pose, None) for each in tcp]))
+        return self._turned(tcp[worst], pose, None, plan.time_s(self.agent, part[0] + worst))
 
     def _is_target(self, plan: Plan) -> bool:
         """Whether the agent goes to the object with something in its hand."""
@@ -116,18 +112,14 @@ class DirectionCheck(OneAgentCheck):
             return points[named]
         return nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
 
-    def _evidence(
-        self,
-        tcp: Matrix,
-        pose: Matrix,
-        point: InteractionPoint | None,
-        bound_deg: float,
-        time_s: float,
-        measured: bool,
+    def _turned(
+        self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, time_s: float, measured: bool = False
     ) -> Evidence:
-        value = float(np.degrees(self._error_rad(tcp, pose, point)))
         about: About = {"measured": measured, "object": self.object, "aspect": ORIENTATIONS[self.orientation]}
-        return self.found(value <= bound_deg, Finding.OFF_DIRECTION, value, bound_deg, time_s, **about)
+        return self.judged(self._off_deg(tcp, pose, point), time_s, **about)
+
+    def _off_deg(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
+        return float(np.degrees(self._error_rad(tcp, pose, point)))
 
     def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
         approach, fingers = tcp[:3, 2], tcp[:3, 1]
@@ -153,4 +145,4 @@ class DirectionCheck(OneAgentCheck):
         how = f"angle of the measured gripper of {who} off {self.orientation}"
         met = f"{who} has made contact with {self.object} in this control step"
         judged = named("judged_angle", *about), f"{self.phase.text} goes on" if self.phase else met
-        return bounded(self, (named("angle", *about), how), "<=", ANGLE_MEASURED_DEG, judged)
+        return self.formula(named("angle", *about), how, judged)

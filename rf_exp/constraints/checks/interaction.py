@@ -8,37 +8,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.constraints.bounded import BoundedCheck
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.contact import last_contact, no_contact, offset_m, settles_now
-from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
+from rf_exp.constraints.contact import contact_now, last_contact, no_contact, offset_m
+from rf_exp.constraints.evidence import Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import (
-    Execution,
-    Signal,
-    Specification,
-    always,
-    bounded,
-    condition,
-    named,
-    of_schedule,
-)
-from rf_exp.findings import CheckName, Finding, agent_name
+from rf_exp.constraints.stl import Execution, Signal, Specification, always, condition, named, of_schedule
+from rf_exp.findings import About, CheckName, Finding, agent_name
 from rf_exp.statements import ContactAt, PlaceAt
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import Scene
 
 POSITION_M = 0.01  # of the TCP from the interaction point, planned
 POSITION_MEASURED_M = 0.03  # fingers shift what they close on
 
 
 @dataclass(frozen=True)
-class ContactAtCheck(OneAgentCheck):
+class ContactAtCheck(OneAgentCheck, BoundedCheck):
     """The agent meets the object at the annotated point. Value and bound in metres."""
 
     states, name, unit = ContactAt, CheckName.INTERACTION, "m"
+    finding, bounds = Finding.BESIDE_POINT, (POSITION_M, POSITION_MEASURED_M)
 
-    agent: int
     object: str
     point: str
     text: str = ""
@@ -62,37 +54,34 @@ class ContactAtCheck(OneAgentCheck):
             nearest_m = self._nearest_m(plan)
             return no_contact(self, plan, self.object, Finding.NO_CONTACT, self.point, nearest_m, POSITION_M)
         pose, time_s = contact.object_pose(plan, self.object), plan.time_s(self.agent, contact.end)
-        return self._beside(plan, contact.tcp(plan), pose, POSITION_M, time_s, False)
+        return self._beside(plan, contact.tcp(plan), pose, time_s)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        contact = last_contact(plan, self.agent, self.object)
-        if contact is None or not settles_now(plan, self.agent, scene, contact.settled):
+        if contact_now(plan, self.agent, self.object, scene) is None:
             return None
-        tcp = plan.planning_scene.arms[self.agent - 1].tcp(scene.qpos[self.agent - 1])
-        pose, now_s = scene.poses[self.object], scene.step * CONTROL_DT_S
-        return self._beside(plan, tcp, pose, POSITION_MEASURED_M, now_s, True)
+        tcp, pose = plan.tcp(self.agent, scene), scene.poses[self.object]
+        return self._beside(plan, tcp, pose, scene.time_s, measured=True)
 
     def _beside(
-        self, plan: Plan, tcp: Matrix, pose: Matrix, bound_m: float, time_s: float, measured: bool
+        self, plan: Plan, tcp: Matrix, pose: Matrix, time_s: float, measured: bool = False
     ) -> Evidence:
-        value = offset_m(tcp, pose @ plan.task.asset(self.object).points[self.point].object_from_tcp)
-        about: About = {"measured": measured, "object": self.object, "aspect": self.point}
-        return self.found(value <= bound_m, Finding.BESIDE_POINT, value, bound_m, time_s, **about)
+        value = offset_m(tcp, self._goal(plan, pose))
+        return self.judged(value, time_s, measured=measured, object=self.object, aspect=self.point)
+
+    def _goal(self, plan: Plan, pose: Matrix) -> Matrix:
+        """world_from_tcp at the point of the object at a pose."""
+        return pose @ plan.task.asset(self.object).points[self.point].object_from_tcp
 
     def _nearest_m(self, plan: Plan) -> float:
         """How near the TCP comes to the point where it is now."""
-        tcp = plan.planning_scene.arms[self.agent - 1].tcp(plan.trajectory(self.agent).path())  # (P, 4, 4)
-        point = (
-            plan.scene.poses[self.object] @ plan.task.asset(self.object).points[self.point].object_from_tcp
-        )
-        return float(np.linalg.norm(tcp[:, :3, 3] - point[:3, 3], axis=1).min())
+        point_m = self._goal(plan, plan.scene.poses[self.object])[:3, 3]
+        return float(np.linalg.norm(plan.paths.grippers_m(self.agent) - point_m, axis=1).min())
 
     def stl(self, task: Task) -> Specification:
         about, who = (self.agent, self.object, self.point), agent_name(self.agent)
         how = f"from the measured gripper of {who} to point {self.point} of {self.object}"
         when = f"{who} has made contact with {self.object} in this control step"
-        meets = named("meets", *about), when
-        return bounded(self, (named("offset", *about), how), "<=", POSITION_MEASURED_M, meets)
+        return self.formula(named("offset", *about), how, (named("meets", *about), when))
 
 
 @dataclass(frozen=True)
@@ -104,7 +93,6 @@ class PlaceAtCheck(OneAgentCheck):
 
     states, name, unit = PlaceAt, CheckName.INTERACTION, "m"
 
-    agent: int
     target: str
     point: str
     text: str = ""
@@ -120,21 +108,15 @@ class PlaceAtCheck(OneAgentCheck):
     def planned(self, plan: Plan) -> Evidence:
         point = plan.task.asset(self.target).points[self.point]
         bound_m = point.slack_m + POSITION_M
-        trajectory, arm = plan.trajectory(self.agent), plan.planning_scene.arms[self.agent - 1]
-        worst = self.idle(plan, bound_m)
-        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+        found, goal = self.idle(plan, bound_m), plan.scene.poses[self.target] @ point.object_from_tcp
+        for segment, _, end in plan.trajectory(self.agent).intervals:
             if segment.subgoal.target == self.target and segment.primitive == "lower":
-                assert segment.tcp_from_object is not None  # PlanningScene.along has refused it otherwise
-                placed = arm.tcp(segment.qpos[-1]) @ segment.tcp_from_object
-                goal = plan.scene.poses[self.target] @ point.object_from_tcp
-                value, time_s = (
-                    float(np.linalg.norm(placed[:2, 3] - goal[:2, 3])),
-                    plan.time_s(self.agent, end),
-                )
+                placed = plan.carried(segment, segment.qpos[-1])
+                value, time_s = float(np.linalg.norm((placed - goal)[:2, 3])), plan.time_s(self.agent, end)
                 about: About = {"object": segment.attached, "aspect": f"{self.point} point of {self.target}"}
                 ok = value <= bound_m
-                worst = self.found(ok, Finding.PUT_BESIDE_POINT, value, bound_m, time_s, **about)
-        return worst
+                found = self.found(ok, Finding.PUT_BESIDE_POINT, value, bound_m, time_s, **about)
+        return found
 
     def stl(self, task: Task) -> Specification:
         about, who = (self.agent, self.target, self.point), agent_name(self.agent)

@@ -7,17 +7,17 @@ import numpy as np
 import trimesh
 
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import About, Evidence, OneAgentCheck
+from rf_exp.constraints.evidence import Evidence, OneAgentCheck
 from rf_exp.constraints.phases import span, step_parts
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.stl import Specification, bounded, named
 from rf_exp.coordination import Closing
-from rf_exp.findings import CheckName, Doing, Finding, agent_name
+from rf_exp.findings import About, CheckName, Doing, Finding, agent_name
 from rf_exp.geometry import Mask, Nearest, Piece, PlanningScene, Swept, closer_than, nearest, overlap
 from rf_exp.statements import KeepOut, Step
 from rf_exp.tasks import Task
 from rf_exp.transforms import transform
-from rf_exp.types import CONTROL_DT_S, Scene, doing
+from rf_exp.types import Scene
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,6 @@ class KeepOutCheck(OneAgentCheck):
 
     states, name, unit = KeepOut, CheckName.OCCUPANCY, "m"
 
-    agent: int
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
     text: str = ""
@@ -78,12 +77,7 @@ class KeepOutCheck(OneAgentCheck):
         """As `_closed`, by an object: who moves it decides, or nobody."""
         for agent, body in zip(paths.task.agents, paths.swept, strict=True):
             if name in body.objects:
-                columns = [column for column, label in enumerate(body.labels) if label == name]
-                thing = Swept(
-                    tuple(body.pieces[column] for column in columns), (name,) * len(columns),
-                    body.poses[:, columns],
-                )  # fmt: skip
-                return agent, closer_than(thing, self._zone(), 0.0)[:, 0]
+                return agent, closer_than(body.only(name), self._zone(), 0.0)[:, 0]
         standing = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
         return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, standing)
 
@@ -105,16 +99,14 @@ class KeepOutCheck(OneAgentCheck):
         at = np.unique(own[hits[:1]] if len(hits) else own[steps])
         gap = nearest(body, self._zone(), np.stack([at, 0 * at], axis=1))
         assert gap is not None  # a zone must always be kept out of
-        step = hits[0] if len(hits) else steps[own[steps] == gap.at[0]][0]
-        time_s = plan.begins_s + float(step) * CONTROL_DT_S
-        does = doing(plan.segment_at(self.agent, gap.at[0]))
-        return self._beside(gap, not len(hits), time_s, False, (does,))
+        time_s = plan.step_s(int(steps[own[steps] == gap.at[0]][0]))
+        return self._beside(gap, not len(hits), time_s, plan.doing(self.agents, gap.at[:1]))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         if not self._closed_now(scene, plan):
             return None
         gap = self._gap(scene, plan, self.agent)
-        return self._beside(gap, gap.distance_m > 0, scene.step * CONTROL_DT_S, True)
+        return self._beside(gap, gap.distance_m > 0, scene.time_s)
 
     def _closed_now(self, scene: Scene, plan: Plan) -> bool:
         if self.until is not None:
@@ -123,10 +115,8 @@ class KeepOutCheck(OneAgentCheck):
         if isinstance(self.occupied_by, int):
             return self._gap(scene, plan, self.occupied_by).distance_m <= 0
         if self.occupied_by is not None:
-            return (
-                overlap(PlanningScene(plan.task, scene).standing([self.occupied_by]), self._zone())
-                is not None
-            )
+            thing = PlanningScene(plan.task, scene).standing([self.occupied_by])
+            return overlap(thing, self._zone()) is not None
         return True
 
     def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
@@ -137,11 +127,10 @@ class KeepOutCheck(OneAgentCheck):
         assert gap is not None
         return gap
 
-    def _beside(
-        self, gap: Nearest, ok: bool, time_s: float, measured: bool, does: tuple[Doing | None, ...] = ()
-    ) -> Evidence:
+    def _beside(self, gap: Nearest, ok: bool, time_s: float, does: tuple[Doing | None, ...] = ()) -> Evidence:
+        """`does`: what the agent is about, as planned; empty as measured."""
         finding, zone = Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE, f"zone {self.low_m} to {self.high_m}"
-        about: About = {"measured": measured, "obstacles": (zone,), "doing": does, "parts": (gap.a,)}
+        about: About = {"measured": not does, "obstacles": (zone,), "doing": does, "parts": (gap.a,)}
         return self.found(ok, finding, gap.distance_m, 0.0, time_s, **about)
 
     def stl(self, task: Task) -> Specification:

@@ -5,22 +5,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.constraints.bounded import BoundedCheck
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import About, Check, Evidence
+from rf_exp.constraints.evidence import Evidence
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import Specification, bounded, named
+from rf_exp.constraints.stl import Specification, named
 from rf_exp.findings import CheckName, Finding, names
 from rf_exp.statements import SameHeight, Step
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import Scene
 
 HEIGHT_M = 0.02
 HEIGHT_MEASURED_M = 0.03
 
 
 @dataclass(frozen=True)
-class SameHeightCheck(Check):
+class SameHeightCheck(BoundedCheck):
     """Agents that carry one thing together raise it by the same height. Value and bound in metres.
 
     With a model of time at every control step of the schedule, otherwise at the end of the plan. With a
@@ -28,6 +29,7 @@ class SameHeightCheck(Check):
     """
 
     states, name, unit = SameHeight, CheckName.DIRECTION, "m"
+    finding, bounds = Finding.UNEVEN, (HEIGHT_M, HEIGHT_MEASURED_M)
 
     agents: tuple[int, ...]
     text: str = ""
@@ -47,21 +49,15 @@ class SameHeightCheck(Check):
         for name in self._together(plan):
             rises = np.stack([self._rise_m(plan, agent, name) for agent in self.agents])  # (agents, T + 1)
             spread = np.ptp(rises, axis=0)
-            at = int(np.argmax(spread))
+            at = self.worst(spread)
             if spread[at] >= worst.value:
-                time_s = plan.begins_s + (at * CONTROL_DT_S if plan.constraint_set.temporal else 0.0)
-                worst = self._uneven(name, float(spread[at]), HEIGHT_M, time_s, False)
+                worst = self.judged(spread[at], plan.step_s(at), object=name)
         return worst
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         held = {scene.held[agent - 1] for agent in self.agents}
         name = next(iter(held))
-        if (
-            not plan.constraint_set.temporal
-            or len(held) != 1
-            or name is None
-            or name not in self._together(plan)
-        ):
+        if not plan.constraint_set.temporal or len(held) != 1 or name not in self._together(plan):
             return None
         rises = []
         for agent in self.agents:
@@ -69,20 +65,19 @@ class SameHeightCheck(Check):
             now = plan.position_now(agent, scene)
             if now <= begin or (self.phase and now > end):
                 return None
-            arm = plan.planning_scene.arms[agent - 1]
+            arm = plan.arm(agent)
             joints = map(arm.joints, (scene.qpos[agent - 1], plan.trajectory(agent).path()[begin]))
             here, before = arm.tcp(np.stack(list(joints)))
             rises.append(here[2, 3] - before[2, 3])
-        now_s = scene.step * CONTROL_DT_S
-        return self._uneven(name, float(np.ptp(rises)), HEIGHT_MEASURED_M, now_s, True)
+        return self.judged(np.ptp(rises), scene.time_s, measured=True, object=name)
 
     def _together(self, plan: Plan) -> list[str]:
         """The things that all of them carry in this plan."""
         carried = [
-            {segment.attached for segment in plan.trajectory(agent).segments} - {None}
+            {segment.attached for segment in plan.trajectory(agent).segments if segment.attached}
             for agent in self.agents
         ]
-        return sorted(name for name in set.intersection(*carried) if name)
+        return sorted(set.intersection(*carried))
 
     def _span(self, plan: Plan, agent: int, name: str) -> tuple[int, int]:
         """Path positions between which an agent carries a thing and has to keep level with the others."""
@@ -95,30 +90,22 @@ class SameHeightCheck(Check):
     def _rise_m(self, plan: Plan, agent: int, name: str) -> NDArray[np.float64]:
         """How far an agent has raised a thing: (T + 1,), or (1,) at the end without a model of time."""
         trajectory = plan.trajectory(agent)
-        height = plan.planning_scene.arms[agent - 1].tcp(trajectory.path())[:, 2, 3]
+        height = plan.paths.grippers_m(agent)[:, 2]
         positions = plan.positions(agent) if plan.constraint_set.temporal else np.array([len(trajectory)])
         begin, end = self._span(plan, agent, name)
         return height[np.clip(positions, begin, end)] - height[begin]
-
-    def _uneven(self, name: str, value: float, bound_m: float, time_s: float, measured: bool) -> Evidence:
-        about: About = {"measured": measured, "object": name}
-        return self.found(value <= bound_m, Finding.UNEVEN, value, bound_m, time_s, **about)
 
     def stl(self, task: Task) -> Specification:
         about = *self.agents, *((self.phase[0].verb or "all",) if self.phase else ())
         how = "between the highest and the lowest rise of the measured grippers since each began to carry"
         when = "all of them hold one thing, and are where they have to keep level"
-        together = named("together", *about), when
-        return bounded(self, (named("spread", *about), how), "<=", HEIGHT_MEASURED_M, together)
+        return self.formula(named("spread", *about), how, (named("together", *about), when))
 
 
 def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
     """Path positions between which an agent carries a thing, for the first time."""
-    trajectory = plan.trajectory(agent)
     begin = end = None
-    for segment, start, stop in zip(
-        trajectory.segments, trajectory.knots[:-1], trajectory.knots[1:], strict=True
-    ):
+    for segment, start, stop in plan.trajectory(agent).intervals:
         if segment.attached == name:
             begin, end = start if begin is None else begin, stop
         elif begin is not None:

@@ -44,8 +44,7 @@ class ShareSpaceCheck(Check):
         if not found:
             return self.found(True, Finding.NOT_SHARED, inf, 0.0, plan.begins_s)
         apart, comes, agents = min(found)
-        comes_s = plan.begins_s + comes * CONTROL_DT_S
-        return self.found(True, Finding.SHARED, apart * CONTROL_DT_S, 0.0, comes_s, agents=agents)
+        return self.found(True, Finding.SHARED, apart * CONTROL_DT_S, 0.0, plan.step_s(comes), agents=agents)
 
     def stl(self, task: Task) -> Specification:
         return Specification(silent="it is a permission, which no execution can violate")

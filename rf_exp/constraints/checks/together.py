@@ -4,22 +4,21 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Check, Evidence
-from rf_exp.constraints.phases import about, begun, since, span, times_s
-from rf_exp.constraints.plan import Paths, Plan
+from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.phases import TimedCheck, about, begun, since, steps_within
+from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import CLOCK_S, Specification, always, of_schedule
 from rf_exp.coordination import Demands
-from rf_exp.findings import CheckName, Finding, names
+from rf_exp.findings import Finding, names
 from rf_exp.statements import TOGETHER_S, Step, Together
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_HZ
 
 
 @dataclass(frozen=True)
-class TogetherCheck(Check):
+class TogetherCheck(TimedCheck):
     """Several agents begin the same part at most `within_s` apart. Value and bound in seconds."""
 
-    states, name, unit = Together, CheckName.SCHEDULING, "s"
+    states = Together
 
     steps: tuple[Step, ...]
     within_s: float = TOGETHER_S
@@ -30,26 +29,15 @@ class TogetherCheck(Check):
         steps = tuple(plans.step(Step(agent, stated.verb, stated.object)) for agent in stated.agents)
         return cls(steps, stated.within_s, stated.sentence)
 
-    @property
-    def agents(self) -> tuple[int, ...]:
-        return tuple(step.agent for step in self.steps)
-
     def __repr__(self) -> str:
         return f"VS({names(self.agents)}, simultaneous{about(self.steps[0])}, within {self.within_s:g} s)"
 
-    def rule(self, paths: Paths) -> "TogetherCheck":
-        return self
-
     def demand(self, demands: Demands) -> None:
-        """The cells of coordination diagrams that it forbids."""
-        spans = [(step.agent, span(step, demands.trajectory(step.agent))) for step in self.steps]
-        within = int(min(self.within_s, 1e6) * CONTROL_HZ + 1e-9)
-        for (a, span_a), (b, span_b) in combinations(spans, 2):
-            if span_a is not None and span_b is not None:
-                demands.together(a, span_a[0], b, span_b[0], within)
+        for (a, start_a, _), (b, start_b, _) in combinations(self.spans(demands), 2):
+            demands.together(a, start_a, b, start_b, steps_within(self.within_s))
 
     def planned(self, plan: Plan) -> Evidence:
-        begins = [times[0] for step in self.steps if (times := times_s(step, plan)) is not None]
+        begins = [begins_s for begins_s, _ in self.times_s(plan)]
         if len(begins) < 2:
             return self.idle(plan, self.within_s)
         apart_s, step = max(begins) - min(begins), self.steps[0]

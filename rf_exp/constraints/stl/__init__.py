@@ -4,6 +4,7 @@ from rf_exp.constraints.stl.execution import Execution, Signal
 from rf_exp.constraints.stl.form import (
     CLOCK_S,
     VOID,
+    Comparison,
     Formula,
     Specification,
     always,
@@ -17,6 +18,7 @@ from rf_exp.constraints.stl.robustness import Robust, evaluated, installed, judg
 __all__ = [
     "CLOCK_S",
     "VOID",
+    "Comparison",
     "Execution",
     "Formula",
     "Robust",

@@ -10,7 +10,7 @@ from rf_exp.constraints import Paths, Plan
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Mask, PlanningScene, Swept, closer_than, nearest
 from rf_exp.transforms import Matrix
-from rf_exp.types import CONTROL_DT_S, Scene, arm_of
+from rf_exp.types import Scene, arm_of
 
 KEEPS_M = 0.015  # of a thing, where its plan does: it trails its commands, the more the faster they change
 MOVED_M = 0.005
@@ -98,7 +98,7 @@ class ObjectMotionWatch:
                     value=moved_m,
                     bound=MOVED_M,
                     unit="m",
-                    time_s=scene.step * CONTROL_DT_S,
+                    time_s=scene.time_s,
                     measured=True,
                     object=name,
                 )

@@ -18,7 +18,7 @@ from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
-from rf_exp.types import CONTROL_DT_S, Scene, Subgoal
+from rf_exp.types import Scene, Subgoal
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def _violation(scene: Scene, put: _Put, obstacle: str, depth_m: float) -> Violat
         finding=Finding.TAKEN,
         value=-depth_m,
         unit="m",
-        time_s=scene.step * CONTROL_DT_S,
+        time_s=scene.time_s,
         agents=(put.subgoal.agent,),
         subgoals=(put.subgoal.text,),
         object=put.name,

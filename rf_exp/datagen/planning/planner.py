@@ -20,7 +20,6 @@ from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task, default_of
 from rf_exp.types import (
-    CONTROL_DT_S,
     CONTROL_HZ,
     ConstraintSet,
     JointLimits,
@@ -171,11 +170,10 @@ class Planner:
                 rng=rng,
             )
         except Unreachable as error:
-            now_s = scene.step * CONTROL_DT_S
             about = {"cause": error.cause, "agents": error.agents, **error.facts}
             if error.blockage is not None:
                 about |= obstacles.how_near(error.blockage)
-            return Violation(check=CheckName.MOTION, time_s=now_s, **about)
+            return Violation(check=CheckName.MOTION, time_s=scene.time_s, **about)
         trajectories = motions.trajectories
         if checker.speeds_m_s:
             trajectories = slowed(trajectories, PlanningScene(settings.task, scene).arms, checker.speeds_m_s)
@@ -224,7 +222,6 @@ def _pauses(
 
 def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:
     """An answer that is not understood; what its reader says of it goes back to RoboBrain as it is."""
-    now_s = scene.step * CONTROL_DT_S
     return Violation(
-        check=check, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=now_s, refusal=str(error)
+        check=check, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=scene.time_s, refusal=str(error)
     )

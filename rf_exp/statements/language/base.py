@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from rf_exp.statements.language.notation import Words, compiled
-from rf_exp.statements.language.vocabulary import Vocabulary
+from rf_exp.statements.language.vocabulary import Names, Vocabulary
 from rf_exp.types import Kind, Subgoal
 
 
@@ -32,11 +32,12 @@ class Statement(ABC):
     """
 
     kind: ClassVar[Kind]
+    patterns: ClassVar[tuple[str, ...]]  # that are read as it, in the notation of forms
     samples: ClassVar[tuple["Statement", ...]]  # whose sentences stand in prompts
 
     def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
-        if "forms" in cls.__dict__:
+        if {"patterns", "forms"} & cls.__dict__.keys():
             _KINDS.append(cls)
 
     @property
@@ -50,14 +51,19 @@ class Statement(ABC):
         """It in English."""
 
     @property
-    def names(self) -> tuple[tuple[str, str | None], ...]:
+    def names(self) -> Names:
         """The objects it speaks of, each with the interaction point where it names one."""
         return ()
 
     @classmethod
-    @abstractmethod
     def forms(cls) -> tuple[Form, ...]:
-        """The patterns that are read as such a statement."""
+        """The ways to say such a statement: its patterns, all with one reading."""
+        return tuple(Form(each, cls.reading) for each in cls.patterns)
+
+    @classmethod
+    def reading(cls, words: Words) -> "Statement":
+        """The statement of the words that a pattern found. Raises ArgumentError where they make none."""
+        raise NotImplementedError(f"{cls.__name__} does not say how its patterns are read")
 
     def known_in(self, vocabulary: Vocabulary) -> Self:
         """Itself. Raises ArgumentError for an agent, object or point that the vocabulary does not have."""
@@ -81,6 +87,10 @@ class OfAgent(Statement):
     def agents(self) -> tuple[int, ...]:
         return (self.agent,)
 
+    @classmethod
+    def reading(cls, words: Words) -> Statement:
+        return cls(words.agent())
+
 
 @dataclass(frozen=True)
 class OfAgents(Statement):
@@ -91,6 +101,10 @@ class OfAgents(Statement):
     @property
     def agents(self) -> tuple[int, ...]:
         return self.who
+
+    @classmethod
+    def reading(cls, words: Words) -> Statement:
+        return cls(words.agents())
 
 
 def kinds() -> Iterator[type[Statement]]:

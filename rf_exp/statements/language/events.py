@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import TABLE, agent_name
+from rf_exp.statements.language.vocabulary import TABLE, Names, agent_name
 
 
 @dataclass(frozen=True)
@@ -13,6 +13,11 @@ class Step:
     agent: int
     verb: str | None = None
     object: str | None = None
+
+    @property
+    def names(self) -> Names:
+        """The objects that it speaks of, as `Statement.names` has them."""
+        return ((self.object, None),) if self.object else ()
 
     @property
     def text(self) -> str:
@@ -44,6 +49,11 @@ class LiesOn:
     surface: str = TABLE
 
     @property
+    def names(self) -> Names:
+        """The objects that it speaks of, as `Statement.names` has them."""
+        return tuple((name, None) for name in (self.object, self.surface) if name != TABLE)
+
+    @property
     def text(self) -> str:
         return self.ended
 
@@ -53,10 +63,3 @@ class LiesOn:
 
 
 Event = Step | LiesOn
-
-
-def named(event: Event) -> tuple[tuple[str, str | None], ...]:
-    """The objects of an event, as `Statement.names` has them."""
-    if isinstance(event, Step):
-        return ((event.object, None),) if event.object else ()
-    return tuple((name, None) for name in (event.object, event.surface) if name != TABLE)

@@ -202,8 +202,10 @@ class Words:
         agents = tuple(dict.fromkeys(map(self._known, named))) or self.vocabulary.agents
         return self.several(agents)
 
-    def everybody(self) -> tuple[int, ...]:
-        return self.several(self.vocabulary.agents)
+    def pair(self) -> tuple[int, int]:
+        """The two agents of a sentence that is about one and another one."""
+        one, other = self.several((self.agent(), self.agent("other")))
+        return one, other
 
     def several(self, agents: tuple[int, ...]) -> tuple[int, ...]:
         if len(set(agents)) < 2:

@@ -11,11 +11,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 from functools import cache
-from typing import ClassVar, Self
+from typing import Self
 
 from rf_exp.errors import ArgumentError
 from rf_exp.statements.language import units
-from rf_exp.statements.language.advice import advice
 from rf_exp.statements.language.base import Form, Statement, kinds
 from rf_exp.statements.language.notation import Words, compiled, found, object_name
 from rf_exp.statements.language.verbs import VERBS
@@ -36,6 +35,11 @@ _SEVERAL = re.compile(
 )
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
+# Words that people often use, and that no statement stands for.
+_STOP = re.compile(r"\b(?:stop(?:s|ped|ping)?|pauses?|halts?)\b")
+_ORDER = re.compile(r"\b(?:before|after|until|once|then|while|when|as soon as|waits?)\b")
+_EDGE = re.compile(r"\b(?:begin|start|finish|end|complete)(?:s|es|ed|ing)?\b|\b(?:began|begun|done)\b")
+_ADVERB = re.compile(r"\b(vertical|horizontal|perpendicular)(?:ly)?\b|\bfrom (?:above|the side)\b")
 _SHORT = {"mustn't": "must not", "shouldn't": "should not", "can't": "cannot", "mayn't": "may not"}
 
 
@@ -48,8 +52,6 @@ class Unread(Statement):
     text: str
     why: str
 
-    samples: ClassVar[tuple[Statement, ...]] = ()
-
     @property
     def agents(self) -> tuple[int, ...]:
         return self.filed
@@ -57,10 +59,6 @@ class Unread(Statement):
     @property
     def sentence(self) -> str:
         return self.text
-
-    @classmethod
-    def forms(cls) -> tuple[Form, ...]:
-        return ()
 
     def known_in(self, vocabulary: Vocabulary) -> Self:
         """Raises ArgumentError that says why it is not understood."""
@@ -139,8 +137,27 @@ def _not_understood(text: str, words: Sequence[str], vocabulary: Vocabulary) -> 
         why = "finds no words"
     return ArgumentError(
         f"constraint {text!r} is not understood: the grammar {why}; the nearest that is: {nearest!r}; "
-        f"{vocabulary}{advice(_normal(words, vocabulary))}"
+        f"{vocabulary}{_advice(_normal(words, vocabulary))}"
     )
+
+
+def _advice(sentence: str) -> str:
+    """What to say instead of a normalised sentence, to end its message with; empty for none."""
+    if _STOP.search(sentence):
+        return (
+            "; no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
+        )
+    if _ORDER.search(sentence) and _EDGE.search(sentence):
+        return (
+            "; an order is between what is over and what begins: say 'Agent_2 must complete its task before "
+            "Agent_1 begins.'"
+        )
+    if _ADVERB.search(sentence):
+        return (
+            "; of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be "
+            "vertical at lid when lifting it.'"
+        )
+    return ""
 
 
 def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:

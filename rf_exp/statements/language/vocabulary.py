@@ -7,6 +7,7 @@ from rf_exp.errors import choices
 from rf_exp.findings import agent_name
 
 TABLE = "table"  # what named places lie on
+Names = tuple[tuple[str, str | None], ...]  # of objects, each with an interaction point where one is named
 _SYNONYMS = {"centre": "center", "middle": "center"}  # of points
 
 
