@@ -27,6 +27,7 @@ UNUSED = {  # what came later was not recorded where it was not used
     "policy.acting.transition_integrator": 0.0,
     "policy.encoder.keypoints.downsample": 1,
     "policy.encoder.keypoints.crop_refinement": 0,
+    "policy.encoder.keypoints.photometric": 0.0,
     "training.active_agent_sampling": 0.0,
 }
 

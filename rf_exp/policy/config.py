@@ -77,6 +77,7 @@ class KeypointsConfig(EncoderConfig):
     steps: int = bounded(10**9, least=0)  # of a fit of its own, before all others; 0: it learns with the head
     rate: float = bounded(1e3, above=0)  # of learning then, as a multiple of the others'
     shift_px: int = bounded(LARGEST_PX, least=0)  # by which pictures are shifted at most then, either way
+    photometric: float = bounded(2, least=0)  # how far pictures are lit otherwise then; 0: not
 
     def check_in(self, policy: "PolicyConfig") -> None:
         looks = policy.context and policy.crop == 1.0

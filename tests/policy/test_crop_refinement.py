@@ -19,7 +19,10 @@ from tests.policy.test_rollout import Table, judge
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SIDE = 16
 SEES = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
-TWICE = {side: KeypointsConfig(2, side, noise=0.0, steps=0, rate=1.0, shift_px=0) for side in (0, SIDE)}
+TWICE = {
+    side: KeypointsConfig(2, side, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
+    for side in (0, SIDE)
+}
 SIZE = torch.tensor([64, 48])
 
 

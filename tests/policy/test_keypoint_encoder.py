@@ -40,7 +40,7 @@ from tests.policy.test_rollout import Table, judge
 
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
-CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0)
+CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
 
 
 def one_arm() -> KeypointEncoder:

@@ -21,6 +21,7 @@ from rf_exp.policy.inputs.view import View
 from rf_exp.policy.networks.crop_refinement import CropRefinement
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit
 from rf_exp.policy.networks.layers import inside_picture, scaled
+from rf_exp.policy.networks.photometric import relit
 
 if TYPE_CHECKING:
     from rf_exp.policy.examples.windows import Windows
@@ -113,7 +114,9 @@ class KeypointEncoder(Encoder):
 
         def loss(draw: Draw) -> Tensor:
             pictures, *labels = examples.labelled(draw.windows, config.shift_px, draw.rng)
-            return self.loss(scaled(pictures), *labels)
+            seen = scaled(pictures)
+            seen = relit(seen, config.photometric, draw.rng) if config.photometric else seen
+            return self.loss(seen, *labels)
 
         settle = partial(self.fit_cameras, examples.pixels, examples.points)
         decides = {key: value for key, value in asdict(config).items() if key != "noise"}
