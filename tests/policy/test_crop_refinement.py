@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -19,7 +21,8 @@ from tests.policy.test_rollout import Table, judge
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 SIDE = 16
 SEES = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
-TWICE = {
+SEEING = KeypointsConfig(2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
+TWICE = {side: replace(SEEING, crop_refinement=side) for side in (0, SIDE)}
     side: KeypointsConfig(2, side, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
     for side in (0, SIDE)
 }

@@ -9,7 +9,7 @@ GAIN, CHANNELS, GAMMA, GREY = (-0.7, 0.5), (-0.3, 0.3), (-0.4, 0.4), (0.0, 0.5)
 
 
 def relit(pictures: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
-    """Pictures (B, 3, H, W) in [-1, 1], each in exposure, colour of light, contrast and saturation of its own."""
+    """Pictures (B, 3, H, W) in [-1, 1], each otherwise exposed, coloured, contrasted and saturated."""
 
     def drawn(span: tuple[float, float], channels: int = 1) -> Tensor:
         values = strength * rng.uniform(*span, (len(pictures), channels, 1, 1))
