@@ -1,8 +1,7 @@
 """Crop refinement: finer than the first look at a picture, wherever that has come near."""
 
-from pathlib import Path
-
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +22,6 @@ SIDE = 16
 SEES = {"encoder.name": "keypoints", "context": True, "crop": 1.0}
 SEEING = KeypointsConfig(2, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
 TWICE = {side: replace(SEEING, crop_refinement=side) for side in (0, SIDE)}
-    side: KeypointsConfig(2, side, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
-    for side in (0, SIDE)
-}
 SIZE = torch.tensor([64, 48])
 
 

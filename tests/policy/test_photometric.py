@@ -13,7 +13,7 @@ def test_each_picture_is_lit_otherwise_and_stays_a_picture() -> None:
     assert seen.shape == PICTURES.shape and seen.dtype == PICTURES.dtype
     assert seen.min() >= -1 and seen.max() <= 1 and torch.isfinite(seen).all()
     bright = ((seen + 1).mean(dim=(1, 2, 3)) / (PICTURES + 1).mean(dim=(1, 2, 3))).numpy()
-    assert bright.min() < 0.55 and bright.max() > 1.2 and len(np.unique(bright.round(4))) == len(bright)
+    assert bright.min() < 0.55 and bright.max() > 1.35 and len(np.unique(bright)) > 60
     channels = (seen + 1).mean(dim=(2, 3))
     assert (channels.amax(dim=1) / channels.amin(dim=1)).max() > 1.3
 
