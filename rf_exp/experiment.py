@@ -12,7 +12,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.keys import checked_folder
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
-from rf_exp.tasks import Task, Variation, load_task
+from rf_exp.tasks import PHYSICAL, Task, Variation, load_task
 from rf_exp.types import FOREIGN, UNVARIED, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
 if TYPE_CHECKING:
@@ -76,6 +76,7 @@ class Experiment:
     scenes: int
     shield: bool
     foreign: Foreign | None
+    appearances: int  # of each demonstration that policies learn from
     evaluated: Variation  # of the scenes of evaluation; tasks have that of the demonstrations
 
     def __post_init__(self) -> None:
@@ -101,11 +102,19 @@ class Experiment:
             "films": 0,
             "scenes": 1,
             "train_seed": 0,
+            "appearances": 1,
         }
         lowest |= {"episodes": 1} if self.episodes is not None else {}
         for key, low in lowest.items():
             if getattr(self, key) < low:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
+        if self.appearances > 1:
+            for task in self.tasks:
+                if not {*task.variation.identity}.difference(PHYSICAL):
+                    raise ArgumentError(
+                        f"appearances is {self.appearances}, and variation {task.variation.name!r} shows "
+                        "nothing in pictures; choose one that does, or appearances=1"
+                    )
         self._check_recordings()
         if self.seed + (self.episodes or self.demos) > EVALUATION_SEED:
             raise ArgumentError(
@@ -165,10 +174,14 @@ class Experiment:
     @property
     def data(self) -> str:
         """How the demonstrations are called."""
-        return self.name + self._varied
+        return self.name + self._variation
 
     @property
     def _varied(self) -> str:
+        return self._variation + (f"x{self.appearances}" if self.appearances > 1 else "")
+
+    @property
+    def _variation(self) -> str:
         names = {task.variation.name for task in self.tasks if self.foreign is None} - {UNVARIED}
         return "".join(f"+{name}" for name in sorted(names))
 

@@ -3,6 +3,7 @@
 python -m rf_exp.data summary STORE...                    what is in them
 python -m rf_exp.data validate STORE...                   reads every byte, and judges what it says
 python -m rf_exp.data merge STORE... --to STORE           parts of one configuration, as if made in one go
+python -m rf_exp.data redraw STORE NEW --variation NAME --copies 4    each episode in other appearances, too
 python -m rf_exp.data export STORE FOLDER --format lerobot    a LeRobotDataset v3.0; or robomimic, its HDF5
 
 `COMMAND --help` says what each takes. docs/data.md.
@@ -86,6 +87,23 @@ def told(stores: Sequence[Store], first: int) -> str:
     return f"{sum(map(len, stores))} episodes of {len(stores)} stores, from seed {first} on"
 
 
+def redraw_store(path: Path, to: Path, variation: str, copies: int, folder: Path | None) -> None:
+    """Makes a store of which each episode is there so many times, in other appearances; goes on where it was.
+
+    `folder` has the YAML files of tasks; those of the suite unless given. Raises ArgumentError for a
+    variation that would move things, StageError where the store cannot be read or another one is there.
+    """
+    from rf_exp.stages import redraw  # with the simulator, which the other commands do without
+    from rf_exp.tasks import CONFIGURED, read_variation, stored_task
+
+    source = Store.open(path)
+    if not source.cameras:
+        raise StageError(f"{path} holds no pictures; there is nothing to draw anew")
+    task = stored_task(source.identity, folder or CONFIGURED)
+    redraw(source, to, task, read_variation(variation), copies)
+    console.print(f"{to} holds {len(source)} episodes, {copies} times each: {mib(to)} MiB")
+
+
 def export(path: Path, folder: Path, form: str, pictures: str | None = None, dry_run: bool = False) -> None:
     """Writes a store in a format that others read, into a folder that is there as a whole or not at all.
 
@@ -162,6 +180,12 @@ def parser() -> argparse.ArgumentParser:
         help="how pictures are kept, every pixel: video (lossless) or png by lerobot, gzip or plain by "
         "robomimic; the first of them unless given",
     )
+    redrawn = commands.add_parser("redraw", help="the episodes of a store in other appearances, too")
+    redrawn.add_argument("store", type=Path, help="folder of a store")
+    redrawn.add_argument("new", type=Path, help="folder of the new store; one that was begun is gone on with")
+    redrawn.add_argument("--variation", required=True, metavar="NAME", help="one of conf/variation")
+    redrawn.add_argument("--copies", type=int, required=True, help="of each episode, the first as it is")
+    redrawn.add_argument("--tasks", type=Path, metavar="FOLDER", help="of tasks' YAML files, if yours")
     for several in (summary, checked, merged):
         several.add_argument("stores", type=Path, nargs="+", help="folders of stores")
     for writes in (merged, exported):
@@ -179,6 +203,8 @@ def main() -> None:
         validate(given.stores)
     elif given.command == "merge":
         merge_stores(given.stores, given.to, given.dry_run)
+    elif given.command == "redraw":
+        redraw_store(given.store, given.new, given.variation, given.copies, given.tasks)
     else:
         export(given.store, given.folder, given.format, given.pictures, given.dry_run)
 

@@ -19,6 +19,7 @@ class Devices:
     def __init__(self, start: Start, command: NDArray[np.float64]) -> None:
         """`command` (N, A) is where the arms are held at first, by their true joints."""
         self._how, self._seed = start.devices, start.seed
+        self._copy = [start.copy] if start.copy else []
         self._offset = np.array(self._how.joint_offset_rad) if self._how.joint_offset_rad else 0.0
         self._late = deque([command.copy() for _ in range(self._how.delay_steps)])
 
@@ -37,6 +38,12 @@ class Devices:
         said[:, :-1] += self._offset
         return said
 
+    def true(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joints (N, D) as they are, of those that were measured."""
+        found = qpos.copy()
+        joints_of(found)[:] -= self._offset
+        return found
+
     def measured(self, scene: Scene) -> Scene:
         """The scene with the joints as they are measured."""
         if not self._how.joint_offset_rad:
@@ -50,11 +57,13 @@ class Devices:
         if self._how.sees_exactly:
             return picture
         gain = self._how.gain
-        rng = np.random.default_rng([self._seed, FLICKER, step])  # of all cameras alike: it is the lamp
+        rng = np.random.default_rng(
+            [self._seed, FLICKER, step, *self._copy]
+        )  # of all cameras: the lamp flickers
         if rng.uniform() < self._how.flicker:
             gain *= 1.0 + rng.uniform(-FLICKERS, FLICKERS)
         seen = picture.astype(np.float32) * np.float32(gain)
         if self._how.pixel_noise:
-            noise = np.random.default_rng([self._seed, PIXELS, step, camera])
+            noise = np.random.default_rng([self._seed, PIXELS, step, camera, *self._copy])
             seen += self._how.pixel_noise * noise.standard_normal(picture.shape, np.float32)
         return np.clip(np.rint(seen), 0, 255).astype(np.uint8)

@@ -68,6 +68,7 @@ class TableEnv(BaseEnv):
     def __init__(self, task: Task, *, width_px: int = 320, height_px: int = 240, render_backend: str) -> None:
         _freeze_modules()
         self._usual = self.task = task  # as configured, and as it stands in the scene of the seed
+        self.copy = 0  # of the scene of a seed that is built next
         # Of the seed that was reset last; ManiSkill resets once before anybody asks it to.
         self.start, self.actors = task.start(0), dict[str, Actor]()
         self._assets = {name: (task.asset(name), objects.surfaces(task.asset(name))) for name in task.objects}
@@ -135,8 +136,8 @@ class TableEnv(BaseEnv):
 
     def _load_agent(self, options: dict, *_: object, **__: object) -> None:
         seed = int(self._episode_seed[0])
-        self.task = self._usual.of(seed)
-        self.start = self.task.start(seed)
+        self.task = self._usual.of(seed, self.copy)
+        self.start = self.task.start(seed, self.copy)
         bases: Any = [objects.sapien_pose(robot.world_from_base) for robot in self.task.robots]
         super()._load_agent(options, bases)
         for agent, arm in zip(self.task.agents, self.arms, strict=True):

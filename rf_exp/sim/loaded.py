@@ -10,6 +10,7 @@ from rf_exp.errors import choices
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
+from rf_exp.sim.objects import sapien_pose
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, Scene, joints_of
 
@@ -73,6 +74,15 @@ class LoadedScene:
             arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
         )
         return self.devices.measured(scene)
+
+    def place(self, qpos: NDArray[np.floating], poses: Mapping[str, Matrix]) -> None:
+        """Arms by their measured joints (N, D) and things by their poses, at the next control step."""
+        rows_of_arms = self.devices.true(np.asarray(qpos, float))
+        for robot, rows, row in zip(self.robots, self._rows, rows_of_arms, strict=True):
+            robot.set_qpos(rows.active(row).astype(np.float32))
+        for name, pose in poses.items():
+            self.bodies[name].set_pose(sapien_pose(pose))
+        self.steps += 1
 
     def _measured_poses(self) -> dict[str, Matrix]:
         return {

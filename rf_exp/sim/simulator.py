@@ -1,6 +1,6 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from types import TracebackType
 
@@ -13,6 +13,7 @@ from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks import Task
+from rf_exp.transforms import Matrix
 from rf_exp.types import CameraModel, Pictures, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
@@ -44,14 +45,25 @@ class Simulator:
         """The task as it stands in the present scene."""
         return self._env.task
 
-    def reset(self, seed: int) -> Scene:
-        """Begin the episode of a seed: a pure function of task and seed, whatever ran before."""
-        self._loaded = self._load(seed)
+    def reset(self, seed: int, copy: int = 0) -> Scene:
+        """Begin the episode of a seed: a pure function of task, seed and copy, whatever ran before.
+
+        Further copies of a scene differ from the first in what pictures alone show.
+        """
+        self._loaded = self._load(seed, copy)
         return self._loaded.scene({})
 
-    def _load(self, seed: int) -> LoadedScene:
+    def place(self, qpos: NDArray[np.floating], poses: Mapping[str, Matrix]) -> None:
+        """Put arms and things where they were measured at the next control step; nothing is simulated.
+
+        `qpos` (N, D) rad and metres, `poses` object -> world_from_object (4, 4).
+        """
+        self._loaded.place(qpos, poses)
+
+    def _load(self, seed: int, copy: int = 0) -> LoadedScene:
         if not 0 <= seed <= LARGEST_SEED:
             raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
+        self._env.copy = copy
         self._env.reset(seed=int(seed))
         return LoadedScene(self._env, draws=self._render)
 

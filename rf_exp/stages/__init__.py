@@ -9,6 +9,7 @@ from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.costs import say_how_long
 from rf_exp.stages.evaluation import evaluate_policies
 from rf_exp.stages.generation import generate_data, why_seeds_failed
+from rf_exp.stages.redrawing import redraw
 from rf_exp.stages.reporting import write_tables
 from rf_exp.stages.training import train_policies
 
@@ -19,6 +20,7 @@ __all__ = [
     "evaluate_policies",
     "generate_data",
     "owned",
+    "redraw",
     "say_how_long",
     "train_policies",
     "why_seeds_failed",

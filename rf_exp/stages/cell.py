@@ -87,6 +87,14 @@ class Cell:
         return self.experiment.out / "shards" / f"{self.task.name}-{self.constraint_set.name}-{digest}"
 
     @property
+    def redrawn_path(self) -> Path:
+        """The store of demonstrations of which each is drawn several times."""
+        drawn = f"{self.experiment.demos}x{self.experiment.appearances}"
+        if self.experiment.dagger.rounds:
+            return self.corrected_path.with_stem(f"{self.corrected_path.stem}-{drawn}")
+        return self.data_path.with_stem(f"{self.data_path.stem}-{drawn}")
+
+    @property
     def corrected_path(self) -> Path:
         """The store of demonstrations, and of those that correct the policies of the round before."""
         return self.data_path.with_name(f"corrected-{self.arch.name}-{self.experiment.policies}.zarr")

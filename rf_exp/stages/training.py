@@ -16,6 +16,7 @@ from rf_exp.stages.artifacts import owned
 from rf_exp.stages.cell import Cell
 from rf_exp.stages.correction import correct, demonstrations
 from rf_exp.stages.logs import Follower, curve_log
+from rf_exp.stages.redrawing import redraw
 from rf_exp.store import Store
 
 SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
@@ -36,6 +37,10 @@ def train_policies(cell: Cell) -> None:
         config = replace(experiment.training, seed=experiment.train_seed)
         with owned(folder), ExitStack() as stack:
             data, demos = demonstrations(now)
+            if (copies := experiment.appearances) > 1:
+                path, source = now.redrawn_path, Store.open(data).first(demos)
+                data = redraw(source, path, now.task, now.task.variation, copies)
+                demos *= copies
             there = all((folder / view.name / MODEL).exists() for view in views)
             processes = min(len(views), experiment.workers) if device_of(config.device).type == "cpu" else 1
             # Small networks are too small for threads: they would spend their time waiting for each other.

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rf_exp.artifacts import plain
 from rf_exp.errors import StageError
+from rf_exp.store.integrity import times_stored
 from rf_exp.store.layout import JUDGED, layout
 from rf_exp.store.reader import Reader
 from rf_exp.types import CONTROL_HZ, Episode
@@ -43,8 +44,10 @@ def _require_fit(store: Reader, episode: Episode, label: str) -> None:
     """Task, seed, cameras, objects and what was executed, all as the store has them."""
     if episode.task != (task := store.attrs["task"]) and isinstance(task, str):
         raise StageError(f"{label} is of task {episode.task!r}; {store.path} holds {task!r}")
-    if episode.seed in store.seeds:
-        raise StageError(f"{label} is stored already in {store.path}; every seed is stored once")
+    times = times_stored(store.identity)
+    if np.count_nonzero(store.seeds == episode.seed) >= times:
+        often = "once" if times == 1 else f"{times} times"
+        raise StageError(f"{label} is stored already in {store.path}; every seed is stored {often}")
     if set(episode.images) != set(store.cameras):
         raise StageError(
             f"{label} has images of {sorted(episode.images)}; {store.path} expects {sorted(store.cameras)}"

@@ -103,6 +103,12 @@ def _maker(attributes: Mapping[str, Any]) -> str:
     return f"rf_exp {printable(version or 'of unknown version')}, commit {commit}"
 
 
+def times_stored(identity: object) -> int:
+    """How often a seed may be in a store: once, unless each episode was drawn several times."""
+    copies = identity.get("copies") if isinstance(identity, Mapping) else None
+    return copies if type(copies) is int and copies > 0 else 1
+
+
 def check_rows(
     path: Path, group: zarr.Group, attributes: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -124,8 +130,10 @@ def check_rows(
             raise damaged(path, f"{name} declares {array.shape[0]} rows, {expected} expected")
     seeds = _whole(path, arrays, "meta/seed", episodes)
     values, counts = np.unique(seeds, return_counts=True)
-    if repeated := values[counts > 1].tolist():
-        raise damaged(path, f"meta/seed holds seeds more than once: {repeated}")
+    times = times_stored(attributes.get("identity"))
+    if repeated := values[counts > times].tolist():
+        often = "once" if times == 1 else f"{times} times"
+        raise damaged(path, f"meta/seed holds seeds more than {often}: {repeated}")
     return ends, seeds
 
 

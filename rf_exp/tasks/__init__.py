@@ -7,6 +7,7 @@ from rf_exp.tasks import assets, predicates
 from rf_exp.tasks.task import (
     CONFIGURED,
     NONE,
+    PHYSICAL,
     TABLE_CENTRE_M,
     TABLE_M,
     CameraSpec,
@@ -33,6 +34,7 @@ from rf_exp.tasks.task import (
 __all__ = [
     "CONFIGURED",
     "NONE",
+    "PHYSICAL",
     "TABLE_CENTRE_M",
     "TABLE_M",
     "CameraSpec",

@@ -173,6 +173,8 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
     task = read_task(known[name])
     try:  # how strongly scenes vary is an experiment's to say, not the file's
         task = replace(task, randomisation=Randomisation(**stored["randomisation"]))
+        if "variation" in stored:
+            task = replace(task, variation=read_values(Variation, stored["variation"], "variation."))
     except (KeyError, TypeError) as error:
         raise ArgumentError(f"the store of {name} does not say how its scenes vary: {error}") from error
     now = plain(task.identity)

@@ -28,6 +28,7 @@ class Start:
     """What an episode begins with."""
 
     seed: int
+    copy: int
     qpos: NDArray[np.float64]  # (N, D) rad, metres
     poses: Mapping[str, Matrix]  # object -> world_from_object
     light: float  # relative brightness
@@ -44,8 +45,8 @@ class Start:
         return Scene(0, self.qpos, qvel, self.poses, speeds, held=(None,) * len(self.qpos))
 
 
-def start_of(task: "Task", seed: int) -> Start:
-    """The start of an episode: a pure function of task and seed.
+def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
+    """The start of an episode: a pure function of task and seed, and of a copy for what pictures alone show.
 
     Objects that would stand in one another are all drawn again. Raises ArgumentError for ranges
     in which there is no room, and for an object that does not lie on the table.
@@ -69,7 +70,7 @@ def start_of(task: "Task", seed: int) -> Start:
                 f"table's edge at {edge} and fall; move its range, or what it is relative to"
             )
     qpos = np.zeros((len(task.robots), task.dof + FINGERS))
-    drawn = draw(task, seed) if task.variation.identity else None
+    drawn = draw(task, seed, copy) if task.variation.identity else None
     noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, joints_of(qpos).shape)
     if drawn is not None:
         noise += drawn.posture_rad
@@ -82,7 +83,7 @@ def start_of(task: "Task", seed: int) -> Start:
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
     masses_kg = {name: _mass_kg(task, name, rng.uniform()) for name in task.objects}
-    start = Start(seed, qpos, poses, light, tints, masses_kg)
+    start = Start(seed, copy, qpos, poses, light, tints, masses_kg)
     if drawn is None:
         return start
     tints = {name: tint * drawn.tints[name] for name, tint in tints.items()}

@@ -167,10 +167,13 @@ class Task:
         named = getattr(self.module, "places", None)
         return named(scene, self) if named else {}
 
-    def of(self, seed: int) -> "Task":
-        """The task as it stands in the scene of a seed: itself, unless its arms or cameras vary."""
-        return moved(self, seed)
+    def of(self, seed: int, copy: int = 0) -> "Task":
+        """The task as it stands in the scene of a seed: itself, unless its arms or cameras vary.
 
-    def start(self, seed: int) -> Start:
+        Further copies of a scene differ in what pictures alone show.
+        """
+        return moved(self, seed, copy)
+
+    def start(self, seed: int, copy: int = 0) -> Start:
         """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""
-        return start_of(self, seed)
+        return start_of(self, seed, copy)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.transforms import rotated
 from rf_exp.types import (
@@ -35,6 +36,9 @@ if TYPE_CHECKING:
 
 STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances; then the number of a factor
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
+SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
+# Keys of a variation that decide more than pictures.
+PHYSICAL = ("table_height_m", "base_position_m", "base_yaw_deg", "posture_rad", "delay_s", "joint_offset_deg")
 Textures = Literal["plain", "seen", "unseen"]
 TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
 TEXTURED = 0.75  # of the surfaces that differ have a texture
@@ -161,15 +165,19 @@ class Drawn:
 
     def plain(self) -> dict[str, Any]:
         """What differs from the task, as values of JSON."""
-        found = asdict(self)
-        found["posture_rad"] = self.posture_rad.tolist()
-        return found
+        return plain(asdict(self))
 
 
-def draw(task: "Task", seed: int) -> Drawn:
-    """What the scene of a seed draws: a pure function of task and seed."""
+def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
+    """What the scene of a seed draws: a pure function of task, seed and copy.
+
+    Further copies of a scene differ from the first in what pictures alone show.
+    """
     how = task.variation
-    rng = {name: np.random.default_rng([seed, STREAM, k]) for k, name in enumerate(FACTORS)}
+    rng = {
+        name: np.random.default_rng([seed, STREAM, k, *([copy] if copy and name in SHOWN else [])])
+        for k, name in enumerate(FACTORS)
+    }
     about = how.base_position_m, how.base_position_m, how.base_yaw_deg
     bases = [rng["bases"].uniform(-1, 1, 3) * about for _ in task.robots]
     posture = rng["posture"].uniform(-1, 1, (len(task.robots), task.dof)) * how.posture_rad
@@ -235,14 +243,14 @@ def _camera(how: Variation, rng: np.random.Generator, table_m: float) -> CameraM
     return CameraMotion((x, y, z - table_m), tuple(turn.tolist()), float(how.camera_fov_deg * fov))
 
 
-def moved(task: "Task", seed: int) -> "Task":
+def moved(task: "Task", seed: int, copy: int) -> "Task":
     """The task of a scene: its arms and cameras where the seed has drawn them, its table as high.
 
     The table is where it always is, at z = 0: with a higher one all else stands lower.
     """
     if not task.variation.moves:
         return task
-    drawn = draw(task, seed)
+    drawn = draw(task, seed, copy)
     robots = tuple(
         replace(
             robot,
@@ -258,18 +266,18 @@ def moved(task: "Task", seed: int) -> "Task":
     return replace(task, robots=robots, cameras=cameras, variation=replace(task.variation, **done))
 
 
-def drawn_of(task: "Task", seed: int) -> dict[str, Any]:
+def drawn_of(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
     """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies."""
-    return draw(task, seed).plain() if task.variation.identity else {}
+    return draw(task, seed, copy).plain() if task.variation.identity else {}
 
 
-def scene_certificate(task: "Task", seed: int) -> dict[str, Any]:
+def scene_certificate(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
     """What an episode says of its scene where that varies: what was drawn, and where arms and cameras are."""
     if not task.variation.identity:
         return {}
-    stands = task.of(seed)
+    stands = task.of(seed, copy)
     return {
-        "drawn": drawn_of(task, seed),
+        "drawn": drawn_of(task, seed, copy),
         "calibration": {
             "world_from_base": [robot.world_from_base.tolist() for robot in stands.robots],
             "cameras": {

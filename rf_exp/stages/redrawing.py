@@ -1,0 +1,89 @@
+"""Redrawing: demonstrations drawn once more under other appearances, for the price of the pictures alone.
+
+Neither physics nor plans know what a scene looks like, and states are stored: arms and things are put where
+they were measured at each step, and the cameras look. A copy draws anew what pictures alone show (cameras,
+sensors, appearance, light); the first copy is the demonstration as it is.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from rf_exp.artifacts import plain
+from rf_exp.errors import ArgumentError
+from rf_exp.progress import Progress
+from rf_exp.sim import Simulator
+from rf_exp.stages.artifacts import owned
+from rf_exp.store import Store
+from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
+from rf_exp.transforms import from_quaternion
+from rf_exp.types import Episode
+
+
+def check_redrawing(task: Task, variation: Variation, copies: int) -> None:
+    """Raises ArgumentError for a variation that pictures do not show, or that would have moved something."""
+    if copies < 2:
+        raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
+    before, now = task.variation, variation
+    if other := [name for name in PHYSICAL if getattr(before, name) != getattr(now, name)]:
+        raise ArgumentError(
+            f"variation {now.name!r} has another {' and another '.join(other)} than the demonstrations; "
+            "that moves things, where pictures alone are drawn anew: generate with it"
+        )
+    if not {*now.identity}.difference(PHYSICAL):
+        raise ArgumentError(f"variation {now.name!r} shows nothing in pictures; expected one that does")
+
+
+def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: int) -> Path:
+    """The store of `copies` of each episode of another, those of one episode side by side.
+
+    `task` is that of the other. Goes on where it was left. Depth and segmentation are not kept. Raises
+    ArgumentError as `check_redrawing` does, StageError where something else is there.
+    """
+    check_redrawing(task, variation, copies)
+    task = replace(task, variation=variation)
+    scene = {**source.identity["scene"], "variation": variation.identity}
+    identity = plain({**source.identity, "scene": scene, "copies": copies})
+    of, said = source.attrs, source.description
+    description = said and replace(said, depth=False, labels=())
+    with owned(path):
+        if path.exists():
+            store = Store.open(path, identity, writable=True)
+        else:
+            size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
+            robots = [robot.model for robot in task.robots]
+            store = Store.create(path, identity, *size, description, robots)
+        with store:
+            _fill(store, source, task, copies)
+    return path
+
+
+def _fill(store: Store, source: Store, task: Task, copies: int) -> None:
+    """Append what lacks."""
+    missing = range(len(store), len(source) * copies)
+    if not missing:
+        return
+    size = {"width_px": source.attrs["width"], "height_px": source.attrs["height"]}
+    with (
+        Simulator(task, **size) as world,
+        Progress(f"redraw {store.path.name}", len(source) * copies, "episodes", missing.start) as progress,
+    ):
+        for number in missing:
+            index, copy = divmod(number, copies)
+            episode = replace(source.episode(index), extras={})
+            store.append(_copied(world, episode, task, copy) if copy else episode)
+            progress.advance()
+
+
+def _copied(world: Simulator, episode: Episode, task: Task, copy: int) -> Episode:
+    """The episode with other pictures."""
+    world.reset(episode.seed, copy)
+    poses = {name: from_quaternion(rows.astype(float)) for name, rows in episode.poses.items()}
+    images = {name: np.empty_like(pictures) for name, pictures in episode.images.items()}
+    for step, qpos in enumerate(episode.qpos):
+        world.place(qpos, {name: each[step] for name, each in poses.items()})
+        for name, picture in world.images(images).items():
+            images[name][step] = picture
+    said = {**scene_certificate(task, episode.seed, copy), "copy": copy}
+    return replace(episode, images=images, certificate={**episode.certificate, **said})
