@@ -4,13 +4,13 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+import sapien
 from numpy.typing import NDArray
 
 from rf_exp.errors import choices
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
-from rf_exp.sim.objects import sapien_pose
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, Scene, joints_of
 
@@ -75,13 +75,13 @@ class LoadedScene:
         )
         return self.devices.measured(scene)
 
-    def place(self, qpos: NDArray[np.floating], poses: Mapping[str, Matrix]) -> None:
+    def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray]) -> None:
         """Arms by their measured joints (N, D) and things by their poses, at the next control step."""
         rows_of_arms = self.devices.true(np.asarray(qpos, float))
         for robot, rows, row in zip(self.robots, self._rows, rows_of_arms, strict=True):
             robot.set_qpos(rows.active(row).astype(np.float32))
         for name, pose in poses.items():
-            self.bodies[name].set_pose(sapien_pose(pose))
+            self.bodies[name].set_pose(sapien.Pose(pose[:3].tolist(), pose[3:].tolist()))
         self.steps += 1
 
     def _measured_poses(self) -> dict[str, Matrix]:

@@ -13,7 +13,6 @@ from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix
 from rf_exp.types import CameraModel, Pictures, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
@@ -53,10 +52,10 @@ class Simulator:
         self._loaded = self._load(seed, copy)
         return self._loaded.scene({})
 
-    def place(self, qpos: NDArray[np.floating], poses: Mapping[str, Matrix]) -> None:
+    def place(self, qpos: NDArray[np.floating], poses: Mapping[str, NDArray[np.floating]]) -> None:
         """Put arms and things where they were measured at the next control step; nothing is simulated.
 
-        `qpos` (N, D) rad and metres, `poses` object -> world_from_object (4, 4).
+        `qpos` (N, D) rad and metres; `poses` object -> (7,) position in m and quaternion w, x, y, z.
         """
         self._loaded.place(qpos, poses)
 

@@ -17,7 +17,6 @@ from rf_exp.sim import Simulator
 from rf_exp.stages.artifacts import owned
 from rf_exp.store import Store
 from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
-from rf_exp.transforms import from_quaternion
 from rf_exp.types import Episode
 
 
@@ -72,17 +71,16 @@ def _fill(store: Store, source: Store, task: Task, copies: int) -> None:
         for number in missing:
             index, copy = divmod(number, copies)
             episode = replace(source.episode(index), extras={})
-            store.append(_copied(world, episode, task, copy) if copy else episode)
+            store.append(copied(world, episode, task, copy) if copy else episode)
             progress.advance()
 
 
-def _copied(world: Simulator, episode: Episode, task: Task, copy: int) -> Episode:
+def copied(world: Simulator, episode: Episode, task: Task, copy: int) -> Episode:
     """The episode with other pictures."""
     world.reset(episode.seed, copy)
-    poses = {name: from_quaternion(rows.astype(float)) for name, rows in episode.poses.items()}
     images = {name: np.empty_like(pictures) for name, pictures in episode.images.items()}
     for step, qpos in enumerate(episode.qpos):
-        world.place(qpos, {name: each[step] for name, each in poses.items()})
+        world.place(qpos, {name: rows[step] for name, rows in episode.poses.items()})
         for name, picture in world.images(images).items():
             images[name][step] = picture
     said = {**scene_certificate(task, episode.seed, copy), "copy": copy}

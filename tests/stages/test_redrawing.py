@@ -11,7 +11,6 @@ from rf_exp.sim import Simulator
 from rf_exp.stages import Cell, cells, generate_data, redraw
 from rf_exp.store import Store, problems
 from rf_exp.tasks import NONE, Variation, drawn_of, read_variation
-from rf_exp.transforms import from_quaternion
 from tests.conftest import experiment
 
 SMALL = ("task=stack_cube", "picture={width: 64, height: 48}", "cameras=local", "workers=1", "recordings=0")
@@ -32,11 +31,10 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
 @pytest.mark.slow
 def test_put_where_they_were_measured_things_look_as_they_did(cell: Cell) -> None:
     episode = Store.open(cell.data_path).episode(0)
-    poses = {name: from_quaternion(rows.astype(float)) for name, rows in episode.poses.items()}
     with Simulator(cell.task, width_px=64, height_px=48) as world:
         world.reset(episode.seed)
         for step in range(0, len(episode.qpos), 7):
-            world.place(episode.qpos[step], {name: each[step] for name, each in poses.items()})
+            world.place(episode.qpos[step], {name: rows[step] for name, rows in episode.poses.items()})
             seen, before = world.images(["agent1"])["agent1"], episode.images["agent1"][step]
             assert (np.abs(seen.astype(int) - before) > 2).any(axis=2).mean() < 0.005
 
