@@ -12,6 +12,7 @@ import json
 import time
 from dataclasses import replace
 from statistics import median
+from typing import Any
 
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
@@ -43,7 +44,8 @@ def asked(task: str) -> Experiment:
     register_all_tasks()
     with initialize_config_dir(str(CONF), version_base="1.3"):
         node = compose("config", ["recipe=fast", "profile=laptop", f"task={task}"])
-    return read_experiment(OmegaConf.to_container(node, resolve=True))
+    plain: Any = OmegaConf.to_container(node, resolve=True)
+    return read_experiment(plain)
 
 
 def measured(experiment: Experiment, seeds: int, copies: int) -> dict[str, float]:
