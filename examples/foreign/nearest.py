@@ -1,0 +1,60 @@
+"""The lookup: the demonstration whose start is nearest is played back, without looking again.
+
+What it reaches says how hard a task is: it knows the true poses at the start, and nothing after that.
+
+    python -m rf_exp.run stages=[generate] task=lift_barrier demos=50 render=false
+    python -m rf_exp.run stages=[evaluate,report] task=lift_barrier scenes=100 render=false \
+        foreign.name=nearest foreign.factory=examples.foreign.nearest:make foreign.demos=50 \
+        foreign.observations='{state: full, pictures: false}' \
+        'foreign.options={store: outputs/data/lift_barrier/full/fast.zarr, demos: 50}'
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.store import Store
+
+HEADING_M = 0.05  # that turning a thing by a radian counts for
+
+
+class Nearest:
+    """All actions of one demonstration. Where it has ended, the arms stay."""
+
+    def __init__(self, store: str, demos: int) -> None:
+        found = Store.open(store).first(demos)
+        first = np.concatenate([[0], found.episode_ends[:-1]])
+        self._names = found.objects
+        self._starts = np.stack([place({n: found.poses[n][row] for n in self._names}) for row in first])
+        self._actions = found.by_episode(found.executed)
+        self._last: NDArray[np.float32] | None = None  # of what is played back, once it is
+
+    def reset(self, seed: int) -> None:
+        """Nothing is played back yet."""
+        self._last = None
+
+    def act(self, observation: Mapping[str, Any]) -> NDArray[np.float32]:
+        """(T, N, 8): a whole demonstration, then what it ended with."""
+        if self._last is not None:
+            return self._last
+        seen = place({name: observation[f"pose_{name}"] for name in self._names})
+        found = self._actions[int(np.linalg.norm(self._starts - seen, axis=1).argmin())]
+        self._last = found[-1:]
+        return found
+
+
+def place(poses: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:
+    """Position of all things in m, and their heading as a point on a circle, from (7,) poses."""
+    parts = []
+    for pose in poses.values():
+        w, x, y, z = pose[3:]
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        parts += [pose[:3], HEADING_M * np.array([np.cos(yaw), np.sin(yaw)])]
+    return np.concatenate(parts)
+
+
+def make(store: str, demos: int) -> Nearest:
+    """The policy, for `foreign.factory`."""
+    return Nearest(store, demos)
