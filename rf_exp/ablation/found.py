@@ -127,7 +127,7 @@ def robustness(out: Path, suite: Suite) -> Section:
             continue
         lines += [(title_of(task, suite), scene, *each) for each in found]
     return Section(
-        "robustness",
+        "margins",
         "Robustness of demonstrations",
         lead=JUDGED if lines else "",
         texts=Texts(ROBUSTNESS, tuple(lines)) if lines else None,
