@@ -46,7 +46,7 @@ STYLE: dict[Any, Any] = {
 }
 WIDTH_IN = 4.2
 FULLEST = 0.55  # opacity of a cell of a map where all succeeded: numbers on it can be read
-FEW = 3  # tasks whose names fit side by side
+FEW = 3  # tasks whose names fit side by side, and otherwise stand upright
 
 
 def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
@@ -190,18 +190,18 @@ def success_map(
 ) -> str:
     """A cell for each task, side by side, and each factor, one below the other: the fuller the better."""
     with rc_context({**STYLE, "svg.hashsalt": salt, "axes.grid": False}):
-        figure = Figure((WIDTH_IN, 1.3 + 0.24 * len(factors)), layout="constrained")
+        names_in = 0.3 if len(tasks) <= FEW else 1.5
+        figure = Figure((WIDTH_IN, 0.6 + names_in + 0.24 * len(factors)), layout="constrained")
         axes = figure.add_subplot()
         for (task, factor), rate in rates.items():
             if rate.value is None:
                 continue
             x, y = tasks.index(task), factors.index(factor)
             axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=OURS, alpha=FULLEST * rate.value, lw=0))
-            axes.text(x, y, _whole(rate.value), ha="center", va="center", fontsize=9)
+            axes.text(x, y, _whole(rate.value), ha="center", va="center", fontsize=8)
         axes.hlines([k - 0.5 for k in range(len(factors) + 1)], -0.5, len(tasks) - 0.5, colors=FAINT, lw=0.6)
         axes.vlines([k - 0.5 for k in range(len(tasks) + 1)], -0.5, len(factors) - 0.5, colors=FAINT, lw=0.6)
-        slant = {"rotation": 40, "ha": "left"} if len(tasks) > FEW else {}
-        axes.set_xticks(range(len(tasks)), tasks, **slant)
+        axes.set_xticks(range(len(tasks)), tasks, rotation=90 if len(tasks) > FEW else 0)
         axes.set_yticks(range(len(factors)), factors)
         axes.tick_params(top=False, bottom=False, labeltop=True, labelbottom=False)
         axes.set_xlim(-0.5, len(tasks) - 0.5)

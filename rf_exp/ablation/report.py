@@ -45,7 +45,7 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
         _failures(results, suite),
         found.curves(out),
         found.data(out),
-        found.robustness(out, suite),
+        found.margins(out, suite),
         found.pictures(out, results),
         Section(compared.name, compared.title, table=page.laid(compared)),
         found.recordings(out),

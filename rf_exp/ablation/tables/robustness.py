@@ -6,7 +6,7 @@ from statistics import fmean
 
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow, newest
-from rf_exp.ablation.statistics import mean, paired
+from rf_exp.ablation.statistics import paired
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.cells import Difference, Score, Text
@@ -90,8 +90,7 @@ def score(rows: Sequence[EvaluationRow]) -> Score:
     note = f"{lost} scenes were ended before they were judged, and have no score" if lost else ""
     if not known:
         return Score(note=note)
-    interval = mean(known).interval if len(known) > 1 else None
-    return Score(fmean(known), len(known), interval, note, rows[0].version)
+    return Score(fmean(known), len(known), note=note, version=rows[0].version)
 
 
 def _sorted(policy: Policy) -> tuple[object, ...]:
