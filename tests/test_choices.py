@@ -13,7 +13,7 @@ from rf_exp.experiment import Experiment
 from rf_exp.observations import Observations
 from rf_exp.policy import TrainConfig
 from rf_exp.robots import Robot
-from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task
+from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task, Variation
 from rf_exp.types import Arch, ConstraintSet
 from tests.conftest import experiment
 
@@ -71,6 +71,7 @@ WITH_DEFAULTS = {
     TrainConfig,  # its seed is train_seed
     ConstraintSet,  # of who names no row of the ablation
     Observations,  # of environments and policies of others, which are made by hand
+    Variation,  # of tasks that no experiment reads; conf/variation/none.yaml is compared in tests/tasks
 }
 FILES = {  # what a file of conf/ may leave out: kind -> all that conf/ says of such
     Task: TASKS,

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rf_exp.ablation import EvaluationRow, GenerationRow, append_row, load, newest, read_rows
-from rf_exp.artifacts import plain
+from rf_exp.artifacts import canonical, plain
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account, Unmet
 from tests.ablation.conftest import failed
@@ -67,12 +67,12 @@ def test_round_trip(tmp_path: Path, row: GenerationRow | EvaluationRow) -> None:
 def test_the_fields_are_the_contract() -> None:
     assert " ".join(asdict(GENERATION)) == (
         "task constraints brain seed success success_paper steps attempts wall_s version "
-        "violations contacts generator commit schema disturbance_rad delay_s account"
+        "violations contacts generator commit schema disturbance_rad delay_s account variation drawn"
     )
     assert " ".join(asdict(EVALUATION)) == (
         "task arch constraints demos train_seed scene_seed success success_paper steps "
         "step_limit violations wall_s version contacts commit schema shield interventions "
-        "observation disturbance_rad recipe core_s queries account"
+        "observation disturbance_rad recipe core_s queries account variation drawn"
     )
 
 
@@ -83,6 +83,20 @@ def test_a_row_of_this_schema_tells_of_the_shield(tmp_path: Path) -> None:
     )
     with pytest.raises(StageError, match="fields missing: shield"):
         read_rows(tmp_path / "rows.jsonl", EvaluationRow)
+
+
+@pytest.mark.parametrize("kind", [GenerationRow, EvaluationRow])
+def test_a_row_from_before_scenes_varied_is_of_the_clean_world(tmp_path: Path, kind: type) -> None:
+    row = {GenerationRow: GENERATION, EvaluationRow: EVALUATION}[kind]
+    append_row(tmp_path / "now.jsonl", row)
+    values = json.loads((tmp_path / "now.jsonl").read_text())
+    values = {key: value for key, value in values.items() if key not in ("variation", "drawn", "crc32")}
+    values["crc32"] = f"{zlib.crc32(canonical(values)):08x}"
+    (tmp_path / "then.jsonl").write_text(json.dumps(values) + "\n")
+    assert read_rows(tmp_path / "then.jsonl", kind) == (row,)
+    drawn = replace(row, variation="full", drawn={"table_height_m": 0.01})
+    append_row(tmp_path / "now.jsonl", drawn)
+    assert read_rows(tmp_path / "now.jsonl", kind) == (row, drawn) and drawn.identity != row.identity
 
 
 def test_numpy_scalars_become_plain(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from rf_exp.artifacts import digest
 from rf_exp.errors import StageError
 from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
 from rf_exp.policy.bounds import merged
+from rf_exp.policy.config import LEARNER
 from rf_exp.policy.learning.checkpoint import CONFIG, fill, read_tensors, write_tensors
 from rf_exp.policy.networks.diffusion import RefinedHead
 from rf_exp.store import Store
@@ -243,7 +244,7 @@ def test_a_network_that_is_larger_than_its_file_is_refused_before_it_is_made(
         ('{"policy":' * DEEP + "1" + "}" * DEEP, "it holds no JSON"),
         ("[]", "holds a list; expected an object"),
         ("{}", "by version None of the learner"),
-        ('{"learner": 6}', "does not say 'view'"),
+        (f'{{"learner": {LEARNER}}}', "does not say 'view'"),
         ("3", "holds a int; expected an object"),
         ("", "it is empty"),
         ('{"a": NaN}', "describes no policy"),

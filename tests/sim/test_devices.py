@@ -79,13 +79,12 @@ def test_cameras_see_from_where_they_were_drawn() -> None:
 
 @pytest.mark.render
 def test_pictures_are_noisy_and_of_their_exposure_each_time_alike() -> None:
-    size = {"width_px": 64, "height_px": 48}
-    with Simulator(CLEAN, **size) as world:
+    with Simulator(CLEAN, width_px=64, height_px=48) as world:
         world.reset(SEED)
         clean = world.images()
     noisy = replace(CLEAN, variation=Variation("noise", exposure=0.3, pixel_noise=10.0))
     gain = noisy.start(SEED).devices.gain
-    with Simulator(noisy, **size) as world:
+    with Simulator(noisy, width_px=64, height_px=48) as world:
         world.reset(SEED)
         seen, again = world.images(), world.images(["agent2"])
         np.testing.assert_array_equal(seen["agent2"], again["agent2"])
