@@ -6,6 +6,7 @@
 from rf_exp.tasks import assets, predicates
 from rf_exp.tasks.task import (
     CONFIGURED,
+    FACTORS,
     NONE,
     TABLE_CENTRE_M,
     TABLE_M,
@@ -32,6 +33,7 @@ from rf_exp.tasks.task import (
 
 __all__ = [
     "CONFIGURED",
+    "FACTORS",
     "NONE",
     "TABLE_CENTRE_M",
     "TABLE_M",

@@ -87,7 +87,7 @@ def score(rows: Sequence[EvaluationRow]) -> Score:
     """The mean of the scores that are known."""
     known = [row.score for row in rows if row.score is not None]
     lost = len(rows) - len(known)
-    note = f"{lost} scenes were ended before they were judged, and have no score" if lost else ""
+    note = f"ended before they were judged, and without a score: {lost}" if lost else ""
     if not known:
         return Score(note=note)
     return Score(fmean(known), len(known), note=note, version=rows[0].version)
