@@ -85,7 +85,8 @@ def test_robustness_sweeps_over_every_choice_of_variation_for_policies_of_both_k
     assert list(values["task"]) == ["lift_barrier", "two_robots_stack_cube"]
     assert values["out"] == composed("experiment=benchmark")["out"]  # whose policies are those of `none`
     jobs = BasicSweeper.split_arguments(
-        OverridesParser.create(config_loader()).parse_overrides([f"{key}={of}" for key, of in swept.items()]), None
+        OverridesParser.create(config_loader()).parse_overrides([f"{key}={of}" for key, of in swept.items()]),
+        None,
     )[0]
     chosen = {tuple(override.partition("=")[2] for override in job) for job in jobs}
     names = {path.stem for path in (CONF / "variation").glob("*.yaml")}

@@ -85,9 +85,7 @@ def build(results: Results, suite: Suite) -> dict[str, Table]:
     """Every table, by name, for a suite of tasks; `robustness` where anything varied."""
     usual = unvaried(results)
     own = ours(usual)  # no table of ours counts rollouts of others
-    tables = {
-        name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()
-    }
+    tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
     notes = learnt_from(own)
     tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
     varied = robustness(results, suite)

@@ -17,7 +17,9 @@ from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_vio
 from rf_exp.types import UNVARIED
 
 ALL = "full"  # the variation of all factors together, which comes last
-Policy = tuple[str, str, str, int, bool, str]  # task, recipe, learned on, demonstrations, shielded, architecture
+Policy = tuple[
+    str, str, str, int, bool, str
+]  # task, recipe, learned on, demonstrations, shielded, architecture
 
 
 def robustness(results: Results, suite: Suite) -> Table:

@@ -65,7 +65,9 @@ def test_each_variation_is_paired_with_the_same_scenes_without_it() -> None:
 def test_policies_by_what_they_learned_on_have_lines_of_their_own_and_all_factors_come_last() -> None:
     rows = [acted(9, 1, recipe=recipe, variation=name) for recipe in ("fast+full", "fast") for name in NAMES]
     found = table(evaluated(*rows))
-    said = [[at(found, line.key, key).value for key in ("recipe", "learned_on", "scenes")] for line in found.lines]
+    said = [
+        [at(found, line.key, key).value for key in ("recipe", "learned_on", "scenes")] for line in found.lines
+    ]
     order = ["none", "light", "table", "full"]
     assert said == [["fast", learned, name] for learned in ("none", "full") for name in order]
 
@@ -83,7 +85,8 @@ def test_no_other_table_counts_scenes_that_vary_or_policies_that_learned_in_them
         ),
     )  # fmt: skip
     more = Results(
-        usual.generation + tuple(replace(row, variation="light") for row in generation("lift_barrier", "full", 0, 9)),
+        usual.generation
+        + tuple(replace(row, variation="light") for row in generation("lift_barrier", "full", 0, 9)),
         usual.evaluation
         + tuple(replace(row, variation="light", success=False) for row in usual.evaluation)
         + tuple(acted(0, 9, recipe="fast+full"))
@@ -100,7 +103,10 @@ def test_a_foreign_policy_is_in_it_by_its_whole_name() -> None:
     rows = evaluation("lift_barrier", "foreign", 0, 6, 4, recipe="pi0+lora", variation="light")
     found = table(evaluated(rows))
     (line,) = found.lines
-    assert [at(found, line.key, key).value for key in ("recipe", "learned_on")] == ["pi0+lora, foreign", "none"]
+    assert [at(found, line.key, key).value for key in ("recipe", "learned_on")] == [
+        "pi0+lora, foreign",
+        "none",
+    ]
 
 
 def test_the_score_is_the_mean_of_those_that_are_known() -> None:
