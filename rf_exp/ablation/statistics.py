@@ -69,9 +69,9 @@ class Paired:
 def paired(pairs: Sequence[tuple[bool, bool]], confidence: float = CONFIDENCE) -> Paired:
     """The difference of the rates of first and second, where each pair is one scene, tried both ways.
 
-    The interval is Newcombe's method 10 for pairs (Statistics in Medicine 17:2635): Wilson's intervals of both
-    rates, put together by how much the two go together. `p` is of McNemar's exact test: of the pairs that
-    differ, half are expected to differ either way. Raises ArgumentError where there are no pairs.
+    The interval is Newcombe's method 10 for pairs (Statistics in Medicine 17:2635-2650): Wilson's intervals
+    of both rates, put together by how much the two go together. `p` is of McNemar's exact test: of the pairs
+    that differ, half are expected to differ either way. Raises ArgumentError where there are no pairs.
     """
     if not pairs:
         raise ArgumentError("a paired difference without pairs; expected at least one scene tried both ways")

@@ -50,7 +50,7 @@ def pairs(both: int, first: int, second: int, neither: int) -> list[tuple[bool, 
 
 @pytest.mark.parametrize(
     ("table", "low", "high", "p"),
-    [  # Fagerland, Lydersen, Laake 2014, Statistics in Medicine 33:2850, both examples: Newcombe, exact McNemar
+    [  # Fagerland, Lydersen, Laake 2014, Statistics in Medicine 33:2850: Newcombe, and McNemar's exact test
         ((1, 1, 7, 12), -0.507, -0.026, 0.0703),
         ((59, 6, 16, 80), -0.1186, -0.0046, 0.0525),
     ],

@@ -42,9 +42,9 @@ def robustness(results: Results, suite: Suite) -> Table:
     return Table(
         "robustness",
         "Robustness",
-        "Strict success where scenes vary by one factor, and by all of them (full): conf/variation says which "
-        "and how far. Difference: to the same policies in the same scenes without variation, with Newcombe's "
-        "interval for pairs and McNemar's exact p. Score: how far a rollout came, the largest part of the "
+        "Strict success where scenes vary by one factor, and by all of them (full); conf/variation says by "
+        "which and how far. Difference: to the same policies in the same scenes without variation, with "
+        "Newcombe's interval for pairs and McNemar's exact p. Score: how far a rollout came, the largest part of the "
         f"strict conditions that held at once; 1 is success. {notes.ROLLOUT_VIOLATIONS}",
         "Task",
         (
