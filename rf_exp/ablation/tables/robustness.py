@@ -44,8 +44,8 @@ def robustness(results: Results, suite: Suite) -> Table:
         "Robustness",
         "Strict success where scenes vary by one factor, and by all of them (full); conf/variation says by "
         "which and how far. Difference: to the same policies in the same scenes without variation, with "
-        "Newcombe's interval for pairs and McNemar's exact p. Score: how far a rollout came, the largest part of the "
-        f"strict conditions that held at once; 1 is success. {notes.ROLLOUT_VIOLATIONS}",
+        "Newcombe's interval for pairs and McNemar's exact p. Score: how far a rollout came, the "
+        f"largest part of the strict conditions that held at once; 1 is success. {notes.ROLLOUT_VIOLATIONS}",
         "Task",
         (
             Column("recipe", "Recipe", Text),
