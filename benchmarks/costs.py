@@ -18,7 +18,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from rf_exp.ablation import load
+from rf_exp.ablation import load, unvaried
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.datagen import make_episode
 from rf_exp.experiment import Experiment, read_experiment
@@ -81,7 +81,7 @@ def main() -> None:
         made = demonstrations_s(experiment, given.seeds)
         print(yaml.safe_dump({task: round(each, 2) for task, each in made.items()}, sort_keys=False))
         return
-    evaluated = [row for row in load(ROOT).evaluation if row.recipe == experiment.recipe]
+    evaluated = [row for row in unvaried(load(ROOT)).evaluation if row.recipe == experiment.recipe]
     tasks = {}
     for task, made_s in demonstrations_s(experiment, given.seeds).items():
         scenes = [row.wall_s for row in evaluated if row.task == task]

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from policies import cells, of_fast, percent, rate
+from policies import cells, measured, of_fast, percent, rate
 
 from rf_exp.ablation import (
     BASELINE_ARCH,
@@ -17,7 +17,6 @@ from rf_exp.ablation import (
     Estimate,
     GenerationRow,
     configured,
-    load,
     mean,
     paper,
     read_rows,
@@ -31,7 +30,7 @@ ROOT = Path(__file__).parents[1]
 
 def policies() -> str:
     """The rates of our recipe at the largest number of demonstrations beside the paper's."""
-    found, most = of_fast(cells(load(ROOT).evaluation)), paper().demos[-1]
+    found, most = of_fast(cells(measured())), paper().demos[-1]
     lines = [
         (
             title_of(task, configured()),

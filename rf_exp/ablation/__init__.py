@@ -14,7 +14,7 @@ from rf_exp.ablation.results import (
 )
 from rf_exp.ablation.rollouts import FILM, PICTURE, of_training_seed, rollout_name, rows_file, worth_seeing
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow, append_row, newest, row_of
-from rf_exp.ablation.statistics import Estimate, difference, mean, wilson
+from rf_exp.ablation.statistics import Estimate, Paired, difference, mean, paired, wilson
 from rf_exp.ablation.suite import configured, facts
 from rf_exp.ablation.tables import (
     BASELINE_ARCH,
@@ -24,7 +24,9 @@ from rf_exp.ablation.tables import (
     core_minutes,
     is_baseline,
     paper,
+    robustness,
     title_of,
+    unvaried,
 )
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "Estimate",
     "EvaluationRow",
     "GenerationRow",
+    "Paired",
     "Paper",
     "Published",
     "Results",
@@ -50,16 +53,19 @@ __all__ = [
     "mean",
     "newest",
     "of_training_seed",
+    "paired",
     "paper",
     "publish",
     "read_curves",
     "read_published",
     "read_rows",
+    "robustness",
     "rollout_name",
     "row_of",
     "rows_file",
     "show",
     "title_of",
+    "unvaried",
     "wilson",
     "worth_seeing",
     "write_published",

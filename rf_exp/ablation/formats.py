@@ -20,9 +20,11 @@ from rf_exp.ablation.tables import (
     MISSING,
     Cell,
     Column,
+    Difference,
     Length,
     Line,
     Rate,
+    Score,
     Table,
     Text,
     Violations,
@@ -37,6 +39,7 @@ NAME_WIDTH = 18  # characters of a row's title on the terminal, where longer one
 CSV_FIELDS = (
     *("table", "row", "column", "unit", "status", "value", "low", "high", "n"),
     *("success_paper", "paper", "version", "note", "mean_violations", "clean", "clean_low", "clean_high"),
+    "p",
 )
 
 
@@ -49,7 +52,7 @@ def notes(table: Table) -> list[str]:
         f"{line.title}, {column.title}: {cell.note}."
         for line in table.lines
         for column, cell in zip(table.columns, line.cells, strict=True)
-        if isinstance(cell, Rate | Length) and cell.note
+        if isinstance(cell, Rate | Length | Difference | Score) and cell.note
     ]
     return [*table.notes, *placed]
 

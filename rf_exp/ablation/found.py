@@ -110,7 +110,7 @@ def data(out: Path) -> Section:
     return Section("data", "Demonstrations", panels=tuple(drawn), notes=tuple(notes))
 
 
-def robustness(out: Path, suite: Suite) -> Section:
+def margins(out: Path, suite: Suite) -> Section:
     """Of every demonstration below `out/demonstrations`; empty where there is none.
 
     Read from what lies beside its page, so nothing is judged again, and rtamt is not needed here.
@@ -127,7 +127,7 @@ def robustness(out: Path, suite: Suite) -> Section:
             continue
         lines += [(title_of(task, suite), scene, *each) for each in found]
     return Section(
-        "robustness",
+        "margins",
         "Robustness of demonstrations",
         lead=JUDGED if lines else "",
         texts=Texts(ROBUSTNESS, tuple(lines)) if lines else None,

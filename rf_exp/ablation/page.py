@@ -8,7 +8,7 @@ from math import ceil
 from pathlib import Path
 
 from rf_exp.ablation import formats
-from rf_exp.ablation.tables import CLEAN, Column, Table, Text
+from rf_exp.ablation.tables import CLEAN, Column, Difference, Score, Table, Text
 from rf_exp.artifacts import rendered
 
 ABREAST = 5  # columns of figures that a page of 1400 pixels holds
@@ -92,7 +92,8 @@ def document(title: str, source: str, sections: list[Section]) -> str:
 def laid(table: Table) -> Laid:
     """Caption, table and notes, ready for the page."""
     long = [i for i in range(len(table.columns)) if formats.is_long(table, i)]
-    texts = [i for i, column in enumerate(table.columns) if column.kind is Text and i not in long]
+    alone = (Text, Difference, Score)  # what the paper has no figure of, and no violations
+    texts = [i for i, column in enumerate(table.columns) if column.kind in alone and i not in long]
     figures = [index for index, _ in table.compared]
     rows = max(1, ceil(len(figures) / ABREAST))
     each = ceil(len(figures) / rows)

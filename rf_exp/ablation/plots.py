@@ -11,8 +11,9 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
-from rf_exp.ablation.tables import Cell, Column, Length, Line, Rate, Table, Text
+from rf_exp.ablation.tables import Cell, Column, Length, Line, Rate, Table, Text, in_order
 
 # Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
 INK, FAINT = "#010203", "#040506"
@@ -44,6 +45,8 @@ STYLE: dict[Any, Any] = {
     "legend.frameon": False,
 }
 WIDTH_IN = 4.2
+FULLEST = 0.55  # opacity of a cell of a map where all succeeded: numbers on it can be read
+FEW = 3  # tasks whose names fit side by side, and otherwise stand upright
 
 
 def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
@@ -161,6 +164,57 @@ def panels(table: Table) -> list[tuple[str, str]]:
         for index, column in enumerate(table.columns)
         if column.compared and measured([line.cells[index] for line in table.lines])
     ]
+
+
+def maps(table: Table) -> list[tuple[str, str]]:
+    """(title, SVG) for each policy of the table of robustness: strict success by task and by factor."""
+    places = {column.key: index for index, column in enumerate(table.columns)}
+    found: dict[str, dict[tuple[str, str], Rate]] = {}
+    for line in table.lines:
+        recipe, learned, demos, scenes, rate = (
+            line.cells[places[key]] for key in ("recipe", "learned_on", "demos", "scenes", "strict")
+        )
+        assert isinstance(scenes, Text) and isinstance(rate, Rate)
+        policy = f"{recipe.figure}, learned on {learned.figure}, {demos.figure} demos"
+        found.setdefault(policy, {})[line.title, scenes.figure] = rate
+    tasks = list(dict.fromkeys(line.title for line in table.lines))
+    factors = in_order(factor for rates in found.values() for _, factor in rates)
+    return [
+        (policy, success_map(rates, tasks, factors, f"{table.name}-{policy}"))
+        for policy, rates in found.items()
+    ]
+
+
+def success_map(
+    rates: Mapping[tuple[str, str], Rate], tasks: Sequence[str], factors: Sequence[str], salt: str
+) -> str:
+    """A cell for each task, side by side, and each factor, one below the other: the fuller the better."""
+    with rc_context({**STYLE, "svg.hashsalt": salt, "axes.grid": False}):
+        names_in = 0.3 if len(tasks) <= FEW else 1.5
+        figure = Figure((WIDTH_IN, 0.6 + names_in + 0.24 * len(factors)), layout="constrained")
+        axes = figure.add_subplot()
+        for (task, factor), rate in rates.items():
+            if rate.value is None:
+                continue
+            x, y = tasks.index(task), factors.index(factor)
+            axes.add_patch(Rectangle((x - 0.5, y - 0.5), 1, 1, fc=OURS, alpha=FULLEST * rate.value, lw=0))
+            axes.text(x, y, _whole(rate.value), ha="center", va="center", fontsize=8)
+        axes.hlines([k - 0.5 for k in range(len(factors) + 1)], -0.5, len(tasks) - 0.5, colors=FAINT, lw=0.6)
+        axes.vlines([k - 0.5 for k in range(len(tasks) + 1)], -0.5, len(factors) - 0.5, colors=FAINT, lw=0.6)
+        axes.set_xticks(range(len(tasks)), tasks, rotation=90 if len(tasks) > FEW else 0)
+        axes.set_yticks(range(len(factors)), factors)
+        axes.tick_params(top=False, bottom=False, labeltop=True, labelbottom=False)
+        axes.set_xlim(-0.5, len(tasks) - 0.5)
+        axes.set_ylim(len(factors) - 0.5, -0.5)
+        axes.spines["bottom"].set_visible(False)
+        axes.set_xlabel("strict success, %")
+        return _svg(figure, axes)
+
+
+def _whole(share: float) -> str:
+    """In whole per cent, but for what would be none or all by rounding alone."""
+    whole = round(100 * share)
+    return f"{100 * share:.1f}" if whole in (0, 100) and whole != 100 * share else str(whole)
 
 
 def _svg(figure: Figure, axes: Axes) -> str:

@@ -12,6 +12,7 @@ from rf_exp.ablation.suite import Suite, configured
 from rf_exp.ablation.tables import Table, paper, title_of
 from rf_exp.artifacts import write_text
 from rf_exp.errors import StageError
+from rf_exp.types import UNVARIED
 
 REASONS = 30  # at most so many in one report; more are counted
 
@@ -44,7 +45,7 @@ def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -
         _failures(results, suite),
         found.curves(out),
         found.data(out),
-        found.robustness(out, suite),
+        found.margins(out, suite),
         found.pictures(out, results),
         Section(compared.name, compared.title, table=page.laid(compared)),
         found.recordings(out),
@@ -68,10 +69,13 @@ def _summary(results: Results) -> Section:
         tiles.append(Tile(f"{made} of {tried}", words))
         if hours:
             tiles.append(Tile(f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
-    own = tables.ours(results)
+    own = tables.unvaried(tables.ours(results))
     for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
         if any(row.shield is shield for row in own.evaluation):
             tiles += _rollout_tiles(own, kind, shield)
+    if varied := [row for row in results.evaluation if row.variation != UNVARIED]:
+        won = sum(row.success for row in varied)
+        tiles.append(Tile(f"{won} of {len(varied)}", "rollouts in scenes that vary succeeded"))
     tasks = {row.task for row in (*results.generation, *results.evaluation)}
     tiles.append(Tile(str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
     command = "" if tried or results.evaluation else "python -m rf_exp.run"
@@ -98,6 +102,8 @@ def _table(table: Table) -> Section:
             if not line.average and plots.measured(line.cells)
             if table.cell(line.key, "recipe") == first
         ]
+    elif table.name == "robustness":
+        drawn = plots.maps(table)
     elif table.name == "tasks":
         drawn = []  # its figures are drawn with the other tables
     else:
@@ -138,9 +144,10 @@ def _failures(results: Results, suite: Suite) -> Section:
     reasons: Counter[tuple[str, str, str]] = Counter()
     tried: Counter[tuple[str, str]] = Counter()
     for row in results.generation:
-        tried[row.task, row.constraints] += 1
+        made = row.task, row.constraints + f", in {row.variation}" * (row.variation != UNVARIED)
+        tried[made] += 1
         if not row.success:
-            reasons[row.task, row.constraints, row.account.kind] += 1
+            reasons[(*made, row.account.kind)] += 1
     lines = [
         (title_of(task, suite), constraints, reason, f"{count} of {tried[task, constraints]}")
         for (task, constraints, reason), count in reasons.most_common(REASONS)

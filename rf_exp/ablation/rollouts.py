@@ -59,9 +59,12 @@ def rollout_file(row: EvaluationRow, suffix: str) -> Path:
 
 
 def learnt_from(row: EvaluationRow) -> str:
-    """What the policies of a rollout have learnt from, and how, in words."""
+    """What the policies of a rollout have learnt from, how, and where they acted, in words."""
     trained = f", training seed {row.train_seed}" if row.train_seed else ""
+    acting = ", shielded" * row.shield
+    if row.variation != UNVARIED:
+        acting += f", in scenes of {row.variation}"
     if row.arch == FOREIGN.name:
-        return f"a policy of others, {row.recipe}{trained}{', shielded' * row.shield}"
+        return f"a policy of others, {row.recipe}{trained}{acting}"
     recipe = f", recipe {row.recipe}" if row.recipe != "paper" else ""
-    return f"{row.constraints}, {row.demos} demonstrations{recipe}{trained}{', shielded' * row.shield}"
+    return f"{row.constraints}, {row.demos} demonstrations{recipe}{trained}{acting}"

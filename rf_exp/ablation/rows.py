@@ -21,11 +21,12 @@ from rf_exp.artifacts import append_line, canonical, plain, read_lines, restored
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account
 from rf_exp.texts import printable
-from rf_exp.types import UNVARIED
+from rf_exp.types import FOREIGN, UNVARIED
 
 SCHEMA = 8
 LATER = {"later": True}  # of a field that rows did not always have: theirs is the default
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
+_ROUNDS = re.compile(r"dagger\d+")  # of correction
 _WORD = re.compile(r"[\w.+=-]{0,100}")  # what a task, a recipe, a version, a commit are called
 
 
@@ -141,6 +142,22 @@ class EvaluationRow(_Row):
     def reason(self) -> str:
         """Why it failed, in words; empty when it did not."""
         return "" if self.success else self.account.reason
+
+    @property
+    def score(self) -> float | None:
+        """How far it came, from 0 to 1, which is success; None where it was ended before it was judged.
+
+        It is in the account, so rows that are older than the score have theirs.
+        """
+        if self.success:
+            return 1.0
+        return None if self.account.closest is None else self.account.closest.score
+
+    @property
+    def learned_on(self) -> str:
+        """The variation of the demonstrations, which recipes name: RECIPE+VARIATION+daggerROUNDS."""
+        named = [part for part in self.recipe.split("+")[1:] if not _ROUNDS.fullmatch(part)]
+        return "+".join(named) if named and self.arch != FOREIGN.name else UNVARIED
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)

@@ -2,7 +2,7 @@
 
 Small samples are the rule here (20 scenes, 100 scenes), so proportions use Wilson's score interval
 and Newcombe's method 10 for differences, which stay inside [0, 1] and keep their coverage near the
-ends: R. G. Newcombe, Statistics in Medicine 17 (1998), pp. 857-872 and 873-890.
+ends: R. G. Newcombe, Statistics in Medicine 17 (1998), pp. 857-872, 873-890 and, of pairs, 2635-2650.
 """
 
 from collections.abc import Sequence
@@ -56,6 +56,53 @@ def difference(a: Estimate, b: Estimate) -> Estimate:
     low = gap - sqrt((a.value - a.low) ** 2 + (b.high - b.value) ** 2)
     high = gap + sqrt((a.high - a.value) ** 2 + (b.value - b.low) ** 2)
     return Estimate(gap, low, high, min(a.n, b.n))
+
+
+@dataclass(frozen=True)
+class Paired:
+    """A difference of two rates over the same scenes, and how likely one as large is by chance."""
+
+    estimate: Estimate  # `n` are pairs
+    p: float  # two-sided
+
+
+def paired(pairs: Sequence[tuple[bool, bool]], confidence: float = CONFIDENCE) -> Paired:
+    """The difference of the rates of first and second, where each pair is one scene, tried both ways.
+
+    The interval is Newcombe's method 10 for pairs (Statistics in Medicine 17:2635-2650): Wilson's intervals
+    of both rates, put together by how much the two go together. `p` is of McNemar's exact test: of the pairs
+    that differ, half are expected to differ either way. Raises ArgumentError where there are no pairs.
+    """
+    if not pairs:
+        raise ArgumentError("a paired difference without pairs; expected at least one scene tried both ways")
+    n = len(pairs)
+    both = sum(a and b for a, b in pairs)
+    first, second = sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)
+    one, other = wilson(both + first, n, confidence), wilson(both + second, n, confidence)
+    along = _correlation(both, first, second, n - both - first - second)
+    below, above = one.value - one.low, one.high - one.value
+    other_below, other_above = other.value - other.low, other.high - other.value
+    gap = (first - second) / n
+    low = gap - _hypotenuse(below, other_above, along)
+    high = gap + _hypotenuse(above, other_below, along)
+    differ = first + second
+    p = float(binomtest(first, differ).pvalue) if differ else 1.0
+    return Paired(Estimate(gap, low, high, n), p)
+
+
+def _correlation(both: int, first: int, second: int, neither: int) -> float:
+    """Phi of a table of two by two, with the correction for continuity of method 10; 0 where it has none."""
+    product = (both + first) * (second + neither) * (both + second) * (first + neither)
+    if not product:
+        return 0.0
+    excess = both * neither - first * second
+    if excess > 0:
+        excess = max(excess - (both + first + second + neither) / 2, 0.0)
+    return excess / sqrt(product)
+
+
+def _hypotenuse(a: float, b: float, along: float) -> float:
+    return sqrt(max(a * a - 2 * along * a * b + b * b, 0.0))
 
 
 def mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:

@@ -18,7 +18,7 @@ from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.observations import ObservationDict, Observations, observe
 from rf_exp.sim import Simulator
-from rf_exp.tasks import NONE, SuccessEvaluator, Task, Variation, drawn_of, labels, read_variation
+from rf_exp.tasks import NONE, Ledger, SuccessEvaluator, Task, Variation, drawn_of, labels, read_variation
 from rf_exp.types import CONTROL_HZ, Scene
 
 RENDER_MODES = ("rgb_array",)
@@ -131,10 +131,12 @@ class Episode:
         self.scene, self._verdict, self._violation = start, self._judge(start), monitor(start)
         self._success_paper = self._verdict.success_paper
         self._violations = int(self._violation is not None)
+        self._ledger = Ledger()
 
     def see(self, scene: Scene) -> None:
         """The next control step has been made."""
         self.scene, self._verdict, self._violation = scene, self._judge(scene), self._monitor(scene)
+        self._ledger.see(scene, self._verdict)
         self._success_paper |= self._verdict.success_paper
         self._violations += self._violation is not None
 
@@ -159,6 +161,7 @@ class Episode:
             "seed": self.seed,
             "success": self.success,  # by the strict criterion
             "success_paper": self._success_paper,  # by the paper's, at some step until now
+            "score": self._ledger.score,  # how far it has come, from 0 to 1, which is success
             "conditions": dict(self._verdict.evidence),  # of the strict one, as they are now
             "measured": {name: found.value for name, found in self._verdict.measured.items()},
             "violation": "" if self._violation is None else self._violation.sentence,  # of this step

@@ -48,6 +48,14 @@ class Closest:
     steps: int  # control steps for which all of them held, at most
 
     @property
+    def score(self) -> float:
+        """How far a failure came, from 0 to 1: the part of the conditions that held at once.
+
+        That they hold for as long as is asked is one more, which no failure meets: only success is 1.
+        """
+        return self.holding / (self.of + 1)
+
+    @property
     def sentence(self) -> str:
         long = f", for {self.steps} steps" if self.steps else ""
         when = f" ({self.time_s:.2f} s{long})" if self.holding else ""

@@ -5,7 +5,7 @@ from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.artifacts import owned
 
-SHOWN = ("architectures", "recipes", "shield", "ablation_success", "ablation_length")
+SHOWN = ("architectures", "recipes", "shield", "robustness", "ablation_success", "ablation_length")
 
 
 def write_tables(experiment: Experiment) -> None:
@@ -13,7 +13,7 @@ def write_tables(experiment: Experiment) -> None:
     with owned(experiment.out / "report.html"):
         tables, report = publish(experiment.out, {**configured(), **facts(experiment.tasks)})
     for name in SHOWN:
-        if tables[name].lines:
+        if name in tables and tables[name].lines:
             show(tables[name], console)
     recordings = sorted((experiment.out / "recordings").rglob("*.rrd"))
     console.print(f"report: {report}")

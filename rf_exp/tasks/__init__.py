@@ -6,6 +6,7 @@
 from rf_exp.tasks import assets, predicates
 from rf_exp.tasks.task import (
     CONFIGURED,
+    FACTORS,
     NONE,
     PHYSICAL,
     TABLE_CENTRE_M,
@@ -33,6 +34,7 @@ from rf_exp.tasks.task import (
 
 __all__ = [
     "CONFIGURED",
+    "FACTORS",
     "NONE",
     "PHYSICAL",
     "TABLE_CENTRE_M",

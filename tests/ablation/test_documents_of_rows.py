@@ -2,13 +2,16 @@
 
 import re
 import runpy
+from dataclasses import fields
 from pathlib import Path
 from statistics import fmean
 
 import pytest
 
-from rf_exp.ablation import PUBLISHED, GenerationRow, load, read_rows
-from rf_exp.tasks import Task
+from rf_exp.ablation import PUBLISHED, GenerationRow, Results, load, read_rows
+from rf_exp.command import CONF
+from rf_exp.tasks import Task, Variation
+from tests.ablation.conftest import evaluation
 
 DOCS = Path(__file__).parents[2] / "docs"
 DATA = re.compile(r"<dc:description>(.*?)</dc:description>", re.DOTALL)
@@ -17,7 +20,8 @@ DATA = re.compile(r"<dc:description>(.*?)</dc:description>", re.DOTALL)
 @pytest.mark.slow
 def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DOCS)
-    script, rows = runpy.run_path(str(DOCS / "policies.py")), load(DOCS.parent).evaluation
+    script = runpy.run_path(str(DOCS / "policies.py"))
+    rows = script["measured"]()
     for path, written in script["documents"](rows).items():
         assert path.read_text("utf-8") == written, "run: python docs/policies.py"
     # Lines are drawn a little otherwise by another matplotlib; what they show must be the same.
@@ -25,6 +29,28 @@ def test_the_pages_of_policies_are_what_their_script_writes(monkeypatch: pytest.
     shown = runpy.run_path(str(DOCS / "figure.py"))["described"](panels)
     (told,) = DATA.findall((DOCS / "images" / "policies.svg").read_text("utf-8"))
     assert told == shown, "run: python docs/policies.py"
+
+
+def test_the_page_of_robustness_is_what_its_script_writes() -> None:
+    script = runpy.run_path(str(DOCS / "robustness.py"))
+    assert script["PAGE"].read_text("utf-8") == script["document"](load(DOCS.parent)), (
+        "run: python docs/robustness.py"
+    )
+
+
+def test_the_page_of_robustness_tells_of_every_choice_and_shows_rows_once_there_are_some() -> None:
+    """And says that there are none as long as there are none."""
+    script = runpy.run_path(str(DOCS / "robustness.py"))
+    names = {path.stem for path in (CONF / "variation").glob("*.yaml")}
+    assert set(script["choices"]()) == names
+    assert all(line[2] == "nothing" for line in map(script["factor"], names) if line[0] == "`none`")
+    told = dict(script["keys"]())
+    assert set(told) == {f"`{each.name}`" for each in fields(Variation) if each.name != "name"}
+    rows = evaluation("lift_barrier", "separate_local", 150, 2, 1, recipe="fast")
+    rows += evaluation("lift_barrier", "separate_local", 150, 1, 2, recipe="fast", variation="light")
+    assert "Nothing yet" in script["document"](Results(evaluation=tuple(rows[:3])))
+    page = script["document"](Results(evaluation=tuple(rows)))
+    assert "Nothing yet" not in page and "| Lift Barrier | fast | none | 150 | light | **33.3 %**" in page
 
 
 @pytest.mark.slow

@@ -4,6 +4,10 @@ from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
+from hydra._internal.utils import create_config_search_path
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
 from rf_exp.ablation import paper
@@ -72,3 +76,26 @@ def test_benchmark_sweeps_over_the_paper_s_demonstrations() -> None:
     assert list(values["arch"]) == ["separate_local"]
     swept = [int(count) for count in values["hydra"]["sweeper"]["params"]["demos"].split(",")]
     assert swept == list(paper().demos)
+
+
+@pytest.mark.slow
+def test_robustness_sweeps_over_every_choice_of_variation_for_policies_of_both_kinds() -> None:
+    values = composed("experiment=robustness")
+    swept = values["hydra"]["sweeper"]["params"]
+    assert list(values["task"]) == ["lift_barrier", "two_robots_stack_cube"]
+    assert values["out"] == composed("experiment=benchmark")["out"]  # whose policies are those of `none`
+    jobs = BasicSweeper.split_arguments(
+        OverridesParser.create(config_loader()).parse_overrides([f"{key}={of}" for key, of in swept.items()]),
+        None,
+    )[0]
+    chosen = {tuple(override.partition("=")[2] for override in job) for job in jobs}
+    names = {path.stem for path in (CONF / "variation").glob("*.yaml")}
+    assert chosen == {(learned, acted) for learned in ("none", "full") for acted in names}
+    learned, acted = experiment("variation=full"), experiment("variation=none", "variation@evaluated=full")
+    assert (learned.method, learned.evaluated.name) == ("test+full", "full")
+    assert (acted.method, acted.evaluated.name) == ("test", "full")
+
+
+def config_loader() -> ConfigLoaderImpl:
+    """What Hydra asks which choices there are."""
+    return ConfigLoaderImpl(create_config_search_path(str(CONF)))

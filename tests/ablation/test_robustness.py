@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rf_exp.ablation import configured
-from rf_exp.ablation.found import robustness
+from rf_exp.ablation.found import margins
 from rf_exp.ablation.report import write_report
 from rf_exp.datagen import Settings
 from rf_exp.datagen.brain import ScriptedSpec
@@ -41,7 +41,7 @@ def test_what_rtamt_found_is_in_the_report(tmp_path: Path) -> None:
         for each in check["formulas"]
         if each["unit"] == "m" and each["robustness"] is not None
     ]
-    found = robustness(tmp_path, configured()).texts
+    found = margins(tmp_path, configured()).texts
     assert found is not None
     told = [row for row in found.rows if row[3].endswith(" m")]
     assert told and told[0][:2] == (task.title, "0") and told[0][3] == f"{min(in_metres):.3g} m"
@@ -53,7 +53,7 @@ def test_the_least_margin_of_each_unit_is_told(tmp_path: Path) -> None:
     kept(
         tmp_path, [formula("m", 0.2), formula("N", 3.0)], [formula("m", -0.0125, False)], [formula("m", None)]
     )
-    found = robustness(tmp_path, configured()).texts
+    found = margins(tmp_path, configured()).texts
     assert found is not None
     assert [row[1:] for row in found.rows] == [
         ("3", "1", "3 N", "Check(0): always(x_N >= 0)"),
@@ -73,4 +73,4 @@ def test_a_report_without_demonstrations_does_not_speak_of_robustness(tmp_path: 
 def test_a_damaged_file_is_told(tmp_path: Path) -> None:
     kept(tmp_path)
     (tmp_path / "demonstrations" / "lift_barrier-3.json").write_text("{")
-    assert "lift_barrier-3.json: cannot be read" in robustness(tmp_path, configured()).notes[0]
+    assert "lift_barrier-3.json: cannot be read" in margins(tmp_path, configured()).notes[0]

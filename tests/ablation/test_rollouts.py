@@ -5,11 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, worth_seeing
-from rf_exp.ablation.rollouts import rollout_file
-from rf_exp.findings import Account, Closest, Lost, Touch, Unmet
+from rf_exp.ablation import EvaluationRow, load, worth_seeing
+from rf_exp.ablation.rollouts import learnt_from, rollout_file
+from rf_exp.findings import NOTHING, Account, Closest, Lost, Touch, Unmet
 from tests.ablation.conftest import evaluation
 
+ROOT = Path(__file__).parents[2]
 UP = Account(unmet=(Unmet("up", 0.0, 0.02, 0.11, 0.15, "m", True),), closest=Closest(0, 1, 0.0, 0))
 UP_LATER = Account(unmet=(Unmet("up", 3.1, 0.1, 0.2, 0.15, "m", True),), closest=Closest(1, 1, 0.05, 1))
 TOUCHED = replace(UP, touches=(Touch((1, 2), 0.1, 2),), lost=(Lost("steak", "dropped", 0.2),))
@@ -56,3 +57,34 @@ def test_files_of_policies_that_were_trained_from_other_seeds_are_apart() -> Non
     assert rollout_file(row, ".mp4") == folder / "evaluate-a-paper-5-1000000.mp4"
     assert rollout_file(replace(row, train_seed=3), ".mp4") == folder / "evaluate-a-paper-5-t3-1000000.mp4"
     assert rollout_file(replace(row, shield=True), ".mp4") == folder / "evaluate-a-paper-5-shield-1000000.mp4"
+
+
+def test_a_score_comes_from_the_account_and_is_unknown_where_nothing_was_judged() -> None:
+    """So rows that are older than the score have theirs, but for scenes that were ended from outside."""
+    partly = Account(closest=Closest(2, 3, 1.0, 0), touches=(Touch((1, 2), 0.1, 2),))
+    ended = Account(ended="took longer than 3600 s")
+    found = [row.score for row in rows(None, UP, UP_LATER, partly, Account(closest=NOTHING), ended)]
+    assert found == [1.0, 0.0, 0.5, 0.5, 0.0, None]
+    assert all(row.score is not None for row in load(ROOT).evaluation)  # of all that is published
+
+
+@pytest.mark.parametrize(
+    ("recipe", "learned_on"),
+    [
+        ("fast", "none"),
+        ("fast+full", "full"),
+        ("fast+dagger1", "none"),
+        ("fast+full+dagger2", "full"),
+        ("fast+light+table", "light+table"),
+    ],
+)
+def test_a_recipe_names_the_variation_that_was_learned_on(recipe: str, learned_on: str) -> None:
+    (row,) = evaluation("t", "separate_local", 5, 1, 0, recipe=recipe)
+    assert row.learned_on == learned_on
+    assert replace(row, arch="foreign").learned_on == "none"  # others call their policies as they like
+
+
+def test_words_say_where_policies_acted_where_that_varies() -> None:
+    (usual,) = evaluation("t", "separate_local", 5, 1, 0, recipe="fast", shield=True)
+    assert learnt_from(usual) == "full, 5 demonstrations, recipe fast, shielded"
+    assert learnt_from(replace(usual, variation="light")) == f"{learnt_from(usual)}, in scenes of light"

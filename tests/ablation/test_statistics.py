@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rf_exp.ablation import Estimate, difference, mean, wilson
+from rf_exp.ablation import Estimate, difference, mean, paired, wilson
 from rf_exp.errors import ArgumentError
 
 
@@ -40,6 +40,49 @@ def test_difference_gives_the_published_intervals(
     estimate = difference(wilson(*a), wilson(*b))
     assert estimate.value == pytest.approx(a[0] / a[1] - b[0] / b[1])
     assert estimate.interval == pytest.approx((low, high), abs=5e-5)
+
+
+def pairs(both: int, first: int, second: int, neither: int) -> list[tuple[bool, bool]]:
+    """A table of two by two, pair by pair."""
+    one, other = [(True, False)] * first, [(False, True)] * second
+    return [(True, True)] * both + one + other + [(False, False)] * neither
+
+
+@pytest.mark.parametrize(
+    ("table", "low", "high", "p"),
+    [  # Fagerland, Lydersen, Laake 2014, Statistics in Medicine 33:2850: Newcombe, and McNemar's exact test
+        ((1, 1, 7, 12), -0.507, -0.026, 0.0703),
+        ((59, 6, 16, 80), -0.1186, -0.0046, 0.0525),
+    ],
+)
+def test_paired_gives_the_published_interval_and_p(
+    table: tuple[int, int, int, int], low: float, high: float, p: float
+) -> None:
+    found = paired(pairs(*table))
+    assert found.estimate.value == pytest.approx((table[1] - table[2]) / sum(table))
+    assert found.estimate.interval == pytest.approx((low, high), abs=5e-4)
+    assert found.p == pytest.approx(p, abs=5e-5)
+
+
+def test_where_all_pairs_agree_nothing_is_found() -> None:
+    for table in ((10, 0, 0, 0), (0, 0, 0, 10), (6, 0, 0, 4)):
+        found = paired(pairs(*table))
+        assert (found.estimate.value, found.p, found.estimate.n) == (0.0, 1.0, 10)
+        assert found.estimate.low <= 0 <= found.estimate.high
+
+
+@given(st.tuples(*[st.integers(0, 60)] * 4).filter(any))
+def test_paired_stays_inside_and_around_and_turns_with_its_sides(table: tuple[int, int, int, int]) -> None:
+    one = paired(pairs(*table))
+    other = paired([(b, a) for a, b in pairs(*table)])
+    assert -1.0 - 1e-9 <= one.estimate.low <= one.estimate.value <= one.estimate.high <= 1.0 + 1e-9
+    assert one.estimate.interval == pytest.approx((-other.estimate.high, -other.estimate.low))
+    assert one.p == pytest.approx(other.p) and 0 < one.p <= 1
+
+
+def test_a_paired_difference_needs_pairs() -> None:
+    with pytest.raises(ArgumentError, match="expected at least one scene tried both ways"):
+        paired([])
 
 
 def test_mean_gives_students_own_interval() -> None:

@@ -48,7 +48,8 @@ def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Ta
     env = CentralEnv(task)
     observed, info = env.reset(seed=3)
     assert info["seed"] == 3 and not info["success"] and not all(info["conditions"].values())
-    rewards = []
+    assert info["score"] == 0
+    rewards, scores = [], []
     for row, command in enumerate(episode.commanded):
         np.testing.assert_array_equal(observed["qpos"], episode.qpos[row])
         np.testing.assert_array_equal(observed["qvel"], episode.qvel[row])
@@ -58,6 +59,8 @@ def test_a_seed_is_the_scene_of_generation_and_commands_are_its_episode(task: Ta
         observed, reward, terminated, truncated, info = env.step(command)
         assert observed in env.observation_space and not truncated
         rewards.append(reward)
+        scores.append(info["score"])
+    assert scores == sorted(scores) and max(scores[:-1]) < 1 == scores[-1]
     assert terminated and rewards == [0.0] * (len(rewards) - 1) + [1.0]
     assert info["success"] and all(info["conditions"].values()) and info["violations"] == 0
     assert set(info["measured"]) <= set(info["conditions"])

@@ -18,9 +18,8 @@ from torch.utils._pytree import tree_leaves
 
 from rf_exp.artifacts import digest
 from rf_exp.errors import StageError
-from rf_exp.policy import MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
+from rf_exp.policy import LEARNER, MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
 from rf_exp.policy.bounds import merged
-from rf_exp.policy.config import LEARNER
 from rf_exp.policy.learning.checkpoint import CONFIG, fill, read_tensors, write_tensors
 from rf_exp.policy.networks.diffusion import RefinedHead
 from rf_exp.store import Store

@@ -74,3 +74,19 @@ def test_arms_that_touched_and_things_that_were_lost_are_told() -> None:
 def test_conditions_that_hold_too_late_are_no_success() -> None:
     account = seen(verdict(up=False), verdict(up=True), verdict(up=True))
     assert account.account().reason == "failed: all conditions held, but not for long (2 steps)"
+
+
+def test_a_score_is_the_largest_part_that_held_at_once_and_only_success_is_all() -> None:
+    """As in rows: what holds now and then adds nothing up, and what was reached is never taken back."""
+    steps = [
+        verdict(held=False, up=False, level=True),
+        verdict(held=True, up=False, level=False),
+        verdict(held=True, up=False, level=True),
+        verdict(held=True, up=True, level=True),  # but not yet for long
+        verdict(held=False, up=False, level=False),
+    ]
+    scores = [seen(*steps[:k]).score for k in range(len(steps) + 1)]
+    assert scores == [0, 1 / 4, 1 / 4, 2 / 4, 3 / 4, 3 / 4]
+    closest = seen(*steps).account().closest
+    assert closest is not None and closest.score == scores[-1]
+    assert seen(*steps, Verdict(True, True, {"held": True, "up": True, "level": True})).score == 1

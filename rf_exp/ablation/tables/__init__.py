@@ -11,7 +11,18 @@ from dataclasses import replace
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables.baseline import benchmark
-from rf_exp.ablation.tables.cells import CLEAN, MISSING, Cell, Length, Rate, Text, Violations, escape_latex
+from rf_exp.ablation.tables.cells import (
+    CLEAN,
+    MISSING,
+    Cell,
+    Difference,
+    Length,
+    Rate,
+    Score,
+    Text,
+    Violations,
+    escape_latex,
+)
 from rf_exp.ablation.tables.expert import ablation_length, ablation_success
 from rf_exp.ablation.tables.notes import learnt_from
 from rf_exp.ablation.tables.others import foreign
@@ -19,6 +30,7 @@ from rf_exp.ablation.tables.overview import comparison, tasks
 from rf_exp.ablation.tables.policies import architectures, shield
 from rf_exp.ablation.tables.published import Paper, paper
 from rf_exp.ablation.tables.recipes import recipes
+from rf_exp.ablation.tables.robustness import in_order, robustness
 from rf_exp.ablation.tables.selection import (
     BASELINE_ARCH,
     BASELINE_CONSTRAINTS,
@@ -26,6 +38,7 @@ from rf_exp.ablation.tables.selection import (
     core_minutes,
     is_baseline,
     ours,
+    unvaried,
 )
 from rf_exp.ablation.tables.table import Column, Line, Table, title_of
 
@@ -37,10 +50,12 @@ __all__ = [
     "TABLES",
     "Cell",
     "Column",
+    "Difference",
     "Length",
     "Line",
     "Paper",
     "Rate",
+    "Score",
     "Table",
     "Text",
     "Violations",
@@ -48,10 +63,13 @@ __all__ = [
     "build",
     "core_minutes",
     "escape_latex",
+    "in_order",
     "is_baseline",
     "ours",
     "paper",
+    "robustness",
     "title_of",
+    "unvaried",
 ]
 
 TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
@@ -64,10 +82,11 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
-    """Every table, by name, for a suite of tasks."""
-    own = ours(results)  # no table of ours counts rollouts of others
-    tables = {
-        name: builder(results if builder is foreign else own, suite) for name, builder in TABLES.items()
-    }
+    """Every table, by name, for a suite of tasks; `robustness` where anything varied."""
+    usual = unvaried(results)
+    own = ours(usual)  # no table of ours counts rollouts of others
+    tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
     notes = learnt_from(own)
-    return {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
+    tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
+    varied = robustness(results, suite)
+    return {**tables, varied.name: varied} if varied.lines else tables

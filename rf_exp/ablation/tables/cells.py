@@ -19,6 +19,11 @@ class Text:
     unit: ClassVar = "text"
     value: str
 
+    @property
+    def figure(self) -> str:
+        """The words alone."""
+        return self.value
+
     def markdown(self) -> str:
         return markdown.cell(self.value)
 
@@ -183,7 +188,42 @@ class Violations(Figure):
         return {**super().csv(), "mean_violations": self.mean_violations}
 
 
-Cell = Rate | Length | Violations | Text
+@dataclass(frozen=True)
+class Difference(Figure):
+    """How far a rate is from another one of the same scenes, in [-1, 1]; `n` are these scenes."""
+
+    unit: ClassVar = "difference"
+    p: float | None = None  # of McNemar's exact test, two-sided
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return f"{100 * value:+.1f}" + " points" * sign
+
+    @property
+    def details(self) -> list[str]:
+        return [*super().details, *([] if self.p is None else [p_value(self.p)])]
+
+    def csv(self) -> dict[str, object]:
+        return {**super().csv(), "p": self.p}
+
+
+@dataclass(frozen=True)
+class Score(Figure):
+    """How far attempts came on average, from 0 to 1, which is success."""
+
+    unit: ClassVar = "score"
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return f"{value:.2f}"
+
+
+Cell = Rate | Length | Violations | Difference | Score | Text
+
+
+def p_value(p: float) -> str:
+    """`p=0.031`; what is smaller than a thousandth, as less than it."""
+    return "p<0.001" if p < 0.001 else f"p={p:.2g}" if p < 0.1 else f"p={p:.2f}"
 
 
 def percent(value: float, sign: bool = True) -> str:
@@ -196,6 +236,12 @@ def bracketed(interval: Interval, number: Callable[..., str]) -> str:
 
 
 def escape_latex(text: str) -> str:
-    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    special = {
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+    }
     special |= {character: "\\" + character for character in "&%$#_{}"}
     return "".join(special.get(character, character) for character in one_line(text))

@@ -9,7 +9,7 @@ from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import EvaluationRow, GenerationRow
 from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables.published import paper
-from rf_exp.types import FOREIGN
+from rf_exp.types import FOREIGN, UNVARIED
 
 BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
 COORDINATED_ARCH = "separate_coordinated"  # ours
@@ -36,6 +36,13 @@ def unshielded(results: Results) -> Results:
 def ours(results: Results) -> Results:
     """The results without rollouts of policies that are somebody else's."""
     return replace(results, evaluation=tuple(row for row in results.evaluation if row.arch != FOREIGN.name))
+
+
+def unvaried(results: Results) -> Results:
+    """The results of scenes and policies without variation, of which all tables are but `robustness`."""
+    generated = tuple(row for row in results.generation if row.variation == UNVARIED)
+    acted = (row for row in results.evaluation if {row.variation, row.learned_on} == {UNVARIED})
+    return replace(results, generation=generated, evaluation=tuple(acted))
 
 
 def others(results: Results) -> Results:

@@ -16,10 +16,11 @@ from rf_exp.tasks.task.start import Start
 from rf_exp.tasks.task.success import SuccessEvaluator
 from rf_exp.tasks.task.table import TABLE_CENTRE_M, TABLE_M
 from rf_exp.tasks.task.task import Task
-from rf_exp.tasks.task.variation import NONE, PHYSICAL, Variation, drawn_of, scene_certificate
+from rf_exp.tasks.task.variation import FACTORS, NONE, PHYSICAL, Variation, drawn_of, scene_certificate
 
 __all__ = [
     "CONFIGURED",
+    "FACTORS",
     "NONE",
     "PHYSICAL",
     "TABLE_CENTRE_M",

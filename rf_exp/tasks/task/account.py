@@ -45,6 +45,19 @@ class Ledger:
         for lost in verdict.lost.items():
             self._lost.setdefault(lost, scene.step)
 
+    @property
+    def score(self) -> float:
+        """How far it has come, from 0 to 1; 1 is success, and 0 what it is before the first step."""
+        return 1.0 if self._verdict is not None and self._verdict.success else self._closest.score
+
+    @property
+    def _closest(self) -> Closest:
+        if self._verdict is None:
+            return NOTHING
+        return Closest(
+            self._most, len(self._conditions), _s(self._most_at) if self._most else 0.0, self._longest
+        )
+
     @staticmethod
     def _see(history: _History, holds: bool, measured: Measured | None, scene: Scene) -> None:
         if holds:
@@ -64,16 +77,14 @@ class Ledger:
             Touch(pair, _s(first), steps) for pair, (first, steps) in sorted(self._touched.items())
         )
         if self._verdict is None:
-            return Account(closest=NOTHING)
+            return Account(closest=self._closest)
         if self._verdict.success:
             return Account(touches=touches)
         failing = [name for name, holds in self._verdict.evidence.items() if not holds]
         return Account(
             touches=touches,
             unmet=tuple(_unmet(name, self._conditions[name]) for name in failing),
-            closest=Closest(
-                self._most, len(self._conditions), _s(self._most_at) if self._most else 0.0, self._longest
-            ),
+            closest=self._closest,
             lost=tuple(Lost(name, how, _s(first)) for (name, how), first in self._lost.items()),
         )
 

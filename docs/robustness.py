@@ -1,0 +1,82 @@
+"""Writes docs/robustness.md from conf/variation and the rows in results/: python docs/robustness.py"""
+
+import re
+from pathlib import Path
+
+from rf_exp.ablation import Results, configured, load, robustness
+from rf_exp.artifacts import rendered
+from rf_exp.command import CONF
+from rf_exp.tasks import FACTORS, read_variation
+from rf_exp.texts.markdown import table
+
+ROOT = Path(__file__).parents[1]
+HERE = Path(__file__).parent
+PAGE = HERE / "robustness.md"
+VARIATIONS = CONF / "variation"
+KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
+# Of the factors that are not called by their stream.
+STREAMS = {"noise": "sensors", "delay": "actuators", "encoders": "actuators"}
+FACTOR = "`variation=`", "what varies", "how far", "stream"
+
+
+def choices() -> list[str]:
+    """Every choice of conf/variation: those of one factor, then those of several."""
+    names = sorted(path.stem for path in VARIATIONS.glob("*.yaml"))
+    return sorted(names, key=lambda name: (name != "none", stream(name) == "", name))
+
+
+def stream(name: str) -> str:
+    """The stream of random numbers of a choice of one factor; empty for one of several, or of none."""
+    factor = STREAMS.get(name, name)
+    return f"{FACTORS.index(factor)}, `{factor}`" if factor in FACTORS else ""
+
+
+def factor(name: str) -> tuple[str, str, str, str]:
+    """The line of a choice: what its file says of it first, and what it says otherwise than `none`."""
+    comment = (VARIATIONS / f"{name}.yaml").read_text("utf-8").splitlines()[0]
+    varies = read_variation(name).identity
+    told = "; ".join(f"`{key}` {_range(value)}" for key, value in varies.items())
+    streams = "" if name == "none" else stream(name) or "those of its factors"
+    return f"`{name}`", _words(comment.removeprefix("# ")), told or "nothing", streams
+
+
+def keys() -> list[tuple[str, str]]:
+    """Every key with what none.yaml says of it."""
+    said = {key: words for key, words in KEY.findall((VARIATIONS / "none.yaml").read_text("utf-8"))}
+    return [(f"`{key}`", _words(words.replace("\n# ", " "))) for key, words in said.items() if key != "name"]
+
+
+def measured(results: Results) -> str:
+    """The rows of the table of robustness; empty where nothing was measured."""
+    found = robustness(results, configured())
+    if not found.lines:
+        return ""
+    shown = [k for k, column in enumerate(found.columns) if column.key != "strict_violations"]
+    heading = [found.heading.lower(), *(found.columns[k].title.lower() for k in shown)]
+    lines = []
+    for line in found.lines:
+        lines.append([line.title, *(line.cells[k].markdown() for k in shown)])
+    return table(heading, lines)
+
+
+def _words(comment: str) -> str:
+    """A comment within a cell."""
+    return comment.replace("|", "\\|")
+
+
+def _range(value: object) -> str:
+    return f"{value[0]} to {value[1]}" if isinstance(value, list | tuple) else str(value)
+
+
+def document(results: Results) -> str:
+    """The page."""
+    return rendered(
+        HERE / "robustness.jinja",
+        factors=table(FACTOR, [factor(name) for name in choices()]),
+        keys=table(("key", "what it is"), keys()),
+        measured=measured(results),
+    )
+
+
+if __name__ == "__main__":
+    PAGE.write_text(document(load(ROOT)), "utf-8")
