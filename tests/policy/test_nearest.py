@@ -1,4 +1,4 @@
-"""The lookup among the examples: it plays the demonstration back whose start is nearest, and looks no more."""
+"""The lookup among the examples plays the demonstration back whose start is nearest, and looks no more."""
 
 from pathlib import Path
 
