@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.tasks.task.clutter import Clutter, drawn_piece, placed
 from rf_exp.transforms import rotated
 from rf_exp.types import (
     CONTROL_DT_S,
@@ -25,6 +26,7 @@ from rf_exp.types import (
     Lamp,
     Light,
     Look,
+    Scene,
     Texture,
     TextureKind,
     TextureSet,
@@ -35,12 +37,18 @@ if TYPE_CHECKING:
 
 STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances; then the number of a factor
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
+FACTORS += ("instances", "clutter")
 Textures = Literal["plain", "seen", "unseen"]
 TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
 TEXTURED = 0.75  # of the surfaces that differ have a texture
 FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
 MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
-MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg")
+MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg", "object_size")
+SMALLEST, LARGEST = 0.5, 1.5  # sizes of objects
+MOST_CLUTTER = 10
+FINGER_ROOM_M = 0.006  # that a finger has beside what it closes on
+HAND_ROOM_M = 0.008  # that is left between a thing and a hand at rest over it
+TIP_M = 0.011  # of fingers, beyond the TCP
 
 
 def bounded(most: float) -> Any:
@@ -74,6 +82,10 @@ class Variation:
     pixel_noise: float = field(default=0.0, metadata={"most": 100})  # standard deviation, of 255
     delay_s: tuple[float, float] = (0.0, 0.0)  # of commands
     joint_offset_deg: float = bounded(10)  # of what each joint measures
+    object_size: tuple[float, float] = (1.0, 1.0)  # of each object, against its usual one
+    clutter: tuple[int, int] = (0, 0)  # how many things stand about that the task is not about
+    clutter_set: TextureSet = "seen"  # of their shapes and colours
+    clutter_area_m: tuple[float, float] = (0.6, 0.8)  # along x and y, from the middle of where objects start
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -83,12 +95,19 @@ class Variation:
         if self.textures not in get_args(Textures):
             raise choices("variation.textures", self.textures, get_args(Textures))
         ranges = ("table_height_m", -0.1, 0.1), ("delay_s", 0.0, 1.0), ("lamps", 0, MOST_LAMPS)
+        ranges += ("object_size", SMALLEST, LARGEST), ("clutter", 0, MOST_CLUTTER)
         for name, least, most in (*ranges, ("light_colour", 0.0, 4.0)):
             low, high = getattr(self, name)
             if not least <= low <= high <= most:
                 raise ArgumentError(
                     f"variation.{name} is [{low}, {high}]; expected [LOW, HIGH] within [{least}, {most}]"
                 )
+        if self.clutter_set not in get_args(TextureSet):
+            raise choices("variation.clutter_set", self.clutter_set, get_args(TextureSet))
+        if not all(0 < half_m <= 2 for half_m in self.clutter_area_m):
+            raise ArgumentError(
+                f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers above 0, at most 2"
+            )
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -101,8 +120,9 @@ class Variation:
 
     @property
     def held_out(self) -> "Variation":
-        """The same for evaluation: with textures that demonstrations do not show."""
-        return replace(self, textures="unseen") if self.textures == "seen" else self
+        """The same for evaluation: with textures, and shapes of clutter, that demonstrations do not show."""
+        found = replace(self, textures="unseen") if self.textures == "seen" else self
+        return replace(found, clutter_set="unseen") if self.clutter[1] else found
 
     @property
     def moves(self) -> bool:
@@ -158,11 +178,17 @@ class Drawn:
     tints: Mapping[str, tuple[float, ...]]  # object -> (3,) relative brightness of red, green, blue
     look: Look
     light: Light
+    sizes: Mapping[str, float]  # object -> against its usual one
+    clutter: tuple[Clutter, ...]  # before they have a place
 
     def plain(self) -> dict[str, Any]:
         """What differs from the task, as values of JSON."""
         found = asdict(self)
         found["posture_rad"] = self.posture_rad.tolist()
+        if not self.clutter:
+            del found["clutter"]
+        if {*self.sizes.values()} == {1.0}:
+            del found["sizes"]
         return found
 
 
@@ -187,6 +213,8 @@ def draw(task: "Task", seed: int) -> Drawn:
         Devices(float(gain), how.flicker, how.pixel_noise, delay_steps, offsets),
         *_appearance(task, rng["appearance"]),
         _light(how, rng["light"]),
+        _sizes(task, rng["instances"]),
+        _clutter(how, rng["clutter"]),
     )
 
 
@@ -208,6 +236,54 @@ def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
     if rng.uniform() < TEXTURED:
         return Finish(texture=texture, roughness=roughness)
     return Finish((red, green, blue), roughness=roughness)
+
+
+def _sizes(task: "Task", rng: np.random.Generator) -> Mapping[str, float]:
+    """Of each object; what stands on another one is of its size, and a mark on the table of its usual one.
+
+    None is so large that a hand does not open wide enough for it, or meets it where it rests.
+    """
+    drawn = {name: float(rng.uniform(*task.variation.object_size)) for name in task.objects}
+    if task.variation.object_size == NONE.object_size:
+        return drawn
+    bearer: dict[str, str] = {}
+    for name, spec in task.objects.items():
+        bearer[name] = name if spec.stands_on is None else bearer[spec.stands_on]
+    largest = {
+        one: max(1.0, min(_largest(task, name) for name in task.objects if bearer[name] == one))
+        for one in bearer.values()
+    }
+    return {
+        name: min(drawn[one], largest[one]) if task.asset(name).hulls else 1.0 for name, one in bearer.items()
+    }
+
+
+def _largest(task: "Task", name: str) -> float:
+    """The size of an object at which hands just open wide enough, and just rest clear of it."""
+    asset, spec = task.asset(name), task.objects[name]
+    if not asset.hulls:
+        return np.inf
+    open_m = 2 * min(robot.model.hand.open_m - FINGER_ROOM_M for robot in task.robots)
+    widths_m = [point.width_m for point in asset.points.values() if point.kind == "grasp"]
+    found = [open_m / width_m for width_m in widths_m]
+    top_m = spec.z_m + float(asset.bounds_m[1, 2])
+    across_m = float(np.linalg.norm(asset.bounds_m[:, :2], axis=1).max())
+    first = spec
+    while first.relative_to is not None:
+        first = task.objects[first.relative_to]
+    for robot, arm in zip(task.robots, task.arms.values(), strict=True):
+        x_m, y_m, z_m = arm.tcp(robot.at_rest)[:3, 3].tolist()
+        beside = (max(low - at, at - high) for at, (low, high) in ((x_m, first.x_m), (y_m, first.y_m)))
+        if max(beside) < across_m:
+            found.append((z_m - TIP_M - HAND_ROOM_M) / top_m)
+    return min(found, default=np.inf)
+
+
+def _clutter(how: Variation, rng: np.random.Generator) -> tuple[Clutter, ...]:
+    if not how.clutter[1]:
+        return ()
+    count = int(rng.integers(how.clutter[0], how.clutter[1] + 1))
+    return tuple(drawn_piece(how.clutter_set, rng) for _ in range(count))
 
 
 def _light(how: Variation, rng: np.random.Generator) -> Light:
@@ -254,13 +330,32 @@ def moved(task: "Task", seed: int) -> "Task":
         for robot, (x, y, yaw) in zip(task.robots, drawn.bases, strict=True)
     )
     cameras = {name: spec.moved(drawn.cameras[name]) for name, spec in task.cameras.items()}
-    done = {name: getattr(NONE, name) for name in MOVING}
-    return replace(task, robots=robots, cameras=cameras, variation=replace(task.variation, **done))
+    objects = {name: spec.sized(drawn.sizes[name]) for name, spec in task.objects.items()}
+    variation = replace(task.variation, **{name: getattr(NONE, name) for name in MOVING})
+    return replace(task, robots=robots, cameras=cameras, objects=objects, variation=variation)
+
+
+def cluttered(task: "Task", scene: Scene, seed: int) -> "Task":
+    """The task of a scene, whose start is `scene`, with its clutter."""
+    pieces, stream = draw(task, seed).clutter, [seed, STREAM, FACTORS.index("clutter")]
+    found = placed(task, task.places(scene), pieces, stream)
+    return replace(task, clutter=found, variation=replace(task.variation, clutter=NONE.clutter))
 
 
 def drawn_of(task: "Task", seed: int) -> dict[str, Any]:
-    """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies."""
-    return draw(task, seed).plain() if task.variation.identity else {}
+    """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies.
+
+    Of clutter what has found a place, and how many pieces have found none.
+    """
+    if not task.variation.identity:
+        return {}
+    drawn = draw(task, seed)
+    found = drawn.plain()
+    if drawn.clutter:
+        there = task.of(seed).clutter
+        found["clutter"] = {name: asdict(piece) for name, piece in there.items()}
+        found["clutter_left_out"] = len(drawn.clutter) - len(there)
+    return found
 
 
 def scene_certificate(task: "Task", seed: int) -> dict[str, Any]:
