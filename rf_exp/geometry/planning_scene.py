@@ -130,7 +130,7 @@ class PlanningScene:
         return self._body(agent, links, moved, carried=carried, touches=touches, rests=rests, holds=holds)
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
-        """Things as they stand in the scene (P = 1); without names, those that no trajectory moves, and clutter."""
+        """Things as they stand in the scene (P = 1); without names, those nobody moves, and clutter."""
         if names is None:
             names = [name for name in (*self.task.objects, *self.task.clutter) if name not in self.moved]
         pieces, labels, poses = [], [], []

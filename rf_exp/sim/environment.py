@@ -156,7 +156,9 @@ class TableEnv(BaseEnv):
             for name in self.task.objects
         }
         self.clutter = {
-            name: objects.build(self.scene, name, piece.asset, objects.surfaces(piece.asset), self.start.clutter[name])
+            name: objects.build(
+                self.scene, name, piece.asset, objects.surfaces(piece.asset), self.start.clutter[name]
+            )
             for name, piece in self.task.clutter.items()
         }
 

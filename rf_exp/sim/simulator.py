@@ -99,7 +99,7 @@ class Simulator:
         return {name: np.float32(-0.001) * image[..., 2] for name, image in images.items()}
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
-        """Numbers that `segmentation` uses: each object, piece of clutter, `table`, and `agent<k>` with its links."""
+        """Numbers that `segmentation` uses: objects, clutter, `table`, `agent<k>` with all of its links."""
         numbers = {
             name: (actor._objs[0].per_scene_id,)
             for name, actor in self._env.scene.actors.items()

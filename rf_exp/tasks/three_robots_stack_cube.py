@@ -58,7 +58,6 @@ def paper(scene: Scene, start: Scene, task: Task) -> bool:
     limits = task.success
     over_goal = all(near(scene, name, "goal", limits["paper_goal_m"]) for name in ("red", "green"))
     high = all(
-        on(scene, task, top, below, limits["paper_beside_m"])
-        for below, top in pairwise(STACK.values())
+        on(scene, task, top, below, limits["paper_beside_m"]) for below, top in pairwise(STACK.values())
     )
     return over_goal and high and released(scene, STACK.values())

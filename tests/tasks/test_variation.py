@@ -38,7 +38,11 @@ def test_every_choice_is_read_alike_with_and_without_hydra(name: str) -> None:
 
 
 def test_the_choice_full_has_every_factor() -> None:
-    assert {*FULL.identity} == {each.name for each in fields(Variation)} - {"name", "clutter_set", "clutter_area_m"}
+    assert {*FULL.identity} == {each.name for each in fields(Variation)} - {
+        "name",
+        "clutter_set",
+        "clutter_area_m",
+    }
 
 
 @pytest.mark.parametrize("name", [name for name in CHOICES if name not in ("none", "full", "robotwin")])

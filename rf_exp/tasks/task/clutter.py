@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from shapely import LineString, MultiPoint, Point, box, unary_union
 from shapely.geometry.base import BaseGeometry
 
-from rf_exp.tasks.assets import Asset, Colour
-from rf_exp.tasks.assets.asset.household import SETS, household
+from rf_exp.tasks.assets import HOUSEHOLD, Asset, Colour, household
 from rf_exp.tasks.task.table import TABLE_CENTRE_M, TABLE_M
 from rf_exp.transforms import Matrix, planar
 
@@ -52,8 +51,8 @@ class Clutter:
 
 def drawn_piece(of: str, rng: np.random.Generator) -> Clutter:
     """A piece that has no place yet. The two sets have shapes and hues of their own."""
-    kind = rng.choice([*SETS[of]]).item()
-    _, least, most = SETS[of][kind]
+    kind = rng.choice([*HOUSEHOLD[of]]).item()
+    _, least, most = HOUSEHOLD[of][kind]
     x, y, z = (np.array(least) + rng.uniform(size=3) * np.subtract(most, least)).tolist()
     if least[0] == least[1]:  # it is round
         y = x
@@ -63,7 +62,11 @@ def drawn_piece(of: str, rng: np.random.Generator) -> Clutter:
 
 def _colour(of: str, rng: np.random.Generator) -> Colour:
     """Of six sectors of the circle of hues every other one is of a set."""
-    sector, within, value, saturation = rng.integers(3), rng.uniform(), *rng.uniform(0.15, 0.8, 2)
+    sector, within, value, saturation = (
+        rng.integers(3),
+        rng.uniform(),
+        *rng.uniform((0.15, 0.35), (0.8, 0.95)),
+    )
     hue = 2 * sector + within + (of == "unseen")
     parts = np.clip(np.abs((hue + np.array([0, 4, 2])) % 6 - 3) - 1, 0, 1)
     red, green, blue = (value * (1 - saturation * (1 - parts))).tolist()

@@ -147,7 +147,9 @@ class Task:
         for spec in objects.values():
             del spec["options"], spec["size"]  # the content tells them
         varies = {"variation": self.variation.identity} if self.variation.identity else {}
-        varies |= {"clutter": {name: asdict(each) for name, each in self.clutter.items()}} if self.clutter else {}
+        varies |= (
+            {"clutter": {name: asdict(each) for name, each in self.clutter.items()}} if self.clutter else {}
+        )
         return {
             "robots": tuple(robot.identity for robot in self.robots),
             "cameras": {name: camera.identity for name, camera in self.cameras.items()},
@@ -173,7 +175,7 @@ class Task:
         return named(scene, self) if named else {}
 
     def of(self, seed: int) -> "Task":
-        """The task as it stands in the scene of a seed: itself, unless arms, cameras, sizes or clutter vary."""
+        """The task as it stands in the scene of a seed: itself, unless what is in it varies."""
         stands = moved(self, seed)
         return cluttered(stands, start_of(stands, seed).scene, seed) if self.variation.clutter[1] else stands
 

@@ -106,7 +106,7 @@ class Variation:
             raise choices("variation.clutter_set", self.clutter_set, get_args(TextureSet))
         if not all(0 < half_m <= 2 for half_m in self.clutter_area_m):
             raise ArgumentError(
-                f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers above 0, at most 2"
+                f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers, 0 < m <= 2"
             )
 
     @cached_property

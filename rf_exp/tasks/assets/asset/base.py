@@ -97,9 +97,7 @@ class InteractionPoint:
         """Of a thing that is `size` times as large: the hand that comes to it is not."""
         pose = self.object_from_tcp.copy()
         pose[:3, 3] *= size
-        return replace(
-            self, object_from_tcp=pose, width_m=size * self.width_m, slack_m=size * self.slack_m
-        )
+        return replace(self, object_from_tcp=pose, width_m=size * self.width_m, slack_m=size * self.slack_m)
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,7 +91,9 @@ def _jar(size: Size, colour: Colour, other: Colour) -> list[Part]:
 
 def _wedge(size: Size, colour: Colour, other: Colour) -> list[Part]:
     x, y, z = np.array(size) / (2, 2, 1)
-    return [Part.hull(np.array([(a, b, 0) for a in (-x, x) for b in (-y, y)] + [(-x, 0, z), (x, 0, z)]), colour)]
+    return [
+        Part.hull(np.array([(a, b, 0) for a in (-x, x) for b in (-y, y)] + [(-x, 0, z), (x, 0, z)]), colour)
+    ]
 
 
 def _cone(size: Size, colour: Colour, other: Colour) -> list[Part]:
@@ -115,7 +117,7 @@ def _tower(size: Size, colour: Colour, other: Colour) -> list[Part]:
 
 
 # Set -> kind -> how it is built, and its smallest and largest size. Round things are as wide as long.
-SETS: Mapping[str, Mapping[str, tuple[Build, Size, Size]]] = {
+HOUSEHOLD: Mapping[str, Mapping[str, tuple[Build, Size, Size]]] = {
     "seen": {
         "box": (_box, (0.05, 0.04, 0.04), (0.14, 0.10, 0.16)),
         "can": (_can, (0.055, 0.055, 0.08), (0.08, 0.08, 0.13)),
@@ -138,7 +140,7 @@ SETS: Mapping[str, Mapping[str, tuple[Build, Size, Size]]] = {
 @lru_cache(maxsize=256)  # they differ from scene to scene
 def household(of: str, kind: str, size_m: Size, colour: Colour, other: Colour) -> Asset:
     """A thing of a kind of one of the two sets, in two colours; the same object for the same arguments."""
-    build, _, _ = SETS[of][kind]
+    build, _, _ = HOUSEHOLD[of][kind]
     parts = tuple(build(size_m, colour, other))
     volume_m3 = sum(part.mesh.volume for part in parts if part.solid)
     return Asset(kind, parts, mass_kg=DENSITY_KG_M3 * float(volume_m3))

@@ -47,7 +47,9 @@ def test_the_simulator_has_objects_of_the_sizes_of_its_scene(task: Task) -> None
                 np.testing.assert_allclose(scene.poses[name], first.poses[name], atol=2e-3)
                 if not (asset := world.task.asset(name)).static and asset.hulls:
                     mass_kg = world._env.actors[name].mass[0].item()
-                    assert mass_kg == pytest.approx(world._env.start.masses_kg[name], rel=0.02)  # of hulls as PhysX rounds them
+                    assert mass_kg == pytest.approx(
+                        world._env.start.masses_kg[name], rel=0.02
+                    )  # of hulls as PhysX rounds them
 
 
 def knocked(world: Simulator, steps: int = 40):
