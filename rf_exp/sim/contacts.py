@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import sapien
@@ -111,7 +112,7 @@ class Contacts:
         return float(opening @ force_n) >= size * np.cos(np.deg2rad(GRASP_ANGLE_DEG))
 
 
-def _named(entities: Mapping[str, sapien.Entity]) -> dict[physx.PhysxRigidBaseComponent, str]:
+def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
     """The name of each body."""
     return {
         entity.find_component_by_type(physx.PhysxRigidBaseComponent): name

@@ -1,6 +1,7 @@
 """Clutter and objects of other sizes in simulation: they are bodies, they rest, and being touched is seen."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,4 +97,5 @@ def test_an_expert_among_clutter_stores_objects_alone() -> None:
         outcome = EpisodeMaker(settings, world, settings.make_brain(SEED)).make(SEED)
     assert outcome.success and outcome.episode is not None, outcome.reason
     assert {*outcome.episode.poses} == {*usual.objects}
-    assert {*outcome.episode.certificate["drawn"]["clutter"]} == {*usual.of(SEED).clutter}
+    drawn: Any = outcome.episode.certificate["drawn"]
+    assert {*drawn["clutter"]} == {*usual.of(SEED).clutter}

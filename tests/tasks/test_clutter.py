@@ -9,7 +9,7 @@ from shapely import MultiPoint, Point
 
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import PlanningScene, closer_than, nearest
-from rf_exp.tasks import Task, Variation, drawn_of, read_variation
+from rf_exp.tasks import Task, Variation, drawn_of, load_task, read_variation
 from rf_exp.tasks.assets import HOUSEHOLD, household
 from rf_exp.tasks.task.clutter import APART_M, MARGIN_M, drawn_piece, zones
 from tests.conftest import read_task
@@ -85,6 +85,11 @@ def test_a_scene_says_what_has_found_no_place() -> None:
             name: piece.x_m for name, piece in there.items()
         }
     assert drawn == [drawn_of(crowded, seed) for seed in SEEDS]
+
+
+def test_no_file_says_where_clutter_stands() -> None:
+    with pytest.raises(ArgumentError, match="task 'pick_meat': unknown field clutter"):
+        load_task("pick_meat", {"name": "pick_meat", "clutter": {}})
 
 
 def test_evaluation_has_other_shapes_in_other_colours() -> None:

@@ -100,7 +100,7 @@ def test_draws_fill_their_ranges_and_stay_in_them() -> None:
 def test_what_demonstrations_show_is_not_what_evaluation_shows() -> None:
     assert (FULL.textures, FULL.held_out.textures) == ("seen", "unseen") and NONE.held_out is NONE
     for variation in (FULL, FULL.held_out):
-        task = replace(read_task("take_photo"), variation=variation)
+        task = replace(read_task("take_photo"), variation=replace(variation, clutter=(0, 0)))
         looks = [task.start(seed).look for seed in SEEDS]
         finishes = [each for look in looks for each in (look.table, look.floor, look.walls)]
         textures = [each.texture for each in finishes if each.texture is not None]
@@ -145,9 +145,8 @@ def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
         start, clean = usual.start(seed), task.start(seed)
         assert scene.start(seed).devices == start.devices
         for name, pose in clean.poses.items():
-            bears_m = clean.poses[spec.relative_to][2, 3] if (spec := task.objects[name]).stands_on else 0.0
             expected = pose.copy()
-            expected[2, 3] = bears_m + drawn.sizes[name] * spec.z_m
+            expected[2, 3] *= drawn.sizes[name]
             np.testing.assert_allclose(start.poses[name], expected, atol=1e-12)
         limits = np.array([robot.model.limits_rad for robot in task.robots])
         joints = joints_of(start.qpos)
@@ -156,9 +155,10 @@ def test_a_scene_of_a_task_is_a_task(task: Task) -> None:
 
 def test_a_scene_is_drawn_by_its_seed_alone() -> None:
     task = varied("pick_meat", "full")
-    first = [drawn_of(task, seed) for seed in SEEDS]
-    assert first == [drawn_of(task, seed) for seed in SEEDS]
-    assert len({str(each) for each in first}) == len(SEEDS)
+    seeds = range(12)
+    first = [drawn_of(task, seed) for seed in seeds]
+    assert first == [drawn_of(task, seed) for seed in seeds]
+    assert len({str(each) for each in first}) == len(seeds)
     said = scene_certificate(task, 7)
     assert said["drawn"] == first[7]
     stands = task.of(7)

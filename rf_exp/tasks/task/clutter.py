@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import LineString, MultiPoint, Point, box, unary_union
+from shapely import LineString, MultiPoint, Point, box, get_coordinates, unary_union
 from shapely.geometry.base import BaseGeometry
 
 from rf_exp.tasks.assets import HOUSEHOLD, Asset, Colour, household
@@ -139,8 +139,7 @@ def _starts(task: "Task") -> dict[str, NDArray[np.float64]]:
             own = np.concatenate([own @ planar(0, 0, yaw)[:2, :2].T for yaw in yaws])
             own = (found[spec.relative_to][:, None] + own).reshape(-1, 2)
             turn = turn + turns_deg[spec.relative_to]
-        outline = MultiPoint(own).convex_hull
-        found[name] = np.array(outline.exterior.coords if outline.geom_type == "Polygon" else outline.coords)
+        found[name] = get_coordinates(MultiPoint(own).convex_hull)
         turns_deg[name] = turn
     return found
 

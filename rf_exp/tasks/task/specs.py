@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
-from rf_exp.tasks.task.variation import LARGEST, SMALLEST, CameraMotion
+from rf_exp.tasks.task.sizes import LARGEST, SMALLEST
+from rf_exp.tasks.task.variation import CameraMotion
 from rf_exp.transforms import Matrix, from_axes, planar, rotated
 from rf_exp.types import FINGERS
 

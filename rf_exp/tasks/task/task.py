@@ -147,9 +147,6 @@ class Task:
         for spec in objects.values():
             del spec["options"], spec["size"]  # the content tells them
         varies = {"variation": self.variation.identity} if self.variation.identity else {}
-        varies |= (
-            {"clutter": {name: asdict(each) for name, each in self.clutter.items()}} if self.clutter else {}
-        )
         return {
             "robots": tuple(robot.identity for robot in self.robots),
             "cameras": {name: camera.identity for name, camera in self.cameras.items()},

@@ -1,8 +1,9 @@
 """Variation: what differs from scene to scene beyond where things start; its ranges, and what a seed draws.
 
 Every factor has a stream of random numbers of its own: alone it draws what it draws beside all others. Bases,
-cameras and the height of the table give the scene of a seed a task of its own (`Task.of`), so that planner,
-checks, simulator and criteria see where things really are. Postures, sensors and actuators belong to the
+cameras, the height of the table, sizes of objects and clutter give the scene of a seed a task of its own
+(`Task.of`), so that planner, checks, simulator and criteria see what is there, and where. Where clutter finds
+a place is all that depends on other factors. Postures, sensors and actuators belong to the
 start of an episode (`Start`). The factors and their ranges are those of RoboTwin 2.0 (arXiv 2506.18088),
 THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626), and some for several arms.
 """
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.task.clutter import Clutter, drawn_piece, placed
+from rf_exp.tasks.task.sizes import LARGEST, SMALLEST, sizes_of
 from rf_exp.transforms import rotated
 from rf_exp.types import (
     CONTROL_DT_S,
@@ -44,11 +46,7 @@ TEXTURED = 0.75  # of the surfaces that differ have a texture
 FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
 MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
 MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg", "object_size")
-SMALLEST, LARGEST = 0.5, 1.5  # sizes of objects
 MOST_CLUTTER = 10
-FINGER_ROOM_M = 0.006  # that a finger has beside what it closes on
-HAND_ROOM_M = 0.008  # that is left between a thing and a hand at rest over it
-TIP_M = 0.011  # of fingers, beyond the TCP
 
 
 def bounded(most: float) -> Any:
@@ -213,7 +211,7 @@ def draw(task: "Task", seed: int) -> Drawn:
         Devices(float(gain), how.flicker, how.pixel_noise, delay_steps, offsets),
         *_appearance(task, rng["appearance"]),
         _light(how, rng["light"]),
-        _sizes(task, rng["instances"]),
+        sizes_of(task, how.object_size, rng["instances"]),
         _clutter(how, rng["clutter"]),
     )
 
@@ -236,47 +234,6 @@ def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
     if rng.uniform() < TEXTURED:
         return Finish(texture=texture, roughness=roughness)
     return Finish((red, green, blue), roughness=roughness)
-
-
-def _sizes(task: "Task", rng: np.random.Generator) -> Mapping[str, float]:
-    """Of each object; what stands on another one is of its size, and a mark on the table of its usual one.
-
-    None is so large that a hand does not open wide enough for it, or meets it where it rests.
-    """
-    drawn = {name: float(rng.uniform(*task.variation.object_size)) for name in task.objects}
-    if task.variation.object_size == NONE.object_size:
-        return drawn
-    bearer: dict[str, str] = {}
-    for name, spec in task.objects.items():
-        bearer[name] = name if spec.stands_on is None else bearer[spec.stands_on]
-    largest = {
-        one: max(1.0, min(_largest(task, name) for name in task.objects if bearer[name] == one))
-        for one in bearer.values()
-    }
-    return {
-        name: min(drawn[one], largest[one]) if task.asset(name).hulls else 1.0 for name, one in bearer.items()
-    }
-
-
-def _largest(task: "Task", name: str) -> float:
-    """The size of an object at which hands just open wide enough, and just rest clear of it."""
-    asset, spec = task.asset(name), task.objects[name]
-    if not asset.hulls:
-        return np.inf
-    open_m = 2 * min(robot.model.hand.open_m - FINGER_ROOM_M for robot in task.robots)
-    widths_m = [point.width_m for point in asset.points.values() if point.kind == "grasp"]
-    found = [open_m / width_m for width_m in widths_m]
-    top_m = spec.z_m + float(asset.bounds_m[1, 2])
-    across_m = float(np.linalg.norm(asset.bounds_m[:, :2], axis=1).max())
-    first = spec
-    while first.relative_to is not None:
-        first = task.objects[first.relative_to]
-    for robot, arm in zip(task.robots, task.arms.values(), strict=True):
-        x_m, y_m, z_m = arm.tcp(robot.at_rest)[:3, 3].tolist()
-        beside = (max(low - at, at - high) for at, (low, high) in ((x_m, first.x_m), (y_m, first.y_m)))
-        if max(beside) < across_m:
-            found.append((z_m - TIP_M - HAND_ROOM_M) / top_m)
-    return min(found, default=np.inf)
 
 
 def _clutter(how: Variation, rng: np.random.Generator) -> tuple[Clutter, ...]:
