@@ -37,6 +37,7 @@ def test_clutter_rests_where_it_was_put(of: str) -> None:
                 np.testing.assert_allclose(pose, first.clutter[name], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_simulator_has_objects_of_the_sizes_of_its_scene(task: Task) -> None:
     usual = replace(task, variation=read_variation("instances"))
     with Simulator(usual, render=False) as world:
@@ -62,6 +63,7 @@ def knocked(world: Simulator, steps: int = 40):
         yield world.step(command)
 
 
+@pytest.mark.slow
 def test_touching_clutter_is_seen_and_told() -> None:
     usual = varied("pick_meat", "clutter", clutter=(10, 10))
     with Simulator(usual, render=False) as world:

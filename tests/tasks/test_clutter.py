@@ -22,6 +22,7 @@ def outline(piece):
     return MultiPoint(piece.asset.vertices(piece.world_from_object)[:, :2]).convex_hull
 
 
+@pytest.mark.slow
 def test_clutter_stands_off_what_a_task_is_about(task: Task) -> None:
     """Whatever the seed of the objects: their whole ranges are free, and so are places, bases and hands."""
     starts = [task.start(seed) for seed in range(20)]
@@ -42,6 +43,7 @@ def test_clutter_stands_off_what_a_task_is_about(task: Task) -> None:
             assert all(each.distance(Point(robot.x_m, robot.y_m)) > 0.2 for each in outlines)
 
 
+@pytest.mark.slow
 def test_clutter_is_in_the_way_and_nothing_is_at_the_start(task: Task) -> None:
     for variation in (CLUTTER, INSTANCES, replace(CLUTTER, object_size=(1.5, 1.5))):
         for seed in SEEDS[:2]:
@@ -53,6 +55,7 @@ def test_clutter_is_in_the_way_and_nothing_is_at_the_start(task: Task) -> None:
                 assert not closer_than(world.measured(agent), still, 0.0).any(), (seed, agent)
 
 
+@pytest.mark.slow
 def test_an_arm_that_reaches_into_clutter_meets_it() -> None:
     task = replace(read_task("pick_meat"), variation=replace(CLUTTER, clutter=(10, 10))).of(0)
     scene = task.start(0).scene
@@ -73,6 +76,7 @@ def test_what_is_not_an_object_is_not_spoken_of(task: Task) -> None:
     assert not task.clutter and not task.start(1).scene.clutter
 
 
+@pytest.mark.slow
 def test_a_scene_says_what_has_found_no_place() -> None:
     task = read_task("lift_barrier")
     crowded = replace(task, variation=Variation("x", clutter=(10, 10), clutter_area_m=(0.34, 0.59)))
