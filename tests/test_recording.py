@@ -1,5 +1,6 @@
 """A recording of a real episode: what the file says is what the plan, the checks and the hands did."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,14 @@ from rf_exp.perception import look
 from rf_exp.recording import EpisodeRecorder, check_result, orders
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim import Limited, Simulator
+from rf_exp.tasks import Variation
 from rf_exp.types import ConstraintSet, Scene
 from tests.conftest import read_task
 from tests.viz.recorded import Content
 
 pytestmark = pytest.mark.slow  # whole episodes
 FULL = ConstraintSet("full")
+CLUTTER = Variation("clutter", clutter=(3, 8))
 
 
 class Witness(EpisodeRecorder):
@@ -167,3 +170,17 @@ def test_what_the_cameras_saw_is_shown_where_spatial_constraints_ask_them(tmp_pa
     np.testing.assert_allclose(first, centres_m(seen), atol=1e-6)
     assert content.steps("/world/occupancy/cameras", "Boxes3D:centers")[0] == 0
     assert len(content.steps("/world/occupancy/agent1", "Boxes3D:centers")) > 10
+
+
+def test_clutter_of_the_scene_is_shown(tmp_path):
+    path, usual = tmp_path / "generate-0.rrd", replace(read_task("pick_meat"), variation=CLUTTER)
+    with Simulator(usual, render=False) as world:
+        scene = world.reset(0)
+        with EpisodeRecorder(path, world.task, world, "Pick Meat") as recorder:
+            recorder.look(scene)
+    content = Content(path)
+    assert 3 <= len(scene.clutter) <= 8
+    for name, pose in scene.clutter.items():
+        (boxes,) = content.column(f"/world/occupancy/{name}", "Boxes3D:centers")
+        off_m = np.linalg.norm(np.array(list(boxes))[:, :2].mean(axis=0) - pose[:2, 3])
+        assert off_m < 0.02

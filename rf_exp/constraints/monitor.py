@@ -65,6 +65,12 @@ class Monitor:
             force_n = float(np.linalg.norm(force))
             if force_n > reflex_n[agent] and ((segment := now(agent)) is None or name not in segment.about):
                 hits.append((force_n, (agent,), (name,)))
+        for who, name, force_n in scene.clutter_contacts:
+            hits += [
+                (force_n, (agent,), (name,))
+                for agent in plan.task.agents
+                if who == f"agent{agent}" and force_n > reflex_n[agent]
+            ]
         if not hits:
             return None
         force_n, agents, things = max(hits)

@@ -83,6 +83,24 @@ class Touch:
 
 
 @dataclass(frozen=True)
+class Knock:
+    """Clutter that an arm, or what one carried, touched."""
+
+    who: str  # agent<k> or an object
+    clutter: str
+    time_s: float  # for the first time
+    steps: int  # control steps
+
+    @property
+    def kind(self) -> str:
+        return f"{self.who} touched clutter"
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.who} touched {self.clutter} ({self.time_s:.2f} s, {self.steps} steps)"
+
+
+@dataclass(frozen=True)
 class Lost:
     """A thing that was lost."""
 
@@ -111,6 +129,7 @@ class Account:
     lost: tuple[Lost, ...] = ()
     refused: Violation | None = None  # why a success is none: what a disturbed arm has moved
     ended: str = ""  # in the words of who ended it before it was judged
+    knocks: tuple[Knock, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -131,7 +150,7 @@ class Account:
         else:
             steps = f" ({closest.steps} steps)" if closest is not None and closest != NOTHING else ""
             parts = [f"failed: {self._briefly}{steps}"]
-        parts += [each.sentence for each in (*self.touches, *self.lost)]
+        parts += [each.sentence for each in (*self.touches, *self.knocks, *self.lost)]
         if self.rejections:  # the first says what went wrong; the last, why that could not be mended
             first, last, many = self.rejections[0], self.rejections[-1], len(self.rejections)
             parts.append(f"the first violation of {many}: {first.sentence}")
@@ -146,7 +165,9 @@ class Account:
         if self.ended:
             return self.ended
         failed = ", ".join(each.name for each in self.unmet) or self._briefly
-        happened = [each.kind for each in (*self.touches, *self.lost, *self.rejections[:1])]
+        knocks = dict.fromkeys(each.kind for each in self.knocks)
+        happened = [each.kind for each in self.touches] + [*knocks]
+        happened += [each.kind for each in (*self.lost, *self.rejections[:1])]
         return "; ".join([failed, *happened])
 
     @property

@@ -175,6 +175,7 @@ class Finding(StrEnum):
         "{everyone}, is {value:.2f} rad off its path (allowed {bound:g} rad): something is in its way",
     )
     OBJECT_MOVED = "object_moved", "a disturbed arm has moved {object} by {mm:.0f} mm"
+    CLUTTER_MOVED = "clutter_moved", "an arm, or what it carries, has moved {object} by {mm:.0f} mm"
 
     # Whatever else.
     REFUSED = "not understood", "{refusal}"

@@ -130,16 +130,15 @@ class PlanningScene:
         return self._body(agent, links, moved, carried=carried, touches=touches, rests=rests, holds=holds)
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
-        """Objects as they stand in the scene (P = 1); without names, those that no trajectory moves."""
-        names = (
-            [name for name in self.task.objects if name not in self.moved] if names is None else list(names)
-        )
+        """Things as they stand in the scene (P = 1); without names, those nobody moves, and clutter."""
+        if names is None:
+            names = [name for name in (*self.task.objects, *self.task.clutter) if name not in self.moved]
         pieces, labels, poses = [], [], []
         for name in names:
             for piece in asset_pieces(self._asset(name)):
                 pieces.append(piece)
                 labels.append(name)
-                poses.append(self.scene.poses[name])
+                poses.append(self._pose(name))
         stacked = np.array(poses).reshape(1, -1, 4, 4)
         return Swept(tuple(pieces), tuple(labels), stacked, objects=frozenset(labels))
 
@@ -158,8 +157,14 @@ class PlanningScene:
 
     # parts
 
+    def _pose(self, name: str) -> Matrix:
+        """Of clutter where the seed has put it, unless it has been measured since."""
+        if name in self.task.clutter:
+            return self.scene.clutter.get(name, self.task.clutter[name].world_from_object)
+        return self.scene.poses[name]
+
     def _asset(self, name: str) -> Asset:
-        if name not in self.task.objects:
+        if name not in self.task.objects and name not in self.task.clutter:
             raise choices("object", name, self.task.objects)
         return self.task.asset(name)
 

@@ -84,6 +84,7 @@ class RolloutRecorder(SceneRecorder):
             f"agent {agent} on {name}": float(np.linalg.norm(force))
             for (agent, name), force in scene.finger_forces.items()
         }
+        forces |= {f"{who} on {name}": force for who, name, force in scene.clutter_contacts}
         for what in sorted(self._pushes | forces.keys()):
             self._recorder.contact(what, forces.get(what, 0.0))
         self._pushes |= forces.keys()

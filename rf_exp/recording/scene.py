@@ -57,7 +57,7 @@ class SceneRecorder:
     ) -> None:
         """The scene as it is, without a plan."""
         self._scene = scene
-        poses = {object_entity(name): pose for name, pose in scene.poses.items()}
+        poses = {object_entity(name): pose for name, pose in {**scene.poses, **scene.clutter}.items()}
         for agent, arm in zip(self._task.agents, self._arms, strict=True):
             links = arm.links(scene.qpos[agent - 1])
             poses |= {
@@ -72,7 +72,8 @@ class SceneRecorder:
     def _occupancy(self, scene: Scene) -> None:
         """Voxels of every arm with what it holds, and of the objects that nobody holds."""
         planning_scene = PlanningScene(self._task, scene)
-        objects = {name: voxels(planning_scene.standing([name])) for name in self._task.objects}
+        names = (*self._task.objects, *self._task.clutter)
+        objects = {name: voxels(planning_scene.standing([name])) for name in names}
         for agent, held in zip(self._task.agents, scene.held, strict=True):
             occupied = [voxels(planning_scene.measured(agent))]
             occupied += [objects[held]] if held is not None else []
@@ -97,7 +98,7 @@ def _meshes(task: Task) -> dict[str, Mesh]:
         for link, (vertices, faces, colours) in robot.model.meshes.items()
         if link in robot.model.links
     }
-    meshes |= {object_entity(name): _object(task, name) for name in task.objects}
+    meshes |= {object_entity(name): _object(task, name) for name in (*task.objects, *task.clutter)}
     slab = trimesh.creation.box(TABLE_M)
     slab.apply_translation((0.0, 0.0, -TABLE_M[2] / 2))
     meshes[object_entity("table")] = Mesh(slab.vertices, slab.faces, TABLE_COLOUR)

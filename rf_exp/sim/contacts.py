@@ -2,6 +2,8 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import sapien
@@ -24,6 +26,7 @@ class Contacts:
         robots: Sequence[physx.PhysxArticulation],
         hands: Sequence[Hand],
         objects: Mapping[str, sapien.Entity],
+        clutter: Mapping[str, sapien.Entity] = MappingProxyType({}),
     ) -> None:
         # The scene hands out the same Python object for a body as long as one is kept: these maps do.
         self._agent_of: dict[physx.PhysxRigidBaseComponent, int] = {
@@ -41,10 +44,9 @@ class Contacts:
             for pair, hand in zip(self._fingers, hands, strict=True)
             for link, finger in zip(pair, hand.fingers, strict=True)
         }
-        self._object_of = {
-            entity.find_component_by_type(physx.PhysxRigidBaseComponent): name
-            for name, entity in objects.items()
-        }
+        self._object_of = _named(objects)
+        self._clutter_of = _named(clutter)
+        self._moved_by = {link: f"agent{agent}" for link, agent in self._agent_of.items()} | self._object_of
 
     def of_fingers(
         self, contacts: Sequence[physx.PhysxContact], timestep_s: float
@@ -75,6 +77,18 @@ class Contacts:
                 forces[min(a, b), max(a, b)] += impulse / timestep_s
         return {pair: force for pair, force in forces.items() if force > 0}
 
+    def with_clutter(
+        self, contacts: Sequence[physx.PhysxContact], timestep_s: float
+    ) -> dict[tuple[str, str], float]:
+        """(agent<k> or object, piece of clutter) -> force in N with which they press on one another."""
+        forces: dict[tuple[str, str], float] = defaultdict(float)
+        for contact in contacts if self._clutter_of else ():
+            for one, other in (contact.bodies, contact.bodies[::-1]):
+                if one in self._moved_by and other in self._clutter_of:
+                    impulse = sum(float(np.linalg.norm(point.impulse)) for point in contact.points)
+                    forces[self._moved_by[one], self._clutter_of[other]] += impulse / timestep_s
+        return {pair: force for pair, force in forces.items() if force > 0}
+
     def _held(self, fingers: tuple, on_finger: Mapping[tuple, Vector]) -> str | None:
         """The object that presses both fingers of an arm apart, if any; the hardest pressed of several."""
         pinched = {}
@@ -96,6 +110,14 @@ class Contacts:
             return False
         opening = finger.entity_pose.to_transformation_matrix()[:3, :3] @ self._opens[finger]
         return float(opening @ force_n) >= size * np.cos(np.deg2rad(GRASP_ANGLE_DEG))
+
+
+def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
+    """The name of each body."""
+    return {
+        entity.find_component_by_type(physx.PhysxRigidBaseComponent): name
+        for name, entity in entities.items()
+    }
 
 
 def _impulse(contact: physx.PhysxContact) -> Vector:

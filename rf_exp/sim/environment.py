@@ -70,8 +70,7 @@ class TableEnv(BaseEnv):
         self._usual = self.task = task  # as configured, and as it stands in the scene of the seed
         self.copy = 0  # of the scene of a seed that is built next
         # Of the seed that was reset last; ManiSkill resets once before anybody asks it to.
-        self.start, self.actors = task.start(0), dict[str, Actor]()
-        self._assets = {name: (task.asset(name), objects.surfaces(task.asset(name))) for name in task.objects}
+        self.start, self.actors, self.clutter = task.start(0), dict[str, Actor](), dict[str, Actor]()
         self._size_px = (width_px, height_px)
         super().__init__(
             obs_mode="none",
@@ -149,12 +148,19 @@ class TableEnv(BaseEnv):
             name: objects.build(
                 self.scene,
                 name,
-                *self._assets[name],
+                self.task.asset(name),
+                objects.surfaces(self.task.asset(name)),
                 self.start.poses[name],
                 self.start.tints[name],
                 self.start.masses_kg[name],
             )
             for name in self.task.objects
+        }
+        self.clutter = {
+            name: objects.build(
+                self.scene, name, piece.asset, objects.surfaces(piece.asset), self.start.clutter[name]
+            )
+            for name, piece in self.task.clutter.items()
         }
 
     def _load_lighting(self, options: dict) -> None:

@@ -1,7 +1,7 @@
 """One episode's scene as SAPIEN has loaded it, and how far it is."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import sapien
@@ -14,6 +14,8 @@ from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, Scene, joints_of
 
+Pair = TypeVar("Pair")
+
 
 class LoadedScene:
     """What a reset of the environment has built; the next reset builds all of it anew."""
@@ -24,7 +26,9 @@ class LoadedScene:
         self.bodies = {name: actor._objs[0] for name, actor in env.actors.items()}
         self._rows = env.rows()
         hands = [robot.model.hand for robot in env.task.robots]
-        self._contacts = Contacts(self.robots, hands, self.bodies)
+        self.clutter = {name: actor._objs[0] for name, actor in env.clutter.items()}
+        self._contacts = Contacts(self.robots, hands, self.bodies, self.clutter)
+        self._knocks: dict[tuple[str, str], float] = {}  # with clutter, in the last control step: N
         start = joints_of(env.start.qpos)
         held = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
         self.devices = Devices(env.start, held)
@@ -33,7 +37,7 @@ class LoadedScene:
         self.physics: Any = env.scene.px
         sensors: dict[str, Any] = env._sensors if draws else {}
         self._cameras = {name: sensor.camera._render_cameras[0] for name, sensor in sensors.items()}
-        self._poses = self._measured_poses()
+        self._poses = _measured(self.bodies)
         self.steps = 0
         self._drawn_at, self._drawn = -1, set[str]()  # the step of the last pictures, and their cameras
 
@@ -48,17 +52,19 @@ class LoadedScene:
             for joint, value in zip(joints, rows.targets(command).tolist(), strict=True):
                 joint.set_drive_target(value)
         pressed: dict[tuple[int, int], float] = {}
+        self._knocks = {}
         for _ in range(PHYSICS_HZ // CONTROL_HZ):
             self.physics.step()
             # A knock can be over within one control step: keep the hardest push of the physics steps.
-            now = self._contacts.between_arms(self.physics.get_contacts(), self.physics.timestep)
-            pressed = {pair: max(force, pressed.get(pair, 0.0)) for pair, force in (pressed | now).items()}
+            contacts, timestep_s = self.physics.get_contacts(), self.physics.timestep
+            pressed = _hardest(pressed, self._contacts.between_arms(contacts, timestep_s))
+            self._knocks = _hardest(self._knocks, self._contacts.with_clutter(contacts, timestep_s))
         self.steps += 1
         return pressed
 
     def scene(self, pressed: Mapping[tuple[int, int], float]) -> Scene:
         """As measured now; once a control step, since speeds are what has moved since the last time."""
-        poses = self._measured_poses()
+        poses = _measured(self.bodies)
         moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
         self._poses = poses
         held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
@@ -72,6 +78,8 @@ class LoadedScene:
             held=held,
             finger_forces=pushes,
             arm_contacts=tuple((a, b, force) for (a, b), force in sorted(pressed.items())),
+            clutter=_measured(self.clutter),
+            clutter_contacts=tuple((who, name, force) for (who, name), force in sorted(self._knocks.items())),
         )
         return self.devices.measured(scene)
 
@@ -83,11 +91,6 @@ class LoadedScene:
         for name, pose in poses.items():
             self.bodies[name].set_pose(sapien.Pose(pose[:3].tolist(), pose[3:].tolist()))
         self.steps += 1
-
-    def _measured_poses(self) -> dict[str, Matrix]:
-        return {
-            name: body.pose.to_transformation_matrix().astype(float) for name, body in self.bodies.items()
-        }
 
     def drawn(self, texture: str, cameras: Iterable[str] | None) -> dict[str, NDArray]:
         """Camera -> its texture at this step, drawn once however often it is asked for; None: of all."""
@@ -105,5 +108,18 @@ class LoadedScene:
 
     def release(self) -> None:
         """Let go of SAPIEN's bodies and cameras, so that the environment can be closed."""
-        for kept in (self.robots, self._joints, self.bodies, self._cameras):
+        for kept in (self.robots, self._joints, self.bodies, self.clutter, self._cameras):
             kept.clear()
+
+
+def _measured(bodies: Mapping[str, Any]) -> dict[str, Matrix]:
+    """Where bodies are, world frame."""
+    return {name: body.pose.to_transformation_matrix().astype(float) for name, body in bodies.items()}
+
+
+def _hardest(before: Mapping[Pair, float], now: Mapping[Pair, float]) -> dict[Pair, float]:
+    """Of each pair the harder push."""
+    found = dict(before)
+    for pair, force in now.items():
+        found[pair] = max(force, found.get(pair, 0.0))
+    return found

@@ -1,6 +1,7 @@
 """Builds assets as ManiSkill actors: convex collision pieces, and one render mesh for each finish."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import groupby
 from typing import Any, cast
 
@@ -90,8 +91,9 @@ def _covered(surface: Surface, finish: Finish, shade: float) -> Surface:
     return replace(surface, colour=colour, texture=finish.texture, roughness=roughness)
 
 
+@lru_cache(maxsize=64)  # takes milliseconds
 def surfaces(asset: Asset) -> tuple[Surface, ...]:
-    """The render meshes of an asset, one for each finish. Takes milliseconds: make them once."""
+    """The render meshes of an asset, one for each finish."""
 
     def finish(part: Part) -> tuple[Colour, float, float]:
         return part.colour, part.roughness, part.metallic

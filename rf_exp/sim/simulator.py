@@ -110,11 +110,11 @@ class Simulator:
         return {name: np.float32(-0.001) * image[..., 2] for name, image in images.items()}
 
     def bodies(self) -> dict[str, tuple[int, ...]]:
-        """Numbers that `segmentation` uses: each object, `table`, and `agent<k>` with all of its links."""
+        """Numbers that `segmentation` uses: objects, clutter, `table`, `agent<k>` with all of its links."""
         numbers = {
             name: (actor._objs[0].per_scene_id,)
             for name, actor in self._env.scene.actors.items()
-            if name in self._loaded.bodies or name == "table"
+            if name in self._loaded.bodies or name in self._loaded.clutter or name == "table"
         }
         for agent, robot in zip(self.task.agents, self._loaded.robots, strict=True):
             numbers[f"agent{agent}"] = tuple(link.entity.per_scene_id for link in robot.links)

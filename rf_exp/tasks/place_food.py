@@ -22,13 +22,13 @@ PLAN_VERSION = "1"
 
 COOK, HELPER = 1, 2  # the agents: one brings the food, the other opens the pot
 LID_LIFT_M = 0.12
-ASIDE_M = 0.27  # from the pot to where the lid is put, towards the helper
+ASIDE_M = 0.27  # from a pot of the usual size to where the lid is put, towards the helper
 
 
 def places(scene: Scene, task: Task) -> dict[str, Matrix]:
     """Named places on the table: world_from_object (4, 4) of what is put there."""
     pot = scene.poses["pot"]
-    return {"aside": planar(pot[0, 3], pot[1, 3] + ASIDE_M, 0.0)}
+    return {"aside": planar(pot[0, 3], pot[1, 3] + task.objects["pot"].size * ASIDE_M, 0.0)}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -61,12 +61,13 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def _inside(scene: Scene, task: Task) -> Condition:
     rim_m = height_m(scene, "pot") + float(task.asset("pot").bounds_m[1, 2])
-    beside = near(scene, "steak", "pot", task.success["inside_m"])
+    beside = near(scene, "steak", "pot", task.objects["pot"].size * task.success["inside_m"])
     return every((beside, below(height_m(scene, "steak"), rim_m, "m")))
 
 
 def _lid_off(scene: Scene, task: Task) -> Condition:
-    return above(distance_xy_m(scene.poses["lid"], scene.poses["pot"]), task.success["lid_off_m"], "m")
+    off_m = task.objects["pot"].size * task.success["lid_off_m"]
+    return above(distance_xy_m(scene.poses["lid"], scene.poses["pot"]), off_m, "m")
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:

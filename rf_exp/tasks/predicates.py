@@ -92,6 +92,17 @@ def stacked(
     return Measured(off <= above_m, off, above_m, "m", False)
 
 
+def on(scene: Scene, task: Task, top: str, bearer: str, beside_m: float) -> Measured:
+    """Whether `top` lies on the point `top` of `bearer`, at most `beside_m` beside it.
+
+    That bound is for things of the usual size, and is as much wider as `bearer` is larger. Reads `above_m`
+    of the task's thresholds.
+    """
+    height_m = float(task.points[bearer]["top"][2, 3])
+    within_m = task.objects[bearer].size * beside_m
+    return stacked(scene, top, bearer, height_m, within_m, task.success["above_m"])
+
+
 def released(scene: Scene, names: Iterable[str]) -> bool:
     """Whether nobody holds any of the objects."""
     return not any(name in scene.held for name in names)

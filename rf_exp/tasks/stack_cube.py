@@ -1,7 +1,7 @@
 """Stack Cube: one arm puts the blue cube on the red one."""
 
 from rf_exp.statements import AvoidObjects, Proposal, grasping
-from rf_exp.tasks.predicates import released, set_down, stacked
+from rf_exp.tasks.predicates import on, released, set_down
 from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -9,7 +9,6 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 ARM = 1
-CUBE_M = 0.04  # side
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -24,7 +23,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def _on_top(scene: Scene, task: Task) -> Condition:
-    return stacked(scene, "blue", "red", CUBE_M, task.success["beside_m"], task.success["above_m"])
+    return on(scene, task, "blue", "red", task.success["beside_m"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
@@ -34,4 +33,4 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the blue cube is above the red one."""
-    return stacked(scene, "blue", "red", CUBE_M, task.success["paper_beside_m"], task.success["above_m"])
+    return on(scene, task, "blue", "red", task.success["paper_beside_m"])

@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
-from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down, stacked
+from rf_exp.tasks.predicates import below, every, height_m, near, on, released, set_down
 from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -11,7 +11,6 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 STACK = {1: "blue", 2: "red", 3: "green"}  # agent -> its cube, from the bottom up
-SIDE_M = 0.04
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -41,10 +40,7 @@ def _standing(scene: Scene, task: Task) -> list[Condition]:
     limits = task.success
     down = below(height_m(scene, "blue"), limits["above_m"], "m")
     bottom = every((near(scene, "blue", "goal", limits["goal_m"]), down))
-    upper = [
-        stacked(scene, top, bearer, SIDE_M, limits["beside_m"], limits["above_m"])
-        for bearer, top in pairwise(STACK.values())
-    ]
+    upper = [on(scene, task, top, bearer, limits["beside_m"]) for bearer, top in pairwise(STACK.values())]
     return [bottom, *upper]
 
 
@@ -62,7 +58,6 @@ def paper(scene: Scene, start: Scene, task: Task) -> bool:
     limits = task.success
     over_goal = all(near(scene, name, "goal", limits["paper_goal_m"]) for name in ("red", "green"))
     high = all(
-        stacked(scene, top, below, SIDE_M, limits["paper_beside_m"], limits["above_m"])
-        for below, top in pairwise(STACK.values())
+        on(scene, task, top, below, limits["paper_beside_m"]) for below, top in pairwise(STACK.values())
     )
     return over_goal and high and released(scene, STACK.values())

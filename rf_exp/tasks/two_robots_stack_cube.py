@@ -1,7 +1,7 @@
 """Two Robots Stack Cube: one arm brings the blue cube to the goal, the other puts the red one on it."""
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
-from rf_exp.tasks.predicates import below, every, height_m, holders, near, released, set_down, stacked
+from rf_exp.tasks.predicates import below, every, height_m, holders, near, on, released, set_down
 from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -9,7 +9,6 @@ VERSION = "1"
 PLAN_VERSION = "1"
 
 BASE, TOP = 1, 2  # the agents
-CUBE_M = 0.04  # side
 CUBES = ("blue", "red")
 
 
@@ -40,7 +39,7 @@ def _on_goal(scene: Scene, task: Task) -> Condition:
 
 
 def _on_blue(scene: Scene, task: Task) -> Condition:
-    return stacked(scene, "red", "blue", CUBE_M, task.success["beside_m"], task.success["above_m"])
+    return on(scene, task, "red", "blue", task.success["beside_m"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
@@ -56,5 +55,5 @@ def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: red above blue, blue near the goal, nothing grasped."""
     limits = task.success
     on_goal = near(scene, "blue", "goal", limits["paper_goal_m"])
-    above = stacked(scene, "red", "blue", CUBE_M, limits["paper_beside_m"], limits["above_m"])
+    above = on(scene, task, "red", "blue", limits["paper_beside_m"])
     return on_goal and above and released(scene, CUBES)

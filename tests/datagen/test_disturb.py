@@ -303,7 +303,8 @@ def test_only_what_nobody_handles_is_watched() -> None:
         pose[0, 3] += by_m
         return replace(start, step=step, poses={**start.poses, blue: pose})
 
-    watch = ObjectMotionWatch(Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule))
+    plan = Plan(Paths(read_task("stack_cube"), FULL, start, (path,)), schedule)
+    watch = ObjectMotionWatch(plan, objects=True)
     assert watch.unintended(moved(1, MOVED_M / 2)) is None
     moved_by = watch.unintended(moved(2, 2 * MOVED_M))
     assert moved_by is not None and moved_by.sentence == f"a disturbed arm has moved {blue} by 10 mm"

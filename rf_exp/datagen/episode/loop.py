@@ -202,7 +202,8 @@ class _Making:
         commands = commands_of(plan)
         doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
         limits, disturbed = self._settings.limits, self._settings.disturbance_rad > 0
-        watch = ObjectMotionWatch(plan.checked.plan) if disturbed else None
+        watched = disturbed or self.scene.clutter
+        watch = ObjectMotionWatch(plan.checked.plan, objects=disturbed) if watched else None
 
         def take(now: int) -> None:
             self._doing = doing[now]

@@ -76,32 +76,28 @@ def _apart_m(body: Swept, still: Swept, row: int) -> float:
 
 
 class ObjectMotionWatch:
-    """Watches the things of a plan that are not being handled: they stay where they are."""
+    """Watches clutter, and the things of a plan that are not being handled: they stay where they are."""
 
-    def __init__(self, plan: Plan) -> None:
-        """`plan` is what is executed."""
-        self._plan = plan
+    def __init__(self, plan: Plan, *, objects: bool) -> None:
+        """`plan` is what is executed; without `objects` clutter alone is watched."""
+        self._plan, self._objects = plan, objects
+        self._clutter = {name: pose[:3, 3] for name, pose in plan.scene.clutter.items()}
         self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in plan.scene.poses.items()}
 
     def unintended(self, scene: Scene) -> Violation | None:
         """What has moved by now that nobody handles."""
+        for name, pose in scene.clutter.items():
+            if (moved_m := float(np.linalg.norm(pose[:3, 3] - self._clutter[name]))) > MOVED_M:
+                return _moved(scene, Finding.CLUTTER_MOVED, name, moved_m)
+        if not self._objects:
+            return None
         handled = self._handled(scene)
         for name, pose in scene.poses.items():
             here = pose[:3, 3]
             if name in handled:
                 self._rest[name] = here
             elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > MOVED_M:
-                return Violation(
-                    check=CheckName.OBJECT_MOTION,
-                    cause=Cause.CONTACT,
-                    finding=Finding.OBJECT_MOVED,
-                    value=moved_m,
-                    bound=MOVED_M,
-                    unit="m",
-                    time_s=scene.time_s,
-                    measured=True,
-                    object=name,
-                )
+                return _moved(scene, Finding.OBJECT_MOVED, name, moved_m)
         return None
 
     def _handled(self, scene: Scene) -> set[str]:
@@ -113,3 +109,17 @@ class ObjectMotionWatch:
             if segment is not None and segment.primitive != "approach":
                 found |= segment.touches
         return found
+
+
+def _moved(scene: Scene, finding: Finding, name: str, moved_m: float) -> Violation:
+    return Violation(
+        check=CheckName.OBJECT_MOTION,
+        cause=Cause.CONTACT,
+        finding=finding,
+        value=moved_m,
+        bound=MOVED_M,
+        unit="m",
+        time_s=scene.time_s,
+        measured=True,
+        object=name,
+    )

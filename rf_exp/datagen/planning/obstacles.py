@@ -108,7 +108,8 @@ class Obstacles:
     ) -> Iterator[tuple[Sequence[Obstacle], Swept, float]]:
         """What is in the way, and how near one may come; things together, as most often none is near."""
         attached = state.held[agent][0] if agent in state.held else None
-        names: Collection[str] = self._task.objects if self._constraint_set.spatial else sorted(state.targets)
+        everything = (*self._task.objects, *self._task.clutter)
+        names: Collection[str] = everything if self._constraint_set.spatial else sorted(state.targets)
         if self._seen is not None and self._constraint_set.spatial:
             boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
             names = sorted(exactly)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rf_exp.findings import NOTHING, Account, Closest, Lost, Touch, Unmet
+from rf_exp.findings import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
 from rf_exp.types import CONTROL_DT_S, Measured, Scene, Verdict
 
 
@@ -25,6 +25,7 @@ class Ledger:
         self._verdict: Verdict | None = None
         self._most, self._most_at = -1, 0  # conditions that ever held at once, first at which step
         self._touched: dict[tuple[int, int], tuple[int, int]] = {}  # agents -> first step, number of steps
+        self._knocked: dict[tuple[str, str], tuple[int, int]] = {}  # who, clutter -> first step, steps
         self._lost: dict[tuple[str, str], int] = {}  # object, how -> first step
         self.contacts = 0  # control steps in which arms touched each other
 
@@ -42,6 +43,9 @@ class Ledger:
         for a, b, _ in scene.arm_contacts:
             first, steps = self._touched.get((a, b), (scene.step, 0))
             self._touched[a, b] = first, steps + 1
+        for who, name, _ in scene.clutter_contacts:
+            first, steps = self._knocked.get((who, name), (scene.step, 0))
+            self._knocked[who, name] = first, steps + 1
         for lost in verdict.lost.items():
             self._lost.setdefault(lost, scene.step)
 
@@ -76,13 +80,17 @@ class Ledger:
         touches = tuple(
             Touch(pair, _s(first), steps) for pair, (first, steps) in sorted(self._touched.items())
         )
+        knocks = tuple(
+            Knock(*pair, _s(first), steps) for pair, (first, steps) in sorted(self._knocked.items())
+        )
         if self._verdict is None:
             return Account(closest=self._closest)
         if self._verdict.success:
-            return Account(touches=touches)
+            return Account(touches=touches, knocks=knocks)
         failing = [name for name, holds in self._verdict.evidence.items() if not holds]
         return Account(
             touches=touches,
+            knocks=knocks,
             unmet=tuple(_unmet(name, self._conditions[name]) for name in failing),
             closest=self._closest,
             lost=tuple(Lost(name, how, _s(first)) for (name, how), first in self._lost.items()),

@@ -98,6 +98,8 @@ def load_task(name: str, node: Mapping) -> Task:
     start beyond the table's edge.
     """
     check_words(name, node)
+    if "clutter" in node:  # a seed draws it
+        raise ArgumentError(f"task {name!r}: unknown field clutter")
     try:
         _find_robots(node)
         drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}

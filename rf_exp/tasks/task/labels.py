@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from rf_exp.tasks.task.task import Task
 
-TABLE = "table"  # with the room around it
+TABLE = "table"  # with the room around it, and clutter
 
 
 def labels(task: Task) -> tuple[str, ...]:
-    """What the numbers of a segmentation mean: 0 nothing, 1 table and room, objects, agents."""
+    """What the numbers of a segmentation mean: 0 nothing, 1 table, room and clutter, objects, agents."""
     return ("nothing", TABLE, *task.objects, *(f"agent{agent}" for agent in task.agents))
 
 
@@ -22,4 +22,6 @@ def labelled(
     number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
     for label, name in enumerate(labels(task)):
         number[list(bodies.get(name, ()))] = label
+    for name in task.clutter:
+        number[list(bodies.get(name, ()))] = labels(task).index(TABLE)
     return {name: number[image] for name, image in images.items()}

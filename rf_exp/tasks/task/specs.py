@@ -6,12 +6,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
+from rf_exp.tasks.task.sizes import LARGEST, SMALLEST
 from rf_exp.tasks.task.variation import CameraMotion
 from rf_exp.transforms import Matrix, from_axes, planar, rotated
+from rf_exp.types import FINGERS
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,11 @@ class RobotSpec:
         object.__setattr__(self, "rest_rad", tuple(map(float, rest_rad)))
         if len(self.rest_rad) != joints:
             raise ArgumentError(f"rest_rad has {len(self.rest_rad)} values; an arm has {joints} joints")
+
+    @property
+    def at_rest(self) -> NDArray[np.float64]:
+        """(D,) joints at rest, in rad, and open fingers in m."""
+        return np.array([*self.rest_rad, *[self.model.hand.open_m] * FINGERS])
 
     @cached_property
     def world_from_base(self) -> Matrix:
@@ -59,6 +67,7 @@ class ObjectSpec:
     yaw_deg: tuple[float, float] = (0.0, 0.0)
     relative_to: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
     options: Mapping[str, Any] = field(default_factory=dict)  # of the asset, e.g. its colour
+    size: float = 1.0  # against that of the asset
 
     def __post_init__(self) -> None:
         for axis in ("x_m", "y_m", "yaw_deg"):
@@ -70,6 +79,26 @@ class ObjectSpec:
                     f"write [{high}, {low}]"
                 )
             object.__setattr__(self, axis, (float(low), float(high)))
+        if not SMALLEST <= self.size <= LARGEST:
+            raise ArgumentError(
+                f"size of asset {self.asset!r} is {self.size}; expected {SMALLEST} to {LARGEST}"
+            )
+
+    @property
+    def stands_on(self) -> str | None:
+        """The object that bears it: it belongs to that one, and is of one size with it."""
+        return self.relative_to if self.z_m else None
+
+    def sized(self, size: float) -> "ObjectSpec":
+        """The same `size` times as large, and as much further away from what it stands on."""
+        if size == 1:
+            return self
+        spec = replace(self, size=size * self.size)
+        if self.stands_on is None:
+            return spec
+        (low_x, high_x), (low_y, high_y) = self.x_m, self.y_m
+        x_m, y_m = (size * low_x, size * high_x), (size * low_y, size * high_y)
+        return replace(spec, x_m=x_m, y_m=y_m, z_m=size * self.z_m)
 
 
 @dataclass(frozen=True)

@@ -37,12 +37,14 @@ class Start:
     devices: Devices = EXACT  # what sensors and actuators add
     look: Look = field(default_factory=Look)
     lamps: Light = field(default_factory=Light)  # before they are as bright as `light` says
+    clutter: Mapping[str, Matrix] = field(default_factory=dict)  # piece -> world_from_object
 
     @property
     def scene(self) -> Scene:
         """As it is measured before anything has moved, known without a simulator."""
         qvel, speeds = np.zeros_like(self.qpos), dict.fromkeys(self.poses, 0.0)
-        return Scene(0, self.qpos, qvel, self.poses, speeds, held=(None,) * len(self.qpos))
+        held = (None,) * len(self.qpos)
+        return Scene(0, self.qpos, qvel, self.poses, speeds, held=held, clutter=self.clutter)
 
 
 def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
@@ -83,7 +85,8 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
     masses_kg = {name: _mass_kg(task, name, rng.uniform()) for name in task.objects}
-    start = Start(seed, copy, qpos, poses, light, tints, masses_kg)
+    clutter = {name: piece.world_from_object for name, piece in task.clutter.items()}
+    start = Start(seed, copy, qpos, poses, light, tints, masses_kg, clutter=clutter)
     if drawn is None:
         return start
     tints = {name: tint * drawn.tints[name] for name, tint in tints.items()}

@@ -12,7 +12,7 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import import_module
 from types import ModuleType
@@ -24,9 +24,10 @@ from rf_exp.errors import ArgumentError
 from rf_exp.robots import Arm
 from rf_exp.statements import Vocabulary
 from rf_exp.tasks import assets
+from rf_exp.tasks.task.clutter import Clutter
 from rf_exp.tasks.task.specs import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Thresholds
 from rf_exp.tasks.task.start import Start, start_of
-from rf_exp.tasks.task.variation import NONE, Variation, moved
+from rf_exp.tasks.task.variation import NONE, Variation, cluttered, moved
 from rf_exp.transforms import Matrix, inverse
 from rf_exp.types import Scene
 
@@ -50,6 +51,7 @@ class Task:
         600  # control steps of an attempt, of whoever acts: twice the expert's mean (supplementary B)
     )
     variation: Variation = NONE
+    clutter: Mapping[str, Clutter] = field(default_factory=dict)  # what stands about in one scene
     code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given
 
     def __post_init__(self) -> None:
@@ -87,9 +89,11 @@ class Task:
         return self.module.PLAN_VERSION
 
     def asset(self, name: str) -> assets.Asset:
-        """The asset of an object of this task."""
+        """The asset of an object of this task, or of a piece of clutter."""
+        if name in self.clutter:
+            return self.clutter[name].asset
         spec = self.objects[name]
-        return assets.load(spec.asset, spec.options)
+        return assets.load(spec.asset, spec.options).scaled(spec.size)
 
     @cached_property
     def arms(self) -> Mapping[int, Arm]:
@@ -141,7 +145,7 @@ class Task:
             for name, spec in self.objects.items()
         }
         for spec in objects.values():
-            del spec["options"]  # the content tells them
+            del spec["options"], spec["size"]  # the content tells them
         varies = {"variation": self.variation.identity} if self.variation.identity else {}
         return {
             "robots": tuple(robot.identity for robot in self.robots),
@@ -168,12 +172,15 @@ class Task:
         return named(scene, self) if named else {}
 
     def of(self, seed: int, copy: int = 0) -> "Task":
-        """The task as it stands in the scene of a seed: itself, unless its arms or cameras vary.
+        """The task as it stands in the scene of a seed: itself, unless what is in it varies.
+
+        Further copies of a scene differ in what pictures alone show.
 
         Further copies of a scene differ in what pictures alone show.
         """
-        return moved(self, seed, copy)
+        stands = moved(self, seed, copy)
+        return cluttered(stands, start_of(stands, seed).scene, seed) if self.variation.clutter[1] else stands
 
     def start(self, seed: int, copy: int = 0) -> Start:
         """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""
-        return start_of(self, seed, copy)
+        return start_of(self.of(seed, copy), seed, copy)

@@ -1,8 +1,9 @@
 """Variation: what differs from scene to scene beyond where things start; its ranges, and what a seed draws.
 
 Every factor has a stream of random numbers of its own: alone it draws what it draws beside all others. Bases,
-cameras and the height of the table give the scene of a seed a task of its own (`Task.of`), so that planner,
-checks, simulator and criteria see where things really are. Postures, sensors and actuators belong to the
+cameras, the height of the table, sizes of objects and clutter give the scene of a seed a task of its own
+(`Task.of`), so that planner, checks, simulator and criteria see what is there, and where. Where clutter finds
+a place is all that depends on other factors. Postures, sensors and actuators belong to the
 start of an episode (`Start`). The factors and their ranges are those of RoboTwin 2.0 (arXiv 2506.18088),
 THE COLOSSEUM (arXiv 2402.08191) and LIBERO-Plus (arXiv 2510.13626), and some for several arms.
 """
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
+from rf_exp.tasks.task.clutter import Clutter, drawn_piece, placed
+from rf_exp.tasks.task.sizes import LARGEST, SMALLEST, sizes_of
 from rf_exp.transforms import rotated
 from rf_exp.types import (
     CONTROL_DT_S,
@@ -26,6 +29,7 @@ from rf_exp.types import (
     Lamp,
     Light,
     Look,
+    Scene,
     Texture,
     TextureKind,
     TextureSet,
@@ -36,15 +40,18 @@ if TYPE_CHECKING:
 
 STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances; then the number of a factor
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
+FACTORS += ("instances", "clutter")
 SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
 # Keys of a variation that decide more than pictures.
 PHYSICAL = ("table_height_m", "base_position_m", "base_yaw_deg", "posture_rad", "delay_s", "joint_offset_deg")
+PHYSICAL += ("object_size", "clutter", "clutter_set", "clutter_area_m")
 Textures = Literal["plain", "seen", "unseen"]
 TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
 TEXTURED = 0.75  # of the surfaces that differ have a texture
 FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
 MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
-MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg")
+MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg", "object_size")
+MOST_CLUTTER = 10
 
 
 def bounded(most: float) -> Any:
@@ -78,6 +85,10 @@ class Variation:
     pixel_noise: float = field(default=0.0, metadata={"most": 100})  # standard deviation, of 255
     delay_s: tuple[float, float] = (0.0, 0.0)  # of commands
     joint_offset_deg: float = bounded(10)  # of what each joint measures
+    object_size: tuple[float, float] = (1.0, 1.0)  # of each object, against its usual one
+    clutter: tuple[int, int] = (0, 0)  # how many things stand about that the task is not about
+    clutter_set: TextureSet = "seen"  # of their shapes and colours
+    clutter_area_m: tuple[float, float] = (0.6, 0.8)  # along x and y, from the middle of where objects start
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -87,12 +98,19 @@ class Variation:
         if self.textures not in get_args(Textures):
             raise choices("variation.textures", self.textures, get_args(Textures))
         ranges = ("table_height_m", -0.1, 0.1), ("delay_s", 0.0, 1.0), ("lamps", 0, MOST_LAMPS)
+        ranges += ("object_size", SMALLEST, LARGEST), ("clutter", 0, MOST_CLUTTER)
         for name, least, most in (*ranges, ("light_colour", 0.0, 4.0)):
             low, high = getattr(self, name)
             if not least <= low <= high <= most:
                 raise ArgumentError(
                     f"variation.{name} is [{low}, {high}]; expected [LOW, HIGH] within [{least}, {most}]"
                 )
+        if self.clutter_set not in get_args(TextureSet):
+            raise choices("variation.clutter_set", self.clutter_set, get_args(TextureSet))
+        if not all(0 < half_m <= 2 for half_m in self.clutter_area_m):
+            raise ArgumentError(
+                f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers, 0 < m <= 2"
+            )
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -105,8 +123,9 @@ class Variation:
 
     @property
     def held_out(self) -> "Variation":
-        """The same for evaluation: with textures that demonstrations do not show."""
-        return replace(self, textures="unseen") if self.textures == "seen" else self
+        """The same for evaluation: with textures, and shapes of clutter, that demonstrations do not show."""
+        found = replace(self, textures="unseen") if self.textures == "seen" else self
+        return replace(found, clutter_set="unseen") if self.clutter[1] else found
 
     @property
     def moves(self) -> bool:
@@ -162,10 +181,17 @@ class Drawn:
     tints: Mapping[str, tuple[float, ...]]  # object -> (3,) relative brightness of red, green, blue
     look: Look
     light: Light
+    sizes: Mapping[str, float]  # object -> against its usual one
+    clutter: tuple[Clutter, ...]  # before they have a place
 
     def plain(self) -> dict[str, Any]:
         """What differs from the task, as values of JSON."""
-        return plain(asdict(self))
+        found = plain(asdict(self))
+        if not self.clutter:
+            del found["clutter"]
+        if {*self.sizes.values()} == {1.0}:
+            del found["sizes"]
+        return found
 
 
 def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
@@ -195,6 +221,8 @@ def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
         Devices(float(gain), how.flicker, how.pixel_noise, delay_steps, offsets),
         *_appearance(task, rng["appearance"]),
         _light(how, rng["light"]),
+        sizes_of(task, how.object_size, rng["instances"]),
+        _clutter(how, rng["clutter"]),
     )
 
 
@@ -216,6 +244,13 @@ def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
     if rng.uniform() < TEXTURED:
         return Finish(texture=texture, roughness=roughness)
     return Finish((red, green, blue), roughness=roughness)
+
+
+def _clutter(how: Variation, rng: np.random.Generator) -> tuple[Clutter, ...]:
+    if not how.clutter[1]:
+        return ()
+    count = int(rng.integers(how.clutter[0], how.clutter[1] + 1))
+    return tuple(drawn_piece(how.clutter_set, rng) for _ in range(count))
 
 
 def _light(how: Variation, rng: np.random.Generator) -> Light:
@@ -262,13 +297,32 @@ def moved(task: "Task", seed: int, copy: int) -> "Task":
         for robot, (x, y, yaw) in zip(task.robots, drawn.bases, strict=True)
     )
     cameras = {name: spec.moved(drawn.cameras[name]) for name, spec in task.cameras.items()}
-    done = {name: getattr(NONE, name) for name in MOVING}
-    return replace(task, robots=robots, cameras=cameras, variation=replace(task.variation, **done))
+    objects = {name: spec.sized(drawn.sizes[name]) for name, spec in task.objects.items()}
+    variation = replace(task.variation, **{name: getattr(NONE, name) for name in MOVING})
+    return replace(task, robots=robots, cameras=cameras, objects=objects, variation=variation)
+
+
+def cluttered(task: "Task", scene: Scene, seed: int) -> "Task":
+    """The task of a scene, whose start is `scene`, with its clutter."""
+    pieces, stream = draw(task, seed).clutter, [seed, STREAM, FACTORS.index("clutter")]
+    found = placed(task, task.places(scene), pieces, stream)
+    return replace(task, clutter=found, variation=replace(task.variation, clutter=NONE.clutter))
 
 
 def drawn_of(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
-    """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies."""
-    return draw(task, seed, copy).plain() if task.variation.identity else {}
+    """What a seed draws of the variation of a task, as values of JSON; empty where nothing varies.
+
+    Of clutter what has found a place, and how many pieces have found none.
+    """
+    if not task.variation.identity:
+        return {}
+    drawn = draw(task, seed, copy)
+    found = drawn.plain()
+    if drawn.clutter:
+        there = task.of(seed).clutter
+        found["clutter"] = {name: asdict(piece) for name, piece in there.items()}
+        found["clutter_left_out"] = len(drawn.clutter) - len(there)
+    return found
 
 
 def scene_certificate(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:

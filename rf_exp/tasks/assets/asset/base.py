@@ -5,8 +5,8 @@ says where the gripper goes and from which direction it comes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -93,6 +93,12 @@ class InteractionPoint:
     tip_deg: float = 0.0  # the gripper may be tipped so far about the axis it closes along (grasp)
     slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place, drop)
 
+    def scaled(self, size: float) -> "InteractionPoint":
+        """Of a thing that is `size` times as large: the hand that comes to it is not."""
+        pose = self.object_from_tcp.copy()
+        pose[:3, 3] *= size
+        return replace(self, object_from_tcp=pose, width_m=size * self.width_m, slack_m=size * self.slack_m)
+
 
 @dataclass(frozen=True, eq=False)
 class Asset:
@@ -141,6 +147,19 @@ class Asset:
     def vertices(self, world_from_object: Matrix) -> NDArray[np.float64]:
         """All vertices of the solid parts (K, 3) in the world."""
         return apply(world_from_object, np.concatenate([hull.vertices for hull in self.hulls]))
+
+    def scaled(self, size: float) -> "Asset":
+        """The same thing `size` times as large, of the same density; the same object for the same size."""
+        return self if size == 1 else _scaled(self, size)
+
+
+@lru_cache(maxsize=256)  # sizes differ from scene to scene
+def _scaled(asset: Asset, size: float) -> Asset:
+    parts = tuple(replace(part, mesh=part.mesh.copy().apply_scale(size)) for part in asset.parts)
+    points = {name: point.scaled(size) for name, point in asset.points.items()}
+    heaviest_kg = None if asset.heaviest_kg is None else size**3 * asset.heaviest_kg
+    mass_kg = size**3 * asset.mass_kg
+    return replace(asset, parts=parts, points=points, mass_kg=mass_kg, heaviest_kg=heaviest_kg)
 
 
 def _rounded(values: object) -> NDArray[np.floating]:

@@ -1,0 +1,103 @@
+"""Clutter and objects of other sizes in simulation: they are bodies, they rest, and being touched is seen."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rf_exp.datagen import EpisodeMaker, Settings
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Ledger, SuccessEvaluator, Task, labelled, read_variation
+from rf_exp.types import ConstraintSet
+from tests.conftest import read_task
+
+SEED = 3
+
+
+def varied(name: str, how: str, **changes) -> Task:
+    return replace(read_task(name), variation=replace(read_variation(how), **changes))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", ["seen", "unseen"])
+def test_clutter_rests_where_it_was_put(of: str) -> None:
+    usual = varied("pick_meat", "clutter", clutter=(10, 10), clutter_set=of)
+    with Simulator(usual, render=False) as world:
+        for seed in range(3):
+            first = world.reset(seed)
+            assert {*first.clutter} == {*world.task.clutter} == {*usual.of(seed).clutter}
+            for name, pose in first.clutter.items():
+                np.testing.assert_allclose(pose, world.task.clutter[name].world_from_object, atol=1e-6)
+            for _ in range(20):
+                scene = world.step(world.command)
+            assert scene.clutter_contacts == ()
+            for name, pose in scene.clutter.items():
+                np.testing.assert_allclose(pose, first.clutter[name], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_simulator_has_objects_of_the_sizes_of_its_scene(task: Task) -> None:
+    usual = replace(task, variation=read_variation("instances"))
+    with Simulator(usual, render=False) as world:
+        for seed in (SEED, SEED + 1):
+            first = world.reset(seed)
+            for _ in range(4):
+                scene = world.step(world.command)
+            for name in task.objects:  # they lie on what bears them from the first step on
+                np.testing.assert_allclose(scene.poses[name], first.poses[name], atol=2e-3)
+                if not (asset := world.task.asset(name)).static and asset.hulls:
+                    mass_kg = world._env.actors[name].mass[0].item()
+                    assert mass_kg == pytest.approx(
+                        world._env.start.masses_kg[name], rel=0.02
+                    )  # of hulls as PhysX rounds them
+
+
+def knocked(world: Simulator, steps: int = 40):
+    """Scenes of an arm that swings into a piece of clutter beside it."""
+    world.step(world.command)
+    for _ in range(steps):
+        command = world.command
+        command[0, :2] += (0.06, 0.02)
+        yield world.step(command)
+
+
+@pytest.mark.slow
+def test_touching_clutter_is_seen_and_told() -> None:
+    usual = varied("pick_meat", "clutter", clutter=(10, 10))
+    with Simulator(usual, render=False) as world:
+        ledger = Ledger()
+        for seed in range(8):
+            judge = SuccessEvaluator(world.task, scene := world.reset(seed))
+            for scene in knocked(world):
+                ledger.see(scene, judge(scene))
+            if scene.clutter_contacts:
+                break
+        knocks = ledger.account().knocks
+        assert knocks and {each.who for each in knocks} <= {"agent1"}
+        assert {each.clutter for each in knocks} <= {f"clutter{k}" for k in range(1, 11)}
+        assert "agent1 touched clutter" in ledger.account().reason
+
+
+@pytest.mark.render
+def test_clutter_is_seen_and_is_no_object() -> None:
+    with Simulator(varied("pick_meat", "clutter", clutter=(10, 10)), width_px=96, height_px=72) as world:
+        world.reset(SEED)
+        seen, bodies = world.segmentation(["global"]), world.bodies()
+        pieces = [number for name in world.task.clutter for number in bodies[name]]
+        drawn = np.isin(seen["global"], pieces)
+        assert drawn.sum() > 50
+        assert (labelled(world.task, seen, bodies)["global"][drawn] == 1).all()
+
+
+@pytest.mark.slow
+def test_an_expert_among_clutter_stores_objects_alone() -> None:
+    usual = varied("pick_meat", "clutter")
+    settings = Settings.configured(usual, ConstraintSet("full"), ScriptedSpec())
+    with Simulator(usual, render=False) as world:
+        outcome = EpisodeMaker(settings, world, settings.make_brain(SEED)).make(SEED)
+    assert outcome.success and outcome.episode is not None, outcome.reason
+    assert {*outcome.episode.poses} == {*usual.objects}
+    drawn: Any = outcome.episode.certificate["drawn"]
+    assert {*drawn["clutter"]} == {*usual.of(SEED).clutter}

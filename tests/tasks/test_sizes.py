@@ -1,0 +1,82 @@
+"""Sizes of objects: laws over all tasks of what a seed draws, and of the task of its scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks import ObjectSpec, Task, Variation, read_variation
+from rf_exp.tasks.assets import load
+from rf_exp.tasks.task.variation import draw
+from tests.conftest import read_task
+
+INSTANCES = read_variation("instances")
+SEEDS = range(4)
+
+
+def test_a_scene_of_objects_of_other_sizes_is_whole(task: Task) -> None:
+    """What stands on something is of one size with it and still stands on it; marks are as they were."""
+    usual = replace(task, variation=INSTANCES)
+    found = []
+    for seed in SEEDS:
+        scene, start = usual.of(seed), usual.start(seed)
+        for name, spec in scene.objects.items():
+            before, now = task.asset(name), scene.asset(name)
+            assert now is scene.asset(name) and scene.asset(name) is before.scaled(spec.size)
+            if not before.hulls:
+                assert spec.size == 1
+                continue
+            found.append(spec.size)
+            assert spec.size == draw(usual, seed).sizes[name]
+            np.testing.assert_allclose(now.bounds_m, spec.size * before.bounds_m, atol=1e-12)
+            assert now.mass_kg == pytest.approx(spec.size**3 * before.mass_kg)
+            for label, point in now.points.items():
+                was = before.points[label]
+                np.testing.assert_allclose(
+                    point.object_from_tcp[:3, 3], spec.size * was.object_from_tcp[:3, 3], atol=1e-12
+                )
+                assert point.standoff_m == was.standoff_m
+                assert point.width_m < 2 * min(robot.model.hand.open_m for robot in task.robots) - 0.01
+            lowest_m = now.vertices(start.poses[name])[:, 2].min()
+            if spec.stands_on:
+                assert spec.size == scene.objects[spec.stands_on].size
+                assert spec.z_m == pytest.approx(spec.size * task.objects[name].z_m)
+                assert lowest_m > 0.05
+            else:
+                assert lowest_m == pytest.approx(0, abs=1e-4)
+    assert 0.85 <= min(found) < max(found) <= 1.15
+
+
+def test_sizes_fill_their_range() -> None:
+    usual = replace(read_task("stack_cube"), variation=INSTANCES)
+    sizes = np.array([[*draw(usual, seed).sizes.values()] for seed in range(100)])
+    assert 0.85 <= sizes.min() < 0.86 and 1.14 < sizes.max() <= 1.15
+    assert abs(np.corrcoef(sizes.T)[0, 1]) < 0.3  # each thing has one of its own
+
+
+def test_another_size_is_another_content() -> None:
+    cube = load("cube")
+    assert cube.scaled(1.0) is cube and cube.scaled(1.1).content != cube.content
+    assert cube.scaled(1.1).content == cube.scaled(1.1).content
+
+
+def test_a_size_is_in_the_identity_of_a_task() -> None:
+    task = read_task("pick_meat")
+    other = replace(task, objects={"steak": replace(task.objects["steak"], size=1.1)})
+    assert "size" not in task.identity["objects"]["steak"]
+    assert other.identity != task.identity
+    with pytest.raises(ArgumentError, match=r"size of asset 'cube' is 9; expected 0.5 to 1.5"):
+        ObjectSpec("cube", size=9)
+
+
+@pytest.mark.parametrize("size", [0.85, 1.15])
+def test_success_follows_the_sizes(size: float) -> None:
+    """A stack of cubes of other sizes is a stack; one as high as usual cubes would make it is none."""
+    task = replace(read_task("stack_cube"), variation=Variation("x", object_size=(size, size))).of(0)
+    start = task.start(0).scene
+    for off_m, holds in ((0.0, True), ((1 - size) * 0.04, False)):
+        pose = start.poses["red"].copy()
+        pose[2, 3] += size * 0.04 + off_m
+        scene = replace(start, poses={**start.poses, "blue": pose})
+        assert bool(task.module.conditions(scene, start, task)["blue on red"]) is holds
