@@ -28,10 +28,10 @@ class Scene:
     finger_forces: Mapping[tuple[int, str], NDArray[np.float64]] = field(default_factory=dict)
     # (agent, object) -> (3,) N, with which the fingers of the agent push the object, world frame
     arm_contacts: tuple[tuple[int, int, float], ...] = ()  # (agent, agent, force N)
+    seen: NDArray[np.int64] | None = None  # (K, 3) voxels that the depth cameras see occupied, if they looked
     clutter: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     # piece of clutter -> world_from_object (4, 4)
     clutter_contacts: tuple[tuple[str, str, float], ...] = ()  # (agent<k> or object, piece, force N)
-    seen: NDArray[np.int64] | None = None  # (K, 3) voxels that the depth cameras see occupied, if they looked
 
     @property
     def time_s(self) -> float:

@@ -92,6 +92,8 @@ def redacted(scene: Scene, may: Known) -> Scene:
         {(1, "block1"): np.full(3, np.nan)},
         ((1, 2, np.nan),),
         np.full((3, 3), 10**6),
+        {"clutter1": nonsense},
+        (("agent1", "clutter1", np.nan),),
     )
 
 
