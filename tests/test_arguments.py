@@ -66,6 +66,10 @@ def test_flags_are_taken_wherever_they_stand(arguments: list[str], meant: list[s
             ["out=Straße"],
             """'out=Straße' is not understood: 'ß' needs quotes that the shell leaves, as in 'out="S""",
         ),
+        (
+            ["name=a\u00a0b"],
+            "'\\xa0' looks like a space and is none; write a space, in quotes that the shell",
+        ),
         (["out=a=b"], """'=' needs quotes that the shell leaves, as in 'out="a=b"'"""),
         (["out=runs (2)"], """'(' needs quotes that the shell leaves, as in 'out="runs (2)"'"""),
         (

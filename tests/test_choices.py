@@ -14,6 +14,7 @@ from rf_exp.observations import Observations
 from rf_exp.policy import TrainConfig
 from rf_exp.robots import Robot
 from rf_exp.tasks import CameraSpec, ObjectSpec, RobotSpec, Task, Variation
+from rf_exp.tasks.task.clutter import Clutter
 from rf_exp.types import Arch, ConstraintSet
 from tests.conftest import experiment
 
@@ -71,6 +72,7 @@ WITH_DEFAULTS = {
     TrainConfig,  # its seed is train_seed
     ConstraintSet,  # of who names no row of the ablation
     Observations,  # of environments and policies of others, which are made by hand
+    Clutter,  # drawn, by no file of conf/
     Variation,  # of tasks that no experiment reads; conf/variation/none.yaml is compared in tests/tasks
 }
 FILES = {  # what a file of conf/ may leave out: kind -> all that conf/ says of such

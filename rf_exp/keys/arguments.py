@@ -89,6 +89,11 @@ def _check(override: str) -> None:
             f"{override!r} is not understood; expected a list as in '{key}=[a, b]', or a mapping as in "
             f"'{key}={{a: 1, b: 2}}', in quotes for the shell where spaces are in it ({error})"
         )
+    if (blank := next((letter for letter in value if letter.isspace() and letter != " "), None)) is not None:
+        raise ArgumentError(
+            f"{override!r} is not understood: {blank!r} looks like a space and is none; write a space, in quotes "
+            "that the shell leaves, or nothing"
+        )
     strange = next((letter for letter in value if _wrong(f"{key}=a{letter}a") is not None), None)
     quoted = f'{key}="{value}"' if '"' not in value else f"{key}='{value}'"
     if strange is None or _wrong(quoted) is not None:
