@@ -68,7 +68,7 @@ def test_flags_are_taken_wherever_they_stand(arguments: list[str], meant: list[s
         ),
         (
             ["name=a\u00a0b"],
-            "'\\xa0' looks like a space and is none; write a space, in quotes that the shell",
+            "'\\xa0' looks like a space and is none; write one, in quotes",
         ),
         (["out=a=b"], """'=' needs quotes that the shell leaves, as in 'out="a=b"'"""),
         (["out=runs (2)"], """'(' needs quotes that the shell leaves, as in 'out="runs (2)"'"""),

@@ -91,8 +91,8 @@ def _check(override: str) -> None:
         )
     if (blank := next((letter for letter in value if letter.isspace() and letter != " "), None)) is not None:
         raise ArgumentError(
-            f"{override!r} is not understood: {blank!r} looks like a space and is none; write a space, in quotes "
-            "that the shell leaves, or nothing"
+            f"{override!r} is not understood: {blank!r} looks like a space and is none; write one, in "
+            "quotes that the shell leaves, or nothing"
         )
     strange = next((letter for letter in value if _wrong(f"{key}=a{letter}a") is not None), None)
     quoted = f'{key}="{value}"' if '"' not in value else f"{key}='{value}'"
