@@ -1,5 +1,6 @@
 """Our shaders draw what ManiSkill's minimal pack draws, and nothing else where nothing has a texture."""
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -8,10 +9,11 @@ from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS
 
 from rf_exp.sim import Simulator, environment, objects
 from rf_exp.sim.drawing.shading import LIKE, SHADERS
-from rf_exp.tasks import CONFIGURED, assets, read_task
+from rf_exp.tasks import CONFIGURED, Task, assets, read_task
 from rf_exp.types import BARE, Finish, Lamp, Light, Look, Texture, TextureKind
 
 TASKS = ("camera_alignment", "place_food", "take_photo")  # a metallic lens, a pot, four arms
+START = Task.start  # as it is, where a test puts another in its place
 OTHERWISE_ROUNDED = 10  # pixels of 76,800 that may differ, by one shade
 TEXTURES = [Finish(texture=Texture(kind, "seen", 5, 0.6)) for kind in get_args(TextureKind)]
 
@@ -21,6 +23,11 @@ def _seen(name: str) -> tuple[dict, dict, dict]:
         simulator.reset(5)
         depth, bodies = simulator.depth(), simulator.segmentation()
         return simulator.images(), depth, bodies
+
+
+def _starts_with(monkeypatch: pytest.MonkeyPatch, **changes: Look | Light) -> None:
+    """Scenes from now on are covered or lit like this."""
+    monkeypatch.setattr(Task, "start", lambda *given: replace(START(*given), **changes))
 
 
 @pytest.mark.slow
@@ -35,7 +42,7 @@ def _seen(name: str) -> tuple[dict, dict, dict]:
 def test_pictures_depth_and_segmentation_are_those_of_the_minimal_pack(
     name: str, look: Look, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(environment, "Look", lambda: look)
+    _starts_with(monkeypatch, look=look)
     ours, depth, bodies = _seen(name)
     monkeypatch.setattr(environment, "shader_config", lambda: PREBUILT_SHADER_CONFIGS[LIKE])
     stock, stock_depth, stock_bodies = _seen(name)
@@ -56,7 +63,7 @@ def test_things_are_seen_in_what_covers_them(monkeypatch: pytest.MonkeyPatch) ->
     on_top = (slice(-20, None), slice(100, 220))  # of the picture: its foot, all of it table
     pictures, kept = [], []
     for finish in finishes:
-        monkeypatch.setattr(environment, "Look", lambda finish=finish: Look(table=finish))
+        _starts_with(monkeypatch, look=Look(table=finish))
         drawn, _, bodies = _seen("two_robots_stack_cube")
         pictures.append(drawn["global"][on_top].astype(float))
         kept.append(drawn["global"][bodies["global"] != bodies["global"][-1, 160]])
@@ -74,7 +81,7 @@ def test_a_scene_is_lit_as_its_light_says(monkeypatch: pytest.MonkeyPatch) -> No
     dark = Light((0.0, 0.0, 0.0), ())
     means = []
     for light in (Light(), dusk, dark):
-        monkeypatch.setattr(environment, "Light", lambda light=light: light)
+        _starts_with(monkeypatch, lamps=light)
         means.append(_seen("lift_barrier")[0]["global"].mean(axis=(0, 1)))
     usual, warm, nothing = means
     assert warm[0] > 1.2 * warm[2] and warm.sum() < usual.sum()
