@@ -12,7 +12,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.keys import checked_folder
 from rf_exp.launch import Launch
 from rf_exp.policy import Foreign, PolicyConfig, TrainConfig, foreign_policy, read_recipe
-from rf_exp.tasks import PHYSICAL, Task, Variation, load_task
+from rf_exp.tasks import Task, Variation, load_task
 from rf_exp.types import FOREIGN, UNVARIED, Arch, ConstraintSet, Extras, JointLimits, Occupancy, Pictures
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class Experiment:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
         if self.appearances > 1:
             for task in self.tasks:
-                if not {*task.variation.identity}.difference(PHYSICAL):
+                if not task.variation.seen:
                     raise ArgumentError(
                         f"appearances is {self.appearances}, and variation {task.variation.name!r} shows "
                         "nothing in pictures; choose one that does, or appearances=1"

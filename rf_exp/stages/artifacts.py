@@ -10,6 +10,22 @@ from rf_exp.artifacts import configuration_file, expect_same, locked, read_json,
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
 from rf_exp.stages.cell import cells
+from rf_exp.store import Description, Store
+from rf_exp.tasks import Task
+
+
+def continued(
+    path: Path, identity: Mapping[str, Any], source: Store, task: Task, description: Description | None
+) -> Store:
+    """A store for writing with the arrays of another, of the same task: the one that is there, or a new one.
+
+    Raises StageError where it was made of another configuration than `identity`.
+    """
+    if path.exists():
+        return Store.open(path, identity, writable=True)
+    of = source.attrs
+    size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
+    return Store.create(path, identity, *size, description, [each.model for each in task.robots])
 
 
 @contextmanager

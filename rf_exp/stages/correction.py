@@ -24,7 +24,7 @@ from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
 from rf_exp.findings import Account
 from rf_exp.policy import sent_on
 from rf_exp.stages.acting import acting, learned
-from rf_exp.stages.artifacts import owned
+from rf_exp.stages.artifacts import continued, owned
 from rf_exp.stages.cell import Cell
 from rf_exp.stages.evaluation import scene_of
 from rf_exp.stages.generation import attempts, collect
@@ -97,14 +97,7 @@ def correct(cell: Cell) -> None:
 @contextmanager
 def _continued(task: Task, path: Path, source: Store, provenance: dict[str, Any]) -> Iterator[Store]:
     """A store for writing that begins with all episodes of another; what is there already stays."""
-    if path.exists():
-        store = Store.open(path, provenance, writable=True)
-    else:
-        of = source.attrs
-        size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-        robots = [each.model for each in task.robots]
-        store = Store.create(path, provenance, *size, source.description, robots)
-    with store:
+    with continued(path, provenance, source, task, source.description) as store:
         for index in range(len(store), len(source)):
             store.append(source.episode(index))
         yield store

@@ -14,7 +14,7 @@ from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import Progress
 from rf_exp.sim import Simulator
-from rf_exp.stages.artifacts import owned
+from rf_exp.stages.artifacts import continued, owned
 from rf_exp.store import Store
 from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
 from rf_exp.types import Episode
@@ -30,7 +30,7 @@ def check_redrawing(task: Task, variation: Variation, copies: int) -> None:
             f"variation {now.name!r} has another {' and another '.join(other)} than the demonstrations; "
             "that moves things, where pictures alone are drawn anew: generate with it"
         )
-    if not {*now.identity}.difference(PHYSICAL):
+    if not now.seen:
         raise ArgumentError(f"variation {now.name!r} shows nothing in pictures; expected one that does")
 
 
@@ -44,17 +44,9 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
     task = replace(task, variation=variation)
     scene = {**source.identity["scene"], "variation": variation.identity}
     identity = plain({**source.identity, "scene": scene, "copies": copies})
-    of, said = source.attrs, source.description
-    description = said and replace(said, depth=False, labels=())
-    with owned(path):
-        if path.exists():
-            store = Store.open(path, identity, writable=True)
-        else:
-            size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
-            robots = [robot.model for robot in task.robots]
-            store = Store.create(path, identity, *size, description, robots)
-        with store:
-            _fill(store, source, task, copies)
+    said = source.description and replace(source.description, depth=False, labels=())
+    with owned(path), continued(path, identity, source, task, said) as store:
+        _fill(store, source, task, copies)
     return path
 
 

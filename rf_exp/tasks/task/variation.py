@@ -128,6 +128,11 @@ class Variation:
         return replace(found, clutter_set="unseen") if self.clutter[1] else found
 
     @property
+    def seen(self) -> bool:
+        """Whether it has a factor that pictures alone show."""
+        return not {*self.identity} <= {*PHYSICAL}
+
+    @property
     def moves(self) -> bool:
         """Whether scenes have tasks of their own."""
         return any(name in self.identity for name in MOVING)
