@@ -14,8 +14,6 @@ HERE = Path(__file__).parent
 PAGE = HERE / "robustness.md"
 VARIATIONS = CONF / "variation"
 KEY = re.compile(r"^(\w+): [^#\n]+?(?: # (.+(?:\n# .+)*))?$", re.MULTILINE)
-# Of the factors that are not called by their stream.
-STREAMS = {"noise": "sensors", "delay": "actuators", "encoders": "actuators"}
 FACTOR = "`variation=`", "what varies", "how far", "stream"
 
 
@@ -27,8 +25,8 @@ def choices() -> list[str]:
 
 def stream(name: str) -> str:
     """The stream of random numbers of a choice of one factor; empty for one of several, or of none."""
-    factor = STREAMS.get(name, name)
-    return f"{FACTORS.index(factor)}, `{factor}`" if factor in FACTORS else ""
+    factors = read_variation(name).factors
+    return f"{FACTORS.index(factors[0])}, `{factors[0]}`" if len(factors) == 1 else ""
 
 
 def factor(name: str) -> tuple[str, str, str, str]:

@@ -175,8 +175,6 @@ class Task:
         """The task as it stands in the scene of a seed: itself, unless what is in it varies.
 
         Further copies of a scene differ in what pictures alone show.
-
-        Further copies of a scene differ in what pictures alone show.
         """
         stands = moved(self, seed, copy)
         return cluttered(stands, start_of(stands, seed).scene, seed) if self.variation.clutter[1] else stands

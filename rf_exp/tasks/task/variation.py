@@ -42,21 +42,22 @@ STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
 FACTORS += ("instances", "clutter")
 SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
-# Keys of a variation that decide more than pictures.
-PHYSICAL = ("table_height_m", "base_position_m", "base_yaw_deg", "posture_rad", "delay_s", "joint_offset_deg")
-PHYSICAL += ("object_size", "clutter", "clutter_set", "clutter_area_m")
+MOVES = ("table", "bases", "cameras", "instances")  # factors that `Task.of` applies
 Textures = Literal["plain", "seen", "unseen"]
 TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
 TEXTURED = 0.75  # of the surfaces that differ have a texture
 FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
-MOVING = ("table_height_m", "base_position_m", "base_yaw_deg")  # factors that `Task.of` applies
-MOVING += ("camera_position_m", "camera_direction_deg", "camera_fov_deg", "object_size")
 MOST_CLUTTER = 10
 
 
-def bounded(most: float) -> Any:
-    """The field of a half range: nothing unless given, and at most this."""
-    return field(default=0.0, metadata={"most": most})
+def key(factor: str, default: Any, **bounds: tuple[float, float]) -> Any:
+    """The field of a key of a factor; its value, or both ends of its range, is `within` these bounds."""
+    return field(default=default, metadata={"factor": factor, **bounds})
+
+
+def bounded(factor: str, most: float) -> Any:
+    """The field of a number from 0, which it is unless given, to this."""
+    return key(factor, 0.0, within=(0, most))
 
 
 @dataclass(frozen=True)
@@ -67,50 +68,65 @@ class Variation:
     """
 
     name: str = UNVARIED  # of the choice, as it stands in rows and names of files
-    textures: Textures = "plain"  # of table, floor and walls: as they are, or of one of two sets
-    object_colour: float = bounded(1)  # of the relative brightness of each primary colour of each thing
-    lamps: tuple[int, int] = (2, 2)  # how many
-    light_intensity: float = bounded(3)  # of the logarithm, to the base 2, of how bright all lamps are
-    light_colour: tuple[float, float] = (1.0, 1.0)  # relative brightness of each lamp in each primary colour
-    light_direction_deg: float = bounded(90)  # the largest turn of each lamp
-    table_height_m: tuple[float, float] = (0.0, 0.0)  # of its top, against the bases of the arms
-    base_position_m: float = bounded(0.2)  # of each base, along x and y
-    base_yaw_deg: float = bounded(45)
-    posture_rad: float = bounded(0.5)  # of each joint at the start, beside `randomisation.init_qpos_std_rad`
-    camera_position_m: float = bounded(0.5)  # along each axis
-    camera_direction_deg: float = bounded(45)  # about an axis that may be any: this is the largest turn
-    camera_fov_deg: float = bounded(20)
-    exposure: float = bounded(2)  # of the logarithm, to the base 2, of a camera's exposure
-    flicker: float = field(default=0.0, metadata={"most": 1})  # part of the frames that is lit otherwise
-    pixel_noise: float = field(default=0.0, metadata={"most": 100})  # standard deviation, of 255
-    delay_s: tuple[float, float] = (0.0, 0.0)  # of commands
-    joint_offset_deg: float = bounded(10)  # of what each joint measures
-    object_size: tuple[float, float] = (1.0, 1.0)  # of each object, against its usual one
-    clutter: tuple[int, int] = (0, 0)  # how many things stand about that the task is not about
-    clutter_set: TextureSet = "seen"  # of their shapes and colours
-    clutter_area_m: tuple[float, float] = (0.6, 0.8)  # along x and y, from the middle of where objects start
+    # Of table, floor and walls: as they are, or of one of two sets.
+    textures: Textures = field(default="plain", metadata={"factor": "appearance"})
+    object_colour: float = bounded(
+        "appearance", 1
+    )  # of each thing's relative brightness in each primary colour
+    lamps: tuple[int, int] = key("light", (2, 2), within=(0, MOST_LAMPS))  # how many
+    light_intensity: float = bounded("light", 3)  # of the binary logarithm of how bright all lamps are
+    # Relative brightness of each lamp in each primary colour.
+    light_colour: tuple[float, float] = key("light", (1.0, 1.0), within=(0.0, 4.0))
+    light_direction_deg: float = bounded("light", 90)  # the largest turn of each lamp
+    # Of the table's top, against the bases of the arms.
+    table_height_m: tuple[float, float] = key("table", (0.0, 0.0), within=(-0.1, 0.1))
+    base_position_m: float = bounded("bases", 0.2)  # of each base, along x and y
+    base_yaw_deg: float = bounded("bases", 45)
+    posture_rad: float = bounded("posture", 0.5)  # of each joint at the start, beside `init_qpos_std_rad`
+    camera_position_m: float = bounded("cameras", 0.5)  # along each axis
+    camera_direction_deg: float = bounded("cameras", 45)  # the largest turn, about an axis that may be any
+    camera_fov_deg: float = bounded("cameras", 20)
+    exposure: float = bounded("sensors", 2)  # of the logarithm, to the base 2, of a camera's exposure
+    flicker: float = bounded("sensors", 1)  # part of the frames that is lit otherwise
+    pixel_noise: float = bounded("sensors", 100)  # standard deviation, of 255
+    delay_s: tuple[float, float] = key("actuators", (0.0, 0.0), within=(0.0, 1.0))  # of commands
+    joint_offset_deg: float = bounded("actuators", 10)  # of what each joint measures
+    # Of each object, against its usual one.
+    object_size: tuple[float, float] = key("instances", (1.0, 1.0), within=(SMALLEST, LARGEST))
+    # How many things stand about that the task is not about.
+    clutter: tuple[int, int] = key("clutter", (0, 0), within=(0, MOST_CLUTTER))
+    clutter_set: TextureSet = field(
+        default="seen", metadata={"factor": "clutter"}
+    )  # of their shapes and colours
+    # Along x and y, from the middle of where objects start.
+    clutter_area_m: tuple[float, float] = key("clutter", (0.6, 0.8))
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            most, value = each.metadata.get("most"), getattr(self, each.name)
-            if most is not None and not 0 <= value <= most:
-                raise ArgumentError(f"variation.{each.name} is {value}; expected 0 to {most}")
+            least, most = each.metadata.get("within", (None, None))
+            value = getattr(self, each.name)
+            if least is None:
+                continue
+            if not isinstance(value, tuple):
+                if not least <= value <= most:
+                    raise ArgumentError(f"variation.{each.name} is {value}; expected {least} to {most}")
+            elif not least <= value[0] <= value[1] <= most:
+                raise ArgumentError(
+                    f"variation.{each.name} is {[*value]}; expected [LOW, HIGH] within [{least}, {most}]"
+                )
         if self.textures not in get_args(Textures):
             raise choices("variation.textures", self.textures, get_args(Textures))
-        ranges = ("table_height_m", -0.1, 0.1), ("delay_s", 0.0, 1.0), ("lamps", 0, MOST_LAMPS)
-        ranges += ("object_size", SMALLEST, LARGEST), ("clutter", 0, MOST_CLUTTER)
-        for name, least, most in (*ranges, ("light_colour", 0.0, 4.0)):
-            low, high = getattr(self, name)
-            if not least <= low <= high <= most:
-                raise ArgumentError(
-                    f"variation.{name} is [{low}, {high}]; expected [LOW, HIGH] within [{least}, {most}]"
-                )
         if self.clutter_set not in get_args(TextureSet):
             raise choices("variation.clutter_set", self.clutter_set, get_args(TextureSet))
         if not all(0 < half_m <= 2 for half_m in self.clutter_area_m):
             raise ArgumentError(
                 f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers, 0 < m <= 2"
             )
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Those that vary."""
+        return tuple(factor for factor in FACTORS if {*self.identity} & {*keys_of(factor)})
 
     @cached_property
     def identity(self) -> dict[str, Any]:
@@ -130,15 +146,22 @@ class Variation:
     @property
     def seen(self) -> bool:
         """Whether it has a factor that pictures alone show."""
-        return not {*self.identity} <= {*PHYSICAL}
+        return bool({*self.factors} & {*SHOWN})
 
     @property
     def moves(self) -> bool:
         """Whether scenes have tasks of their own."""
-        return any(name in self.identity for name in MOVING)
+        return bool({*self.factors} & {*MOVES})
+
+
+def keys_of(*factors: str) -> tuple[str, ...]:
+    """The keys of these factors."""
+    return tuple(each.name for each in fields(Variation) if each.metadata.get("factor") in factors)
 
 
 NONE = Variation()
+PHYSICAL = keys_of(*(factor for factor in FACTORS if factor not in SHOWN))  # they decide more than pictures
+MOVING = keys_of(*MOVES)
 
 
 @dataclass(frozen=True)
