@@ -176,8 +176,18 @@ class Task:
 
         Further copies of a scene differ in what pictures alone show.
         """
-        stands = moved(self, seed, copy)
-        return cluttered(stands, start_of(stands, seed).scene, seed) if self.variation.clutter[1] else stands
+        if (seed, copy) not in self._scenes:
+            stands = moved(self, seed, copy)
+            if self.variation.clutter[1]:
+                stands = cluttered(stands, start_of(stands, seed).scene, seed)
+            self._scenes.clear()  # one episode asks for one scene, several times
+            self._scenes[seed, copy] = stands
+        return self._scenes[seed, copy]
+
+    @cached_property
+    def _scenes(self) -> "dict[tuple[int, int], Task]":
+        """The scene that was asked for last."""
+        return {}
 
     def start(self, seed: int, copy: int = 0) -> Start:
         """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""
