@@ -6,7 +6,7 @@ Trains the encoder of every agent's own camera on the first episodes of a store 
 distance between where an own gripper changes next (or the episode ends, or another arm is) and where it
 says so, at every frame before that in which it is in the picture and the agent may go on. The last line is
 JSON: by agent median and 90th percentile in mm for each keypoint, milliseconds a picture, and CPU seconds of
-training.
+training. `--look STORE` looks at other pictures of those seeds, as `rf_exp.data redraw` makes them.
 """
 
 import argparse
@@ -14,11 +14,13 @@ import json
 import time
 from pathlib import Path
 
+import numpy as np
 import torch
 from loader import recipe
 
 from rf_exp.policy import Training, Windows, views
 from rf_exp.policy.examples.keypoints import HAND, HEADING
+from rf_exp.policy.examples.windows import shown
 from rf_exp.policy.networks.keypoint_encoder import OUT
 from rf_exp.store import Store
 from rf_exp.types import Arch
@@ -42,16 +44,21 @@ def main() -> None:
     parser.add_argument("--downsample", type=int, default=1, help="times, of the picture heat maps cover")
     parser.add_argument("--crop", type=int, default=0, help="pixels, side of the squares looked at again")
     parser.add_argument("--shift", type=int, default=0, help="pixels, of the pictures that are learned from")
+    parser.add_argument("--look", type=Path, help="another store, that is looked at in place of this one")
+    parser.add_argument("--photometric", type=float, default=0.0, help="how far pictures are lit otherwise")
     given = parser.parse_args()
     torch.set_num_threads(1)
     store = Store.open(given.store)
+    learned, other = store.first(given.train), Store.open(given.look or given.store)
+    seeds = np.repeat(other.seeds, np.diff(other.episode_ends, prepend=0))[shown(other)]
     keys = "policy.encoder.keypoints"
     chosen = recipe(
         "paper",
         *("policy.encoder.name=keypoints", "policy.context=true", "policy.crop=1.0"),
         *(f"picture.{side}={store.attrs[side]}" for side in ("height", "width")),
         *(f"{keys}.downsample={given.downsample}", f"{keys}.crop_refinement={given.crop}"),
-        *(f"{keys}.steps={given.steps}", f"{keys}.shift_px={given.shift}", "policy.observation_steps=1"),
+        *(f"{keys}.photometric={given.photometric}", f"{keys}.steps={given.steps}"),
+        *(f"{keys}.shift_px={given.shift}", "policy.observation_steps=1"),
         *("training.epochs=null", "training.steps=1", "training.warmup_steps=50", "training.run_length=1"),
         *(f"training.active_agent_sampling={given.active}", f"training.batch_size={given.batch}"),
         f"training.learning_rate={given.rate}",
@@ -59,19 +66,19 @@ def main() -> None:
     config = chosen.policy
     result: dict[str, object] = {"benchmark": "keypoints", "store": str(given.store)}
     for view in views(Arch("separate_local", False, False), store.agents):
-        windows, everything = (Windows(each, view, config, CPU) for each in (store.first(given.train), store))
+        windows, everything = (Windows(each, view, config, CPU) for each in (learned, other))
         training, began = Training(windows, view, config, chosen.training), time.process_time()
         for _ in range(given.steps):
             training.step()  # after the last of them it is averaged
         seconds = time.process_time() - began
         policy = training.policy.eval()
-        unseen = everything.active[everything.active >= len(windows)]
-        pictures, pixels, headings, _ = everything.labelled(unseen)
-        points = everything.points[torch.from_numpy(unseen)]
+        unseen = everything.active[~np.isin(seeds[everything.active], learned.seeds)]
+        pictures, rays, labels = everything.labelled(unseen)
         began = time.process_time()
         with torch.inference_mode():
-            seen, places = zip(*(policy.look(part) for part in pictures.split(64)), strict=True)
-        points, pixels = (each.unflatten(1, (-1, len(HAND)))[:, :, 0] for each in (points, pixels))
+            parts = zip(pictures.split(64), rays.split(64), strict=True)
+            seen, places = zip(*(policy.look(*part) for part in parts), strict=True)
+        points, pixels = labels.points[:, :: len(HAND)], labels.pixels[:, :: len(HAND)]
         seen, places = torch.cat(seen).unflatten(1, (-1, OUT)), torch.cat(places)
         found, turned = seen[..., :3], seen[..., -1 - HEADING : -1]
         milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
@@ -79,7 +86,7 @@ def main() -> None:
         off = {
             "mm": 1e3 * (found - points).norm(dim=2),
             "pixels": ((places - pixels) * sides).norm(dim=2),
-            "degrees": _askew_deg(turned, headings),
+            "degrees": _askew_deg(turned, labels.headings),
         }
         inside = ((pixels >= 0) & (pixels <= 1)).all(dim=2)
         of_view: dict[str, object] = {

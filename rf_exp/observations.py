@@ -7,7 +7,7 @@ declare by `Observations`, and are given a dictionary with the keys of the store
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal, Protocol, TypeVar, get_args, runtime_checkable
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.tasks import Task, labelled
 from rf_exp.transforms import position_and_quaternion
-from rf_exp.types import CameraChoice, Pictures, Scene, World, camera_names
+from rf_exp.types import Calibration, CameraChoice, CameraModel, Pictures, Scene, World, camera_names
 
 State = Literal["full", "joints", "none"]
 IMAGES = ("pictures", "depth", "segmentation")  # that cameras take
@@ -45,6 +45,7 @@ class Declaration:
     segmentation: bool = False
     language: str = ""  # the task, in a sentence or two
     coordinated: tuple[int, ...] = ()  # agents of which a coordinator says what they are to do
+    calibrated: bool = False  # where the arms stand, and its cameras, if that is known
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class Observation:
     language: str = ""
     # agent -> number of its subgoal and whether it may go on; None without a coordinator
     subgoals: Mapping[int, tuple[int, bool]] | None = None
+    calibration: Calibration | None = None  # None: as usual, or nobody has measured it
 
 
 @dataclass(frozen=True)
@@ -132,6 +134,8 @@ class MeasuredWorld(World, Protocol):
 
     def segmentation(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.int32]]: ...
 
+    def camera_models(self) -> dict[str, CameraModel]: ...
+
     def bodies(self) -> dict[str, tuple[int, ...]]:
         """Body of `labels` -> its numbers in a segmentation."""
         ...
@@ -148,7 +152,23 @@ def observe(
     Raises StageError where depth or segmentation is declared and the world cannot give it.
     """
     images = {kind: _images(kind, world, declared) for kind in IMAGES}
-    return [_handed(scene, images, each, coordination) for each in declared]
+    stands = [_calibration(world, each) for each in declared]
+    return [_handed(scene, images, *each, coordination) for each in zip(declared, stands, strict=True)]
+
+
+def _calibration(world: World, declared: Declaration) -> Calibration | None:
+    """Where the arms of a world stand, and the declared cameras, if it is known."""
+    if not declared.calibrated or not isinstance(world, MeasuredWorld):
+        return None
+    if world.task.variation.calibration == "unknown":
+        return None
+    cameras = world.camera_models()
+    bases = dict(enumerate(robot.world_from_base for robot in world.task.robots))
+    eyes = {name: cameras[name].world_from_camera for name in declared.cameras}
+    return Calibration(
+        tuple(_copies(bases).values()),
+        {name: replace(cameras[name], world_from_camera=pose) for name, pose in _copies(eyes).items()},
+    )
 
 
 def _images(kind: str, world: World, declared: Sequence[Declaration]) -> Mapping[str, NDArray]:
@@ -169,6 +189,7 @@ def _handed(
     scene: Scene,
     images: Mapping[str, Mapping[str, NDArray]],
     declared: Declaration,
+    calibration: Calibration | None,
     coordination: Coordination | None,
 ) -> Observation:
     agents, subgoals = declared.agents, None
@@ -188,6 +209,7 @@ def _handed(
         },
         language=declared.language,
         subgoals=subgoals,
+        calibration=calibration,
     )
 
 

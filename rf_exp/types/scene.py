@@ -55,6 +55,14 @@ class CameraModel:
         return np.array([[focal, 0, self.width_px / 2], [0, focal, self.height_px / 2], [0, 0, 1.0]])
 
 
+@dataclass(frozen=True)
+class Calibration:
+    """Where arms and cameras stand, as far as that has been measured."""
+
+    world_from_base: tuple[Matrix, ...]  # (4, 4) of each arm
+    cameras: Mapping[str, CameraModel]
+
+
 class World(Protocol):
     """What a rollout and the generation loop need of an environment (given by `rf_exp.sim`)."""
 

@@ -11,6 +11,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, TrainConfig, View, load_policy, load_runners, rollout, train
 from rf_exp.policy.config import KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND
+from rf_exp.policy.examples.windows import Labels
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
 from rf_exp.policy.networks.crop_refinement import REACH, CropRefinement
 from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
@@ -75,7 +76,10 @@ def test_heat_maps_learn_nothing_from_the_second_look() -> None:
     one, other = (KeypointEncoder(TWICE[side], LOCAL, spec) for side in (SIDE, 0))
     own = {n: v for n, v in one.state_dict().items() if not n.startswith("crop_refinement.")}
     other.load_state_dict(own)
-    what = torch.rand(2, 3, 48, 64), torch.rand(2, len(HAND), 2), torch.zeros(2, 1, 6), torch.zeros(2, 0)
+    rays = torch.rand(2, 1, 3, 4)
+    points = torch.zeros(2, len(HAND), 3)
+    labels = Labels(torch.rand(2, len(HAND), 2), points, torch.zeros(2, 1, 6), torch.zeros(2, 0))
+    what = torch.rand(2, 3, 48, 64), rays, labels
     for encoder in (one, other):
         encoder.loss(*what).backward()
     gradients = {name: weight.grad for name, weight in one.named_parameters()}
@@ -96,8 +100,8 @@ def test_a_policy_learns_with_it_and_acts(
     config = varied(policy_config, SEES | {f"encoder.keypoints.{key}": each for key, each in twice.items()})
     train(make_store(1, 3), LOCAL, config, train_config, tmp_path / "agent1")
     policy, *_ = load_policy(tmp_path / "agent1", "cpu")
-    features, places = policy.look(torch.zeros(2, HEIGHT, WIDTH, 3, dtype=torch.uint8))
-    assert places is not None and features.shape[0] == places.shape[0] == 2
+    features, places = policy.look(torch.zeros(1, HEIGHT, WIDTH, 3, dtype=torch.uint8))
+    assert places is not None and features.shape[0] == places.shape[0] == 1
     assert rollout(Table(1), judge, load_runners(tmp_path), 1, 2).steps == 2
 
 

@@ -10,6 +10,8 @@ import torch
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import (
+    DiffusionRunner,
+    Policy,
     PolicyConfig,
     Stream,
     TrainConfig,
@@ -24,23 +26,33 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, keypoints
-from rf_exp.policy.examples.windows import by_episode
+from rf_exp.policy.examples.windows import Labels, by_episode
 from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
+from rf_exp.policy.inputs.rays import calibrations, rays_of
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
-from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
+from rf_exp.policy.networks.keypoint_encoder import FAR_M, KeypointEncoder, met
 from rf_exp.robots import DEFAULT
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import apply, inverse, planar
-from rf_exp.types import Arch, RolloutStep
-from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH, varied
+from rf_exp.types import Arch, Calibration, RolloutStep
+from tests.policy.conftest import ARCHS, HEIGHT, REST, STEPS, WIDTH, make_episode, varied
 from tests.policy.test_rollout import Table, judge
 
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
 CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
+
+
+# A camera 1 m above the base, which looks straight down on 1 m x 1 m of the table.
+DOWN = torch.tensor([[1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 0.0], [0.0, 0.0, -1.0, 1.0]])[None, None]
+
+
+def seen_by(rays: torch.Tensor, pixels: torch.Tensor) -> torch.Tensor:
+    """Points 0.1 m above the table."""
+    return met(rays.expand(*pixels.shape[:2], -1, -1), pixels, torch.full(pixels.shape[:2], 0.1))
 
 
 def one_arm() -> KeypointEncoder:
@@ -94,12 +106,12 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
             assert found.points.shape == (store.steps, spec.keypoints(view) * len(HAND), 3)
             eye = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(eye.fov_deg)), eye.world_from_camera)
-            others = [k for k in range(1, agents + 1) if k not in stream.agents]
+            hands = *stream.agents, *(k for k in range(1, agents + 1) if k not in stream.agents)
             for frame in range(0, store.steps, 7):
                 first = frame // STEPS * STEPS  # of its episode
                 closed = first + int(np.argmax(store.action[first : first + STEPS, 0, 7] < 0))
                 moments = [(k, at) for k in stream.agents for at in (closed, first + STEPS - 1)]
-                moments += [(k, frame) for k in others]
+                moments += [(k, frame) for k in hands]
                 for (column, (agent, at)), (part, point) in product(enumerate(moments), enumerate(HAND)):
                     mine = column * len(HAND) + part
                     if at == closed and frame > closed and agent in stream.agents and column % 2 == 0:
@@ -175,10 +187,9 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
     height, width = 24, 32
     rows, columns = torch.arange(height) + 0.5, torch.arange(width) + 0.5
     away = ((columns - x * width) ** 2)[None] + ((rows - y * height) ** 2)[:, None]
-    pixels, *_ = encoder.read(
-        -away[None, None].expand(1, len(HAND), -1, -1) / 0.8, torch.zeros(1, 32, height, width)
-    )
-    assert (pixels[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
+    maps = -away[None, None].expand(1, len(HAND), -1, -1) / 0.8
+    read = encoder.read(maps, torch.zeros(1, 32, height, width), DOWN)
+    assert (read.places[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
         [x * width, y * height], abs=0.1
     )
 
@@ -205,37 +216,42 @@ def test_it_learns_to_find_what_is_shown() -> None:
         places = np.concatenate([places, np.full_like(places, np.nan)], axis=1).astype(np.float32)
         return torch.from_numpy(pictures), torch.from_numpy(places), torch.from_numpy(doing)
 
+    _, pixels, _ = shown(200)
+    encoder.fit_heights(pixels, seen_by(DOWN, pixels))
     for _ in range(100):
         pictures, pixels, doing = shown(16)
         pixels[0, 0] = torch.nan  # past
-        loss = encoder.loss(pictures, pixels, torch.zeros(16, 2, 6), doing)
+        labels = Labels(pixels, seen_by(DOWN, pixels), torch.zeros(16, 2, 6), doing)
+        loss = encoder.loss(pictures, DOWN.expand(16, -1, -1, -1), labels)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-    _, pixels, _ = shown(200)
-    pixels[:20, 0] = torch.nan
-    encoder.fit_cameras(pixels, torch.nn.functional.pad(pixels**2, (0, 1)))
     pictures, pixels, doing = shown(64)
-    features, places = encoder.eval().see(pictures)
-    found, *_ = encoder.read(*encoder.look(pictures))
+    there = torch.cat([DOWN[..., :3], DOWN[..., 3:] + torch.tensor([0.1, -0.2, 0.3])[:, None]], 3)
+    features, places = encoder.eval().see(pictures, there.expand(64, -1, -1, -1))  # where nobody learned
+    found = encoder.read(*encoder.look(pictures), DOWN.expand(64, -1, -1, -1)).places
     own = slice(len(HAND))
     pixels = pixels[:, own]
     off = (found[:, own] - pixels) * torch.tensor([64, 48])
     assert off.norm(dim=2).quantile(0.9) < CELL / 4
     assert (features[:, -2:].argmax(dim=1, keepdim=True) == doing).float().mean() > 0.9
     assert places is not None and torch.equal(places, found[:, :: len(HAND)])
-    points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), pixels**2
+    points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), seen_by(there, pixels)
     expected[:, 1:] -= expected[:, :1]
-    assert (points[..., :2] - expected).norm(dim=2).median() < 0.03 and points[..., 2].abs().max() < 1e-3
+    assert (points - expected).norm(dim=2).median() < 0.03
 
 
 def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyConfig) -> None:
     """Wherever a keypoint still is in the picture, the same colours are round it as before."""
     windows = Windows(make_store(1, 3), LOCAL, seeing, CPU)
     chosen, rng = np.arange(0, len(windows), 3), np.random.default_rng(0)
-    pictures, pixels, _, _ = windows.labelled(chosen)
-    shifted, moved, _, _ = windows.labelled(chosen, 8, rng)
-    by = ((moved - pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
+    pictures, rays, labels = windows.labelled(chosen)
+    shifted, turned, moved = windows.labelled(chosen, 8, rng)
+    heights = labels.points[..., 2]
+    for seen, by_rays in ((labels, rays), (moved, turned)):
+        found = met(by_rays.expand(-1, heights.shape[1], -1, -1), seen.pixels, heights)
+        np.testing.assert_allclose(found, labels.points, atol=1e-4)
+    by = ((moved.pixels - labels.pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
     assert len(by.unique(dim=0)) > 20 and by.abs().max() == 8
     for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
         rows, columns = np.mgrid[8 : HEIGHT - 8, 8 : WIDTH - 8]
@@ -270,9 +286,11 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
     encoder, nowhere = one_arm(), torch.full((2, len(HAND), 2), torch.nan)
-    loss = encoder.loss(torch.zeros(2, 3, 32, 48), nowhere, torch.zeros(2, 1, 6), torch.zeros(2, 0))
-    encoder.fit_cameras(nowhere, torch.zeros(2, len(HAND), 3))
-    assert torch.equal(encoder.lift, torch.zeros(len(HAND), 10, 3))
+    points = torch.zeros(2, len(HAND), 3)
+    labels = Labels(nowhere, points, torch.zeros(2, 1, 6), torch.zeros(2, 0))
+    loss = encoder.loss(torch.zeros(2, 3, 32, 48), DOWN.expand(2, -1, -1, -1), labels)
+    encoder.fit_heights(nowhere, points)
+    assert torch.equal(encoder.middle, torch.zeros(len(HAND)))
     loss.backward()
     assert loss.item() == 0.0
 
@@ -312,7 +330,7 @@ def test_policies_of_all_views_save_and_load(
         assert (read, spec) == (view, spec_of(fitted, store, view))
         windows = Windows(store, view, fitted, CPU)
         batch = windows.batch(np.arange(4), None)
-        features = policy.encode_whole(batch.pictures)[batch.frames]
+        features = policy.encode_whole(batch.pictures, batch.rays)[batch.frames]
         generators = [torch.Generator().manual_seed(k) for k in range(4)]
         actions = policy.act(features, batch.proprio, batch.context, generators)
         assert actions.shape == (4, fitted.horizon, view.action_size // 8 * 17)
@@ -374,6 +392,60 @@ def test_what_is_seen_is_told_with_the_step(
         assert {sight.camera for sight in step.detections} == {*own}
         for camera, agent in own.items():
             sights = [sight for sight in step.detections if sight.camera == camera]
-            assert [sight.agent for sight in sights] == [agent, agent, 3 - agent]
+            assert [sight.agent for sight in sights] == [agent, agent, 3 - agent]  # its own hand it knows
             assert [sight.is_next for sight in sights] == [True, False, False]
             assert all(0 <= place <= 1 for sight in sights for place in (sight.x, sight.y))
+
+
+def test_a_ray_that_never_comes_to_its_height_ends_far_away() -> None:
+    level = torch.tensor([[0.0, 0.0, 1.0, 0.5], [1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 1.0]])[None, None]
+    places = torch.tensor([[[0.5, 0.2], [0.5, 0.5], [0.5, 0.5001], [0.5, 0.9]]]).requires_grad_()
+    points = met(level.expand(1, 4, -1, -1), places, torch.full((1, 4), 0.1))
+    far = (points - torch.tensor([0.5, 0.0, 1.0])).norm(dim=2)[0].tolist()
+    assert far[:3] == pytest.approx([FAR_M] * 3)  # up, level, and hardly down
+    assert far[3] < FAR_M and points[0, 3, 2].item() == pytest.approx(0.1)
+    points.sum().backward()
+    assert places.grad is not None and torch.isfinite(places.grad).all()
+
+
+@pytest.mark.parametrize("names", [("agent1",), ("agent1", "global")])
+def test_rays_meet_what_a_camera_sees(names: tuple[str, ...]) -> None:
+    """Points that are projected, and met again at their height, from a base that may stand anywhere."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-0.2, -0.2, 0.0), (0.2, 0.2, 0.2), (50, 3))
+    for _ in range(20):
+        base = planar(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3), rng.uniform(-0.03, 0.03))
+        cameras = {}
+        for name in names:
+            x_m, y_m = rng.uniform(-1, 1, 2)
+            pose = CameraSpec((x_m, y_m, 0.9)).world_from_camera
+            cameras[name] = CameraModel(64, 48, rng.uniform(0.7, 1.4), pose)
+        stands = Calibration((base,), cameras)
+        rays = rays_of(stands, Stream("agent1", (1,), names[1:]))
+        local = apply(inverse(base), points)
+        for row, (name, ray) in enumerate(zip(names, rays, strict=True)):
+            seen = apply(inverse(cameras[name].world_from_camera), points) @ cameras[name].intrinsics.T
+            places = seen[:, :2] / seen[:, 2:] / (64, 48)
+            places[:, 0] = (places[:, 0] + row) / len(names)
+            asked = (ray[None].repeat(50, 0), places.astype(np.float32), local[:, 2].astype(np.float32))
+            found = met(*(torch.from_numpy(each)[None] for each in asked))
+            np.testing.assert_allclose(found[0], local, atol=2e-4)
+
+
+def test_a_policy_sees_by_the_calibration_that_it_is_handed(make_store, seeing: PolicyConfig) -> None:
+    """None is the usual one; from a base that stands elsewhere the same things are elsewhere."""
+    store: Store = make_store(1, 3)
+    spec = spec_of(seeing, store, LOCAL)
+    torch.manual_seed(0)
+    policy = Policy(seeing, LOCAL, spec)
+    assert isinstance(policy.encoder, KeypointEncoder)
+    policy.encoder.fit(Windows(store, LOCAL, seeing, CPU))
+    runner = DiffusionRunner(policy, LOCAL, spec)
+    assert runner.declares is not None and runner.declares.calibrated
+    usual, _ = calibrations(store, ("agent1",))
+    moved = replace(usual, world_from_base=(planar(0.1, 0.0, 0.0) @ usual.world_from_base[0],))
+    pictures = torch.from_numpy(make_episode(0, 1).images["agent1"][:1])
+    stands = (torch.from_numpy(rays_of(each, LOCAL.streams[0]))[None] for each in (usual, moved))
+    seen = [policy.look(pictures, rays) for rays in (None, *stands)]
+    assert torch.equal(seen[0][0], seen[1][0])
+    assert not torch.allclose(seen[0][0], seen[2][0]) and torch.equal(seen[0][1], seen[2][1])

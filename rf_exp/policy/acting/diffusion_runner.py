@@ -13,12 +13,21 @@ from torch import Tensor
 from rf_exp.errors import StageError
 from rf_exp.observations import Declaration, Observation
 from rf_exp.policy.acting.runner import PolicyRunner
+from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import Memory
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, others, proprioception, widths
+from rf_exp.policy.inputs.observation_spec import (
+    ObservationSpec,
+    context,
+    others,
+    proprioception,
+    tcp_poses,
+    widths,
+)
 from rf_exp.policy.inputs.pictures import side_by_side
+from rf_exp.policy.inputs.rays import rays_of
 from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
@@ -79,6 +88,7 @@ class _Episode:
     generators: list[torch.Generator]  # of the streams
     grippers: Memory
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
+    cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
 
     def frames(self) -> tuple[Tensor, Tensor, Tensor]:
         """Features (S, O, F), proprioception (S, O, P) and context (S, O, C), oldest frame first."""
@@ -118,7 +128,9 @@ class DiffusionRunner(PolicyRunner):
         generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
         transitions = TransitionIntegrator(self._config.acting.transition_integrator)
         grippers, nothing = Memory(self._agents), np.full(self._agents, np.nan)
-        return _Episode(features, proprio, context, transitions, generators, grippers, nothing)
+        size_px, usual = (self._config.width, self._config.height), self._policy.encoder.usual_rays
+        cameras = [] if usual is None else [estimates(each, size_px) for each in usual.cpu().double().numpy()]
+        return _Episode(features, proprio, context, transitions, generators, grippers, nothing, cameras)
 
     # what is observed
 
@@ -180,10 +192,35 @@ class DiffusionRunner(PolicyRunner):
     def _look(self, observation: Observation) -> Tensor:
         """Features (S, F) of the present pictures; remembers which keypoints were detected in them."""
         pictures = np.stack([self._picture(observation, stream) for stream in self.view.streams])
-        features, places = self._policy.look(torch.from_numpy(pictures).to(self._device))
-        if places is not None:
-            self.state.detections = tuple(self._detections(places.cpu().double().numpy()))
+        shown = torch.from_numpy(pictures).to(self._device)
+        features, places = self._policy.look(shown, self._rays(observation))
+        if places is None:
+            return features
+        seen = places.cpu().double().numpy()
+        self.state.detections = tuple(self._detections(seen))
+        if observation.calibration is None:
+            self._calibrate(observation, seen)
+            features, _ = self._policy.look(shown, self._rays(observation))
         return features
+
+    def _rays(self, observation: Observation) -> Tensor | None:
+        """(S, K, 3, 4) of the cameras: as is known, or else as estimated."""
+        if self._policy.encoder.usual_rays is None:
+            return None
+        if (known := observation.calibration) is not None:
+            rays = [rays_of(known, stream) for stream in self.view.streams]
+        else:
+            rays = [[each.rays for each in of_stream] for of_stream in self._episode.cameras]
+        return torch.from_numpy(np.array(rays, np.float32)).to(self._device)
+
+    def _calibrate(self, observation: Observation, places: NDArray[np.float64]) -> None:
+        """Each camera by where it sees the own hands: places of keypoints (S, M, 2)."""
+        for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
+            joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
+            points = tcp_poses(self.spec, stream, joints)[:, :3]
+            first = len(stream.agents) * (self.spec.keyframes + 1)
+            for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
+                camera.see(points, seen[first : first + len(points)])
 
     def _picture(self, observation: Observation, stream: Stream) -> NDArray[np.uint8]:
         expected = (self._config.height, self._config.width, 3)
@@ -205,6 +242,7 @@ class DiffusionRunner(PolicyRunner):
                 for agent, following in ((k, min(changes[k - 1], last)) for k in stream.agents)
                 for key in range(last + 1)
             ]
+            meant += [(agent, False, False) for agent in stream.agents]
             meant += [(agent, False, True) for agent in others(self.spec, stream)]
             count = len(stream.cameras)
             parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
@@ -318,6 +356,7 @@ def _declared(config: PolicyConfig, view: View, spec: ObservationSpec) -> Declar
         objects=spec.objects,
         cameras=tuple(cameras) if config.encoder.pictures else (),
         coordinated=view.agents if view.coordinated else (),
+        calibrated=config.encoder.keypoints,
     )
 
 

@@ -17,6 +17,7 @@ from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import remembered
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, others, proprioception, widths
 from rf_exp.policy.inputs.pictures import pictures_of, side_by_side
+from rf_exp.policy.inputs.rays import calibrations, rays_of
 from rf_exp.policy.inputs.task_space import task_space_actions
 from rf_exp.policy.inputs.view import View
 from rf_exp.transforms import from_quaternion
@@ -78,17 +79,26 @@ def keypoint_labels(
     kept: Kept,
     numbers: NDArray[np.int64],
 ) -> tuple[Tensor, ...]:
-    """Pixels, points and headings of keypoints, and what the others are doing."""
+    """Pixels, points and headings of keypoints, rays of cameras, and what the others are doing."""
     if not config.encoder.keypoints:
-        return (torch.empty(0),) * 4
+        return (torch.empty(len(view.streams) * len(numbers[kept]), 0),) * 5
     found = [keypoints(store, stream, spec, kept) for stream in view.streams]
     watched = [np.array(others(spec, stream), int) - 1 for stream in view.streams]
     return (
         _stack([each.pixels for each in found]),
         _stack([each.points for each in found]),
         _stack([each.headings for each in found]),
+        _stack([each.rays for each in found]),
         _stack([numbers[kept][:, columns] for columns in watched]),
     )
+
+
+def usual_rays(store: "Store", view: View, config: PolicyConfig) -> Tensor:
+    """(S, K, 3, 4) of the cameras of all streams where they usually stand; without keypoints (0,)."""
+    if not config.encoder.keypoints:
+        return torch.empty(0)
+    streams = (rays_of(calibrations(store, each.cameras)[0], each) for each in view.streams)
+    return torch.from_numpy(np.stack([*streams]))
 
 
 def _stack(arrays: Sequence[NDArray]) -> Tensor:

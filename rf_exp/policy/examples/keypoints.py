@@ -1,23 +1,21 @@
 """Keypoint labels: where an arm will be when its gripper changes next, as demonstrations tell it.
 
 The keypoints of a stream are, for each of its agents, the TCP at the changes of its own gripper, in their
-order, and at the end of the episode; then the TCPs of all other agents now. No pose of an object is used:
-all follows from stored joints and commands, and a camera whose place is known.
+order, and at the end of the episode; then the TCPs of these and of all other agents now. No pose of an
+object is used: all follows from stored joints and commands, and a camera whose place is known.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.gripper_history import changes
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, base_of, others, widths, world_from_tcp
+from rf_exp.policy.inputs.rays import calibrations, rays_of
 from rf_exp.policy.inputs.view import Stream
-from rf_exp.tasks import CameraSpec
-from rf_exp.transforms import Matrix, apply, inverse, placed
+from rf_exp.transforms import apply, inverse, placed
 from rf_exp.types import ARM_JOINTS, CameraModel
 
 if TYPE_CHECKING:
@@ -38,6 +36,7 @@ class Keypoints:
     pixels: NDArray[np.float32]  # (T, M * P, 2) x to the right and y down, from 0 to 1 over the picture
     points: NDArray[np.float32]  # (T, M * P, 3) m, in the base frame of the stream's first agent
     headings: NDArray[np.float32]  # (T, M, HEADING)
+    rays: NDArray[np.float32]  # (T, K, 3, 4) of the K cameras, see `rays_of`
 
 
 def keypoints(
@@ -47,19 +46,18 @@ def keypoints(
 
     Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
     """
-    usual = [_camera(store, name) for name in stream.cameras]
-    pixels, points, headings = [], [], []
-    episodes = zip(
-        store.by_episode(store.qpos), store.by_episode(store.action), store.certificates, strict=True
-    )
-    for qpos, action, certificate in episodes:
-        bases, cameras = _scene(certificate, stream.cameras, usual)
+    _, stands = calibrations(store, stream.cameras)
+    pixels, points, headings, rays = [], [], [], []
+    episodes = zip(store.by_episode(store.qpos), store.by_episode(store.action), stands, strict=True)
+    for qpos, action, calibration in episodes:
+        bases, cameras = calibration.world_from_base, calibration.cameras.values()
         columns = []
         for agent in stream.agents:
             tcp = world_from_tcp(spec, agent, qpos, bases)
             changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
             columns += _own(tcp, changed, spec.keyframes)
-        columns += [world_from_tcp(spec, agent, qpos, bases) for agent in others(spec, stream)]
+        now = *stream.agents, *others(spec, stream)
+        columns += [world_from_tcp(spec, agent, qpos, bases) for agent in now]
         hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
         world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
         to_base = inverse(base_of(spec, stream.agents[0], bases))
@@ -70,11 +68,13 @@ def keypoints(
         pixels.append(np.concatenate(seen, axis=1))
         points.append(apply(to_base, world).astype(np.float32))
         headings.append(np.moveaxis(turns, 0, -1).astype(np.float32))
-    of_cameras = 1, len(usual), 1
+        rays.append(np.repeat(rays_of(calibration, stream)[None], len(qpos), axis=0))
+    of_cameras = 1, len(stream.cameras), 1
     return Keypoints(
         np.concatenate(pixels)[kept],
         np.tile(np.concatenate(points)[kept], of_cameras),
         np.tile(np.concatenate(headings)[kept], of_cameras),
+        np.concatenate(rays)[kept],
     )
 
 
@@ -103,32 +103,3 @@ def _project(points: NDArray[np.float64], camera: CameraModel) -> NDArray[np.flo
     seen = apply(inverse(camera.world_from_camera), points) @ camera.intrinsics.T
     depth = np.where(seen[..., 2:] > 1e-3, seen[..., 2:], np.nan)
     return seen[..., :2] / depth / (camera.width_px, camera.height_px)
-
-
-def _scene(
-    certificate: Mapping[str, Any], names: Sequence[str], usual: Sequence[CameraModel]
-) -> tuple[list[Matrix] | None, Sequence[CameraModel]]:
-    """Bases of all arms and cameras of one episode, as its certificate says; else None and the usual ones."""
-    if (stands := certificate.get("calibration")) is None:
-        return None, usual
-    cameras = []
-    for name, camera in zip(names, usual, strict=True):
-        found = stands["cameras"][name]
-        pose, fov_y_rad = np.array(found["parent_from_camera"]), float(np.deg2rad(found["fov_deg"]))
-        cameras.append(replace(camera, fov_y_rad=fov_y_rad, world_from_camera=pose))
-    return [np.array(pose) for pose in stands["world_from_base"]], cameras
-
-
-def _camera(store: "Store", name: str) -> CameraModel:
-    try:
-        spec = CameraSpec(**store.identity["scene"]["cameras"][name])
-    except KeyError as error:
-        raise ArgumentError(
-            f"{store.path} does not say where its cameras stand; generate it again"
-        ) from error
-    if spec.mount != "world":
-        raise ArgumentError(
-            f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
-        )
-    size = store.attrs["width"], store.attrs["height"]
-    return CameraModel(*size, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)

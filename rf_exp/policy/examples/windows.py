@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.examples.frames import keypoint_labels, low_dim, pictures
+from rf_exp.policy.examples.frames import keypoint_labels, low_dim, pictures, usual_rays
 from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered
 from rf_exp.policy.inputs.observation_spec import of_agent, spec_of
 from rf_exp.policy.inputs.pictures import crop, with_margin
@@ -84,10 +84,21 @@ def largest_change(action: Tensor, within: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
+class Labels:
+    """What is to be seen in B pictures. NaN is not, or is past."""
+
+    pixels: Tensor  # (B, M * P, 2) of keypoints, from 0 to 1
+    points: Tensor  # (B, M * P, 3) m
+    headings: Tensor  # (B, M, HEADING)
+    doing: Tensor  # (B, N) subgoals of the other agents
+
+
+@dataclass(frozen=True)
 class Batch:
     """B windows of U different frames."""
 
     pictures: Tensor  # (U, h, w, 3) uint8, cropped; without pictures (0, ...)
+    rays: Tensor  # (U, K, 3, 4) of their cameras, see `rays_of`; without keypoints (U, 0)
     frames: Tensor  # (B, O) int64 index into `pictures`
     proprio: Tensor  # (B, O, P) raw
     context: Tensor  # (B, O, C) raw
@@ -125,8 +136,9 @@ class Windows:
         self.proprio, self.context, self.action = (each.to(device) for each in known)  # raw (S * T, ...)
         self._pictures = pictures(store, view, config, kept).to(device)  # (S * T, H, W, 3) uint8
         # Of keypoints, see `Keypoints`, and (S * T, N) the subgoals of the other agents.
-        labels = keypoint_labels(store, view, config, spec, kept, numbers)
-        self.pixels, self.points, self.headings, self.doing = (each.to(device) for each in labels)
+        labels = [each.to(device) for each in keypoint_labels(store, view, config, spec, kept, numbers)]
+        self.pixels, self.points, self.headings, self.rays, self.doing = labels
+        self.usual_rays = usual_rays(store, view, config).to(device)  # (S, K, 3, 4) where nothing has moved
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
         # Windows in which an own agent may go on.
         self.active = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
@@ -195,7 +207,7 @@ class Windows:
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
         run_of_frame, unique = np.divmod(keys, len(self))
-        seen, features = self._pictures, None
+        seen, rays, features = self._pictures, self.rays[self._index(unique)], None
         if self._features is not None:
             seen, features = seen[:0], self._features[self._index(frames)]
         elif len(seen):
@@ -207,6 +219,7 @@ class Windows:
             seen = crop(seen, unique, corners[run_of_frame], size)
         return Batch(
             seen,
+            rays,
             self._index(inverse.reshape(frames.shape)),
             self.proprio[self._index(frames)],
             self.context[self._index(frames)],
@@ -233,27 +246,32 @@ class Windows:
 
     def labelled(
         self, windows: NDArray[np.int64], shift_px: int = 0, rng: np.random.Generator | None = None
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """The newest pictures (B, H, W, 3) of windows, and the pixels and headings of their keypoints.
+    ) -> tuple[Tensor, Tensor, Labels]:
+        """The newest pictures (B, H, W, 3) of windows, the rays of their cameras, and what is to be seen.
 
-        And the subgoals that the other agents are at then (B, N).
         With `rng` each picture is shifted by up to `shift_px` pixels either way, and its keypoints with it.
         """
         chosen = self._index(windows)
-        pictures, pixels = self._pictures[chosen], self.pixels[chosen]
+        pictures, pixels, rays = self._pictures[chosen], self.pixels[chosen], self.rays[chosen]
         if rng is not None and shift_px:
             height, width = pictures.shape[1:3]
             shifts = rng.integers(-shift_px, shift_px + 1, (len(windows), 2))  # down, to the right
             whole = with_margin(pictures, shift_px)
             pictures = crop(whole, np.arange(len(windows)), shift_px - shifts, (height, width))
-            by = torch.from_numpy((shifts / (height, width))[:, None, ::-1].astype(np.float32))
-            pixels = pixels + by.to(self._device)
-        return pictures, pixels, self.headings[chosen], self.doing[chosen]
+            by = torch.from_numpy((shifts / (height, width))[:, None, ::-1].astype(np.float32)).to(
+                self._device
+            )
+            pixels = pixels + by
+            rays = torch.cat(
+                [rays[..., :2], rays[..., 2:3] - rays[..., :2] @ by[..., None], rays[..., 3:]], 3
+            )
+        return pictures, rays, Labels(pixels, self.points[chosen], self.headings[chosen], self.doing[chosen])
 
-    def look_once(self, encode: Callable[[Tensor], Tensor]) -> Tensor:
-        """Encode every picture, from now on for good. Returns the features (S * T, F)."""
+    def look_once(self, encode: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+        """Encode every picture and its rays, for good. Returns the features (S * T, F)."""
         with torch.no_grad():
-            self._features = torch.cat([encode(each) for each in self._pictures.split(LOOK_AT)])
+            parts = zip(self._pictures.split(LOOK_AT), self.rays.split(LOOK_AT), strict=True)
+            self._features = torch.cat([encode(*each) for each in parts])
         return self._features
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:

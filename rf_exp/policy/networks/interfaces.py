@@ -58,8 +58,17 @@ class Encoder(nn.Module):
         """Numbers that the head is given of a picture."""
         return self.features
 
-    def see(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there, for recordings."""
+    @property
+    def usual_rays(self) -> Tensor | None:
+        """(S, K, 3, 4) of the cameras of S streams, where these usually stand; None: it need not know."""
+        return None
+
+    def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
+        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there, for recordings.
+
+        `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.rays`. None: as usual, of
+        one picture of each stream.
+        """
         return self(pictures), None
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:

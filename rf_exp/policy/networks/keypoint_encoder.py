@@ -2,12 +2,12 @@
 
 A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over its
 cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's peak
-is a picture coordinate finer than a cell. Cameras stand still, so that the point in the base frame of the arm
-is a smooth function of it: a polynomial, fitted to the labels in closed form once the maps are learned.
+is a picture coordinate finer than a cell, and calibration says along which ray that is seen. How far along is
+told by the height of the keypoint above the arm's base, which is learned: a hand grips what lies on a table
+as high wherever it lies. A camera that has moved, and whose calibration is known, sees as well as before.
 """
 
-from dataclasses import asdict
-from functools import partial
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 import torch
@@ -24,19 +24,22 @@ from rf_exp.policy.networks.layers import inside_picture, scaled
 from rf_exp.policy.networks.photometric import relit
 
 if TYPE_CHECKING:
-    from rf_exp.policy.examples.windows import Windows
+    from rf_exp.policy.examples.windows import Labels, Windows
 
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
 PEAK = 5  # cells, side of the square round the largest one whose middle is taken
-# Of a keypoint: TCP (m), other points as seen from it (m), where all are in the picture, heading, how sure.
-# What moves through the room, as another arm does, has a place in the picture to half a pixel, but no point.
-PLACED = (3 + 2) * len(HAND)
+PLACED = 3 * len(HAND)  # of a keypoint: TCP (m), other points as seen from it (m); then heading, how sure
 OUT = PLACED + HEADING + 1
 NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
-PIXEL_WEIGHT, HEADING_WEIGHT = 0.05, 1.0  # of the parts of the loss beside the cross entropies
-TERMS = 10  # of a polynomial of third degree in two variables
-RIDGE = 1e-6
+PIXEL_WEIGHT, HEADING_WEIGHT, HEIGHT_WEIGHT = (
+    0.05,
+    1.0,
+    0.2,
+)  # of the parts of the loss beside cross entropies
+LEAST_SPREAD_M = 0.005  # of heights, to which they are scaled: less is noise
+LEAST_STEEP = 1e-3  # the sine of how a ray rises, or falls
+FAR_M = 3.0  # from the camera, a ray that never comes to its height
 
 
 class _Dilated(nn.Module):
@@ -68,6 +71,18 @@ class _Each(nn.Module):
         return (self.bent(flat) + self.straight(flat)).reshape(*x.shape[:2], -1)
 
 
+@dataclass(frozen=True)
+class _Read:
+    """What is read of B pictures."""
+
+    places: Tensor  # (B, M * P, 2) in the picture, from 0 to 1
+    rays: Tensor  # (B, M * P, 3, 4) of the camera of each
+    rise: Tensor  # (B, M * P) heights above their middle, in spreads
+    headings: Tensor  # (B, M, HEADING)
+    sure: Tensor  # (B, M) trust
+    doing: Tensor  # (B, N, S) of each other agent, as logits, the subgoal that it is at
+
+
 class KeypointEncoder(Encoder):
     """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT + N * S).
 
@@ -75,7 +90,9 @@ class KeypointEncoder(Encoder):
     of each of N others how likely it is at each of S subgoals.
     """
 
-    lift: Tensor  # (M * P, TERMS, 3) m
+    usual: Tensor  # (S, K, 3, 4) rays of the cameras of S streams where they usually stand
+    middle: Tensor  # (M * P,) m, the mean height of each point above the base of the arm
+    spread: Tensor  # (M * P,) m, the standard deviation of that
 
     def __init__(self, config: KeypointsConfig, view: View, spec: ObservationSpec) -> None:
         super().__init__()
@@ -92,8 +109,13 @@ class KeypointEncoder(Encoder):
         )
         self.maps = nn.Conv2d(CHANNELS, keypoints * len(HAND), 1)
         self.pool = nn.Linear(CHANNELS, POOLED)
-        self.register_buffer("lift", torch.zeros(keypoints * len(HAND), TERMS, 3))
+        cameras = len(view.streams[0].cameras)
+        self._points_seen = keypoints * len(HAND) // cameras  # by each camera
+        self.register_buffer("usual", torch.eye(3, 4).repeat(len(view.streams), cameras, 1, 1))
+        self.register_buffer("middle", torch.zeros(keypoints * len(HAND)))
+        self.register_buffer("spread", torch.full((keypoints * len(HAND),), LEAST_SPREAD_M))
         self.turn = _Each(keypoints, POOLED, 32, HEADING)
+        self.rise = _Each(keypoints, POOLED + CHANNELS + 3 + 12, 32, len(HAND))
         # Who is done looks like who has not begun; what it has left behind does not.
         self.tell: nn.Module | None = None
         if watched := self._others * subgoals:
@@ -107,20 +129,25 @@ class KeypointEncoder(Encoder):
     def size(self) -> int:
         return self.features + self._agents * NEXT
 
+    @property
+    def usual_rays(self) -> Tensor:
+        return self.usual
+
     def fit(self, examples: "Windows") -> Fit | None:
         config = self._config
+        self.fit_heights(examples.pixels, examples.points)
+        self.usual.copy_(examples.usual_rays)
         if not config.steps:
             return None
 
         def loss(draw: Draw) -> Tensor:
-            pictures, *labels = examples.labelled(draw.windows, config.shift_px, draw.rng)
+            pictures, rays, labels = examples.labelled(draw.windows, config.shift_px, draw.rng)
             seen = scaled(pictures)
             seen = relit(seen, config.photometric, draw.rng) if config.photometric else seen
-            return self.loss(seen, *labels)
+            return self.loss(seen, rays, labels)
 
-        settle = partial(self.fit_cameras, examples.pixels, examples.points)
         decides = {key: value for key, value in asdict(config).items() if key != "noise"}
-        return Fit([self], loss, config.steps, config.rate, settle, decides)
+        return Fit([self], loss, config.steps, config.rate, shared=decides)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
         """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
@@ -129,11 +156,8 @@ class KeypointEncoder(Encoder):
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
-    def read(self, maps: Tensor, seen: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Places in the picture (B, M * P, 2) from 0 to 1, headings (B, M, HEADING), trust (B, M).
-
-        And of each other agent, as logits, the subgoal that it is at (B, N, S).
-        """
+    def read(self, maps: Tensor, seen: Tensor, rays: Tensor) -> "_Read":
+        """What maps and cells say, where the cameras stand so."""
         chance = maps.flatten(2).softmax(dim=2).unflatten(2, maps.shape[2:])
         near = _peaks(chance)
         total = near.sum(dim=(2, 3))
@@ -148,50 +172,50 @@ class KeypointEncoder(Encoder):
         if self.tell is not None:
             doing = self.tell(torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1))
             doing = doing.unflatten(1, (self._others, -1))
-        return torch.stack([x, y], dim=2), self.turn(pooled), total[:, :: len(HAND)], doing
+        places, rays = torch.stack([x, y], dim=2), rays.repeat_interleave(self._points_seen, dim=1)
+        about = torch.cat([pooled, cells.mean(dim=1, keepdim=True).expand(-1, self.keypoints, -1)], dim=2)
+        about = torch.cat([about, met(rays, places.detach(), self.middle)[:, :: len(HAND)]], dim=2)
+        rise = self.rise(torch.cat([about, rays[:, :: len(HAND)].flatten(2)], dim=2)).flatten(1)
+        return _Read(places, rays, rise, self.turn(pooled), total[:, :: len(HAND)], doing)
 
-    def fit_cameras(self, pixels: Tensor, points: Tensor) -> None:
-        """Lift places (N, M * P, 2) to points (N, M * P, 3) in m, by least squares; NaN is left out."""
-        for key in range(len(self.lift)):
-            seen = inside_picture(pixels[:, key])
-            terms, targets = _terms(pixels[seen, key]).double(), points[seen, key].double()
-            normal = terms.T @ terms + RIDGE * max(1, len(terms)) * torch.eye(TERMS, device=terms.device)
-            self.lift[key] = torch.linalg.solve(normal, terms.T @ targets).float()
+    def fit_heights(self, pixels: Tensor, points: Tensor) -> None:
+        """To how high points (N, M * P, 3) in m are, where their places (N, M * P, 2) are in the picture."""
+        for key in range(len(self.middle)):
+            heights = points[inside_picture(pixels[:, key]), key, 2]
+            if len(heights) > 1:
+                self.middle[key] = heights.mean()
+                self.spread[key] = heights.std().clamp(min=LEAST_SPREAD_M)
 
-    def see(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
+    def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
-        places, headings, sure, doing = self.read(*self.look(pictures))
+        read = self.read(*self.look(pictures), self.usual if rays is None else rays)
+        places = read.places
         if self.crop_refinement is not None:
             places = self.crop_refinement(pictures, places)
-        points = torch.einsum("bkt,ktc->bkc", _terms(places), self.lift).unflatten(1, (-1, len(HAND)))
+        points = met(read.rays, places, self.middle + self.spread * read.rise).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
-        where = places.unflatten(1, (-1, len(HAND))).flatten(2)
-        features = torch.cat([hands, where, headings, sure[..., None]], dim=2)
-        features = torch.cat([features.flatten(1), doing.softmax(dim=2).flatten(1)], dim=1)
+        features = torch.cat([hands, read.headings, read.sure[..., None]], dim=2)
+        features = torch.cat([features.flatten(1), read.doing.softmax(dim=2).flatten(1)], dim=1)
         return features, places[:, :: len(HAND)]
 
-    def forward(self, pictures: Tensor) -> Tensor:
-        return self.see(pictures)[0]
-
-    def loss(self, pictures: Tensor, pixels: Tensor, headings: Tensor, doing: Tensor) -> Tensor:
-        """Of pictures whose keypoints are at `pixels` (B, M * P, 2) and head so; NaN is not seen.
-
-        `doing` (B, N) are the subgoals of the others.
-        """
+    def loss(self, pictures: Tensor, rays: Tensor, labels: "Labels") -> Tensor:
+        """Of pictures in which this is to be seen, by cameras that stand so."""
         maps, seen = self.look(pictures)
-        found, turned, _, told = self.read(maps, seen)
-        inside = inside_picture(pixels)
+        found, inside = self.read(maps, seen, rays), inside_picture(labels.pixels)
         if not inside.any():
             return maps.sum() * 0.0
-        cross = _cross_entropy(maps[inside], pixels[inside])
-        off = (found - pixels)[inside].abs().mean() * maps.shape[3]
+        cross = _cross_entropy(maps[inside], labels.pixels[inside])
+        off = (found.places - labels.pixels)[inside].abs().mean() * maps.shape[3]
         hands = inside[:, :: len(HAND)]
-        turn = (turned - headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
-        loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn
+        turn = (found.headings - labels.headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
+        rise = (found.rise - (labels.points[..., 2] - self.middle) / self.spread)[inside].abs().mean()
+        loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn + HEIGHT_WEIGHT * rise
         if self.crop_refinement is not None:
-            loss = loss + PIXEL_WEIGHT * self.crop_refinement.loss(pictures, found, pixels)
-        return loss if self.tell is None else loss + functional.cross_entropy(told.mT, doing)
+            loss = loss + PIXEL_WEIGHT * self.crop_refinement.loss(pictures, found.places, labels.pixels)
+        if self.tell is None:
+            return loss
+        return loss + functional.cross_entropy(found.doing.mT, labels.doing)
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
         """With noise on the places of keypoints, one draw for all frames of a window."""
@@ -219,11 +243,17 @@ class KeypointEncoder(Encoder):
         return torch.cat(parts, dim=2)
 
 
-def _terms(pixels: Tensor) -> Tensor:
-    """Places (..., 2) from 0 to 1 -> the terms of a polynomial of third degree (..., TERMS)."""
-    x, y = (2 * pixels - 1).unbind(dim=-1)
-    one = torch.ones_like(x)
-    return torch.stack([one, x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], dim=-1)
+def met(rays: Tensor, places: Tensor, heights: Tensor) -> Tensor:
+    """The points (B, K, 3) in m where places (B, K, 2) are seen to be so high (B, K), by rays (B, K, 3, 4).
+
+    Where a ray does not come to its height within FAR_M, the point so far along it.
+    """
+    along = (rays[..., :2] @ places[..., None] + rays[..., 2:3])[..., 0]
+    along, origin = along / along.norm(dim=2, keepdim=True), rays[..., 3]
+    steep = along[..., 2].abs() > LEAST_STEEP
+    far = (heights - origin[..., 2]) / torch.where(steep, along[..., 2], LEAST_STEEP)
+    far = torch.where(far > 0, far, FAR_M).clamp(max=FAR_M)
+    return origin + far[..., None] * along
 
 
 def _peaks(chance: Tensor) -> Tensor:

@@ -146,7 +146,7 @@ class Policy(nn.Module):
         if batch.features is not None:
             return batch.features
         if self.encoder.features:
-            return self.encode(batch.pictures)[batch.frames]
+            return self.encode(batch.pictures, batch.rays)[batch.frames]
         return batch.proprio.new_zeros(*batch.frames.shape, 0)
 
     def _targets(self, batch: Batch) -> Tensor:
@@ -155,13 +155,13 @@ class Policy(nn.Module):
 
     # -- both ----------------------------------------------------------------------------------------
 
-    def encode(self, pictures: Tensor) -> Tensor:
-        """Cropped uint8 pictures (U, h, w, 3) -> features (U, F)."""
-        return self.encoder(scaled(pictures))
+    def encode(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
+        """Cropped uint8 pictures (U, h, w, 3), and the rays of their cameras -> features (U, F)."""
+        return self.encoder.see(scaled(pictures), rays)[0]
 
-    def encode_whole(self, pictures: Tensor) -> Tensor:
-        """Uncropped uint8 pictures (U, H, W, 3) -> features (U, F) of their centres."""
-        return self.encode(self._centres(pictures))
+    def encode_whole(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
+        """Uncropped uint8 pictures (U, H, W, 3), and the rays of their cameras -> features (U, F)."""
+        return self.encode(self._centres(pictures), rays)
 
     def _centres(self, pictures: Tensor) -> Tensor:
         height, width = self.config.cropped(*pictures.shape[1:3])
@@ -185,9 +185,9 @@ class Policy(nn.Module):
 
     # -- acting --------------------------------------------------------------------------------------
 
-    def look(self, pictures: Tensor) -> tuple[Tensor, Tensor | None]:
+    def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
         """Features of pictures (U, H, W, 3), and where in them the encoder sees its keypoints: (U, M, 2)."""
-        return self.encoder.see(scaled(self._centres(pictures)))
+        return self.encoder.see(scaled(self._centres(pictures)), rays)
 
     @torch.inference_mode()
     def chances(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor | None:

@@ -44,6 +44,7 @@ FACTORS += ("instances", "clutter")
 SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
 MOVES = ("table", "bases", "cameras", "instances")  # factors that `Task.of` applies
 Textures = Literal["plain", "seen", "unseen"]
+Known = Literal["known", "unknown"]
 TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table, floor and walls
 TEXTURED = 0.75  # of the surfaces that differ have a texture
 FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
@@ -86,6 +87,7 @@ class Variation:
     camera_position_m: float = bounded("cameras", 0.5)  # along each axis
     camera_direction_deg: float = bounded("cameras", 45)  # the largest turn, about an axis that may be any
     camera_fov_deg: float = bounded("cameras", 20)
+    calibration: Known = "known"  # whether policies are told where arms and cameras stand; else: as usual
     exposure: float = bounded("sensors", 2)  # of the logarithm, to the base 2, of a camera's exposure
     flicker: float = bounded("sensors", 1)  # part of the frames that is lit otherwise
     pixel_noise: float = bounded("sensors", 100)  # standard deviation, of 255
@@ -118,6 +120,8 @@ class Variation:
             raise choices("variation.textures", self.textures, get_args(Textures))
         if self.clutter_set not in get_args(TextureSet):
             raise choices("variation.clutter_set", self.clutter_set, get_args(TextureSet))
+        if self.calibration not in get_args(Known):
+            raise choices("variation.calibration", self.calibration, get_args(Known))
         if not all(0 < half_m <= 2 for half_m in self.clutter_area_m):
             raise ArgumentError(
                 f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers, 0 < m <= 2"

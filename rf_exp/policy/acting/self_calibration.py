@@ -1,0 +1,71 @@
+"""Self-calibration: where a camera stands, told by where it sees an own hand that joints say is there.
+
+Each look that nobody has calibrated gives the place of an own hand in the picture, and kinematics its point.
+All of an episode together are fitted by the camera's direction, place and field of view, about where it
+usually stands: the most probable ones, where a camera has been knocked by so much (`KNOCKED`) and a hand is
+seen to so many pixels. The hand is a calibration target that goes where the work is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from rf_exp.transforms import rotated
+
+# Standard deviations: of the direction (rad, each axis), the place (m, each axis), the logarithm of the lens.
+KNOCKED = np.array([0.05] * 3 + [0.03] * 3 + [0.03])
+MOST = 4  # evaluations of a fit, which begins where the last one ended
+SEEN_PX = 1.0  # of a hand in a picture
+
+
+@dataclass
+class CameraEstimate:
+    """One camera of several whose pictures lie side by side, see `rf_exp.policy.inputs.rays`."""
+
+    usual: NDArray[np.floating]  # (3, 4) its rays where it usually stands
+    centre: NDArray[np.floating]  # (2,) of its part of the picture
+    size_px: NDArray[np.floating]  # (2,) of the whole picture
+    _points: list[NDArray[np.floating]] = field(default_factory=list)  # each (n, 3) m
+    _places: list[NDArray[np.floating]] = field(default_factory=list)  # each (n, 2) from 0 to 1
+    _moved: NDArray[np.floating] = field(default_factory=lambda: np.zeros(len(KNOCKED)))  # in deviations
+
+    @property
+    def rays(self) -> NDArray[np.floating]:
+        """(3, 4) by what has been seen so far."""
+        return self._rays(self._moved)
+
+    def see(self, points: NDArray[np.floating], places: NDArray[np.floating]) -> None:
+        """Hands at points (n, 3) are seen at places (n, 2)."""
+        self._points.append(points)
+        self._places.append(places)
+        points, places = np.concatenate(self._points), np.concatenate(self._places)
+
+        def off(moved: NDArray[np.floating]) -> NDArray[np.floating]:
+            rays = self._rays(moved)
+            seen = (points - rays[:, 3]) @ np.linalg.inv(rays[:, :3]).T
+            misses = (seen[:, :2] / seen[:, 2:] - places) * self.size_px / SEEN_PX
+            return np.concatenate([misses.ravel(), moved])
+
+        # A hand that is mistaken for something else is far off, and counts for little.
+        self._moved = least_squares(off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST).x
+
+    def _rays(self, moved: NDArray[np.floating]) -> NDArray[np.floating]:
+        turn, shift, (wider,) = np.split(KNOCKED * moved, (3, 6))
+        directions = self.usual[:, :3]
+        ahead = directions @ (*self.centre, 1.0)
+        ahead = ahead / np.linalg.norm(ahead)
+        across = directions - np.outer(ahead, ahead @ directions)
+        directions = directions + (np.exp(wider) - 1) * across
+        return np.column_stack([rotated(turn)[:3, :3] @ directions, self.usual[:, 3] + shift])
+
+
+def estimates(usual: NDArray[np.floating], size_px: Sequence[int]) -> tuple[CameraEstimate, ...]:
+    """Of the K cameras of a stream, by their rays (K, 3, 4), whose pictures have this width and height."""
+    count = len(usual)
+    whole = np.array([count * size_px[0], size_px[1]])
+    return tuple(
+        CameraEstimate(rays, np.array([(row + 0.5) / count, 0.5]), whole) for row, rays in enumerate(usual)
+    )

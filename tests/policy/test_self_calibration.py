@@ -1,0 +1,94 @@
+"""A camera that has been knocked is found by where it sees the hand that joints tell of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
+from rf_exp.policy.inputs.rays import rays_of
+from rf_exp.policy.inputs.view import Stream
+from rf_exp.tasks import CameraSpec
+from rf_exp.transforms import planar, rotated
+from rf_exp.types import Calibration, CameraModel
+
+BASE = planar(0.0, -0.75, np.pi / 2)
+EYE = CameraSpec((-0.49, -0.1, 0.66), (0.04, -0.1, 0.07), 43)
+USUAL = CameraModel(128, 96, float(np.deg2rad(EYE.fov_deg)), EYE.world_from_camera)
+START_M, GOAL_M = np.array([0.615, 0.0, 0.17]), np.array([0.53, 0.05, 0.02])
+LOOKS, NOISE_PX = 8, 0.7
+
+
+def rays(camera: CameraModel) -> NDArray[np.float64]:
+    found = rays_of(Calibration((BASE,), {"eye": camera}), Stream("eye", (1,)))
+    return found[0].astype(float)
+
+
+def knocked(rng: np.random.Generator) -> CameraModel:
+    """By up to 5 cm along each axis, 5 degrees and 3 degrees of its field of view."""
+    axis, pose = rng.normal(size=3), USUAL.world_from_camera.copy()
+    pose = pose @ rotated(np.deg2rad(5 * rng.uniform()) * axis / np.linalg.norm(axis))
+    pose[:3, 3] += rng.uniform(-0.05, 0.05, 3)
+    return replace(USUAL, world_from_camera=pose, fov_y_rad=USUAL.fov_y_rad + np.deg2rad(rng.uniform(-3, 3)))
+
+
+def place(camera: CameraModel, point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where a point is in its picture, from 0 to 1."""
+    seen = rays(camera)
+    x, y, z = np.linalg.inv(seen[:, :3]) @ (point - seen[:, 3])
+    return np.array([x, y]) / z
+
+
+def off_m(believed: NDArray[np.float64], camera: CameraModel) -> float:
+    """How far from the goal that is believed to be which the camera sees at the goal, at its height."""
+    along = believed[:, :3] @ (*place(camera, GOAL_M), 1.0)
+    met = believed[:, 3] + along * (GOAL_M[2] - believed[2, 3]) / along[2]
+    return float(np.linalg.norm(met - GOAL_M))
+
+
+def followed(camera: CameraModel, rng: np.random.Generator, mistaken: int | None = None) -> CameraEstimate:
+    """Sees a hand go from its start to the goal; once it takes something else for it."""
+    (estimate,) = estimates(rays(USUAL)[None], (128, 96))
+    for look in range(LOOKS):
+        hand = START_M + (GOAL_M - START_M) * look / (LOOKS - 1)
+        seen = place(camera, hand) + rng.normal(0, NOISE_PX, 2) / (128, 96)
+        estimate.see(hand[None], np.array([[0.1, 0.9]]) if look == mistaken else seen[None])
+    return estimate
+
+
+def test_a_camera_that_was_knocked_is_found() -> None:
+    rng, before, after = np.random.default_rng(0), [], []
+    for _ in range(20):
+        camera = knocked(rng)
+        before.append(off_m(rays(USUAL), camera))
+        after.append(off_m(followed(camera, rng).rays, camera))
+    assert np.median(before) > 0.03 and np.median(after) < 0.006 and np.quantile(after, 0.9) < 0.012
+
+
+def test_one_that_stands_as_usual_is_hardly_moved_by_noise() -> None:
+    rng = np.random.default_rng(1)
+    off = [off_m(followed(USUAL, rng).rays, USUAL) for _ in range(10)]
+    assert np.median(off) < 0.006
+    (fresh,) = estimates(rays(USUAL)[None], (128, 96))
+    np.testing.assert_allclose(fresh.rays, rays(USUAL), atol=1e-12)
+
+
+def test_a_hand_that_is_once_taken_for_something_else_counts_for_little() -> None:
+    rng = np.random.default_rng(2)
+    off = [
+        off_m(followed(camera, rng, mistaken=3).rays, camera) for camera in (knocked(rng) for _ in range(10))
+    ]
+    assert np.median(off) < 0.01
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_each_camera_of_pictures_side_by_side_has_its_part(row: int) -> None:
+    """Rays in the middle of its part do not turn with the lens."""
+    cameras = {"one": USUAL, "other": replace(USUAL, fov_y_rad=1.0)}
+    usual = rays_of(Calibration((BASE,), cameras), Stream("one", (1,), ("other",))).astype(float)
+    estimate = estimates(usual, (128, 96))[row]
+    middle = np.array([(row + 0.5) / 2, 0.5, 1.0])
+    forward = cameras[("one", "other")[row]].world_from_camera[:3, 2]
+    np.testing.assert_allclose(estimate.rays[:, :3] @ middle, BASE[:3, :3].T @ forward, atol=1e-6)
+    np.testing.assert_allclose(estimate.centre, middle[:2])
