@@ -77,8 +77,8 @@ def test_heat_maps_learn_nothing_from_the_second_look() -> None:
     own = {n: v for n, v in one.state_dict().items() if not n.startswith("crop_refinement.")}
     other.load_state_dict(own)
     rays = torch.rand(2, 1, 3, 4)
-    points = torch.zeros(2, len(HAND), 3)
-    labels = Labels(torch.rand(2, len(HAND), 2), points, torch.zeros(2, 1, 6), torch.zeros(2, 0))
+    places, points = torch.rand(2, 2 * len(HAND), 2), torch.zeros(2, 2 * len(HAND), 3)
+    labels = Labels(places, points, torch.zeros(2, 2, 6), torch.zeros(2, 0))
     what = torch.rand(2, 3, 48, 64), rays, labels
     for encoder in (one, other):
         encoder.loss(*what).backward()

@@ -31,7 +31,7 @@ from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
 from rf_exp.policy.inputs.rays import calibrations, rays_of
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
-from rf_exp.policy.networks.keypoint_encoder import FAR_M, KeypointEncoder, met
+from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
 from rf_exp.robots import DEFAULT
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
@@ -50,13 +50,15 @@ CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photome
 DOWN = torch.tensor([[1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 0.0], [0.0, 0.0, -1.0, 1.0]])[None, None]
 
 
-def seen_by(rays: torch.Tensor, pixels: torch.Tensor) -> torch.Tensor:
-    """Points 0.1 m above the table."""
-    return met(rays.expand(*pixels.shape[:2], -1, -1), pixels, torch.full(pixels.shape[:2], 0.1))
+def at_height(rays: torch.Tensor, pixels: torch.Tensor, heights: torch.Tensor | float = 0.1) -> torch.Tensor:
+    """The points (B, Q, 3) where one camera, of rays (B, 1, 3, 4), sees these places (B, Q, 2)."""
+    along = torch.nn.functional.pad(pixels, (0, 1), value=1.0) @ rays[:, 0, :, :3].mT
+    origin = rays[:, 0, None, :, 3]
+    return origin + along * ((heights - origin[..., 2]) / along[..., 2])[..., None]
 
 
 def one_arm() -> KeypointEncoder:
-    """Of a task of one arm whose gripper never changes: one keypoint, its hand at the end."""
+    """Of a task of one arm whose gripper never changes: its hand at the end, and now."""
     return KeypointEncoder(CONFIG, LOCAL, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
 
 
@@ -104,6 +106,7 @@ def test_labels_are_where_the_own_hand_will_be(make_store, seeing: PolicyConfig,
         for stream in view.streams:
             found = keypoints(store, stream, spec, slice(None))
             assert found.points.shape == (store.steps, spec.keypoints(view) * len(HAND), 3)
+            assert spec.keypoints(view) == 2 * len(stream.agents) + agents
             eye = CameraSpec(**scene["cameras"][stream.camera])
             camera = CameraModel(WIDTH, HEIGHT, float(np.deg2rad(eye.fov_deg)), eye.world_from_camera)
             hands = *stream.agents, *(k for k in range(1, agents + 1) if k not in stream.agents)
@@ -134,9 +137,6 @@ def test_labels_of_several_cameras_stand_side_by_side(make_store, seeing: Policy
     spec = spec_of(seeing, store, View("agent1", (stream,)))
     wide = keypoints(store, stream, spec, slice(None))
     parts = [keypoints(store, Stream(name, (1,)), spec, slice(None)) for name in stream.cameras]
-    assert spec.keypoints(View("agent1", (stream,))) == 3 * spec.keypoints(
-        View("agent1", (Stream("agent1", (1,)),))
-    )
     for row, part in enumerate(parts):
         mine = np.split(wide.pixels, 3, axis=1)[row]
         inside = ((part.pixels >= 0) & (part.pixels <= 1)).all(axis=-1)
@@ -187,7 +187,7 @@ def test_a_place_is_read_finer_than_a_cell(x: float, y: float) -> None:
     height, width = 24, 32
     rows, columns = torch.arange(height) + 0.5, torch.arange(width) + 0.5
     away = ((columns - x * width) ** 2)[None] + ((rows - y * height) ** 2)[:, None]
-    maps = -away[None, None].expand(1, len(HAND), -1, -1) / 0.8
+    maps = -away[None, None].expand(1, 2 * len(HAND), -1, -1) / 0.8
     read = encoder.read(maps, torch.zeros(1, 32, height, width), DOWN)
     assert (read.places[0, 0] * torch.tensor([width, height])).tolist() == pytest.approx(
         [x * width, y * height], abs=0.1
@@ -213,15 +213,16 @@ def test_it_learns_to_find_what_is_shown() -> None:
             for colour, (x, y) in enumerate(hand):
                 picture[colour] += np.exp(-((columns - 64 * x) ** 2 + (rows - 48 * y) ** 2) / 8)
             picture[2] += left_behind * (picture[0] + 0.2)
-        places = np.concatenate([places, np.full_like(places, np.nan)], axis=1).astype(np.float32)
+        places = np.pad(places, ((0, 0), (0, 2 * len(HAND)), (0, 0)), constant_values=np.nan)
+        places = places.astype(np.float32)
         return torch.from_numpy(pictures), torch.from_numpy(places), torch.from_numpy(doing)
 
     _, pixels, _ = shown(200)
-    encoder.fit_heights(pixels, seen_by(DOWN, pixels))
+    encoder.fit_points(pixels, at_height(DOWN, pixels))
     for _ in range(100):
         pictures, pixels, doing = shown(16)
         pixels[0, 0] = torch.nan  # past
-        labels = Labels(pixels, seen_by(DOWN, pixels), torch.zeros(16, 2, 6), doing)
+        labels = Labels(pixels, at_height(DOWN, pixels), torch.zeros(16, 3, 6), doing)
         loss = encoder.loss(pictures, DOWN.expand(16, -1, -1, -1), labels)
         optimiser.zero_grad()
         loss.backward()
@@ -236,7 +237,7 @@ def test_it_learns_to_find_what_is_shown() -> None:
     assert off.norm(dim=2).quantile(0.9) < CELL / 4
     assert (features[:, -2:].argmax(dim=1, keepdim=True) == doing).float().mean() > 0.9
     assert places is not None and torch.equal(places, found[:, :: len(HAND)])
-    points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), seen_by(there, pixels)
+    points, expected = features[:, : 3 * len(HAND)].unflatten(1, (-1, 3)), at_height(there, pixels)
     expected[:, 1:] -= expected[:, :1]
     assert (points - expected).norm(dim=2).median() < 0.03
 
@@ -249,8 +250,7 @@ def test_what_is_seen_moves_with_a_shifted_picture(make_store, seeing: PolicyCon
     shifted, turned, moved = windows.labelled(chosen, 8, rng)
     heights = labels.points[..., 2]
     for seen, by_rays in ((labels, rays), (moved, turned)):
-        found = met(by_rays.expand(-1, heights.shape[1], -1, -1), seen.pixels, heights)
-        np.testing.assert_allclose(found, labels.points, atol=1e-4)
+        np.testing.assert_allclose(at_height(by_rays, seen.pixels, heights), labels.points, atol=1e-4)
     by = ((moved.pixels - labels.pixels) * torch.tensor([WIDTH, HEIGHT])).round().int()[:, -1]
     assert len(by.unique(dim=0)) > 20 and by.abs().max() == 8
     for before, after, (right, down) in zip(pictures, shifted, by.tolist(), strict=True):
@@ -285,12 +285,12 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
 
 
 def test_nothing_to_see_is_nothing_to_learn() -> None:
-    encoder, nowhere = one_arm(), torch.full((2, len(HAND), 2), torch.nan)
-    points = torch.zeros(2, len(HAND), 3)
-    labels = Labels(nowhere, points, torch.zeros(2, 1, 6), torch.zeros(2, 0))
+    encoder, nowhere = one_arm(), torch.full((2, 2 * len(HAND), 2), torch.nan)
+    points = torch.zeros(2, 2 * len(HAND), 3)
+    labels = Labels(nowhere, points, torch.zeros(2, 2, 6), torch.zeros(2, 0))
     loss = encoder.loss(torch.zeros(2, 3, 32, 48), DOWN.expand(2, -1, -1, -1), labels)
-    encoder.fit_heights(nowhere, points)
-    assert torch.equal(encoder.middle, torch.zeros(len(HAND)))
+    encoder.fit_points(nowhere, points)
+    assert not encoder.centre.any()
     loss.backward()
     assert loss.item() == 0.0
 
@@ -397,24 +397,14 @@ def test_what_is_seen_is_told_with_the_step(
             assert all(0 <= place <= 1 for sight in sights for place in (sight.x, sight.y))
 
 
-def test_a_ray_that_never_comes_to_its_height_ends_far_away() -> None:
-    level = torch.tensor([[0.0, 0.0, 1.0, 0.5], [1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 1.0]])[None, None]
-    places = torch.tensor([[[0.5, 0.2], [0.5, 0.5], [0.5, 0.5001], [0.5, 0.9]]]).requires_grad_()
-    points = met(level.expand(1, 4, -1, -1), places, torch.full((1, 4), 0.1))
-    far = (points - torch.tensor([0.5, 0.0, 1.0])).norm(dim=2)[0].tolist()
-    assert far[:3] == pytest.approx([FAR_M] * 3)  # up, level, and hardly down
-    assert far[3] < FAR_M and points[0, 3, 2].item() == pytest.approx(0.1)
-    points.sum().backward()
-    assert places.grad is not None and torch.isfinite(places.grad).all()
-
-
 @pytest.mark.parametrize("names", [("agent1",), ("agent1", "global")])
 def test_rays_meet_what_a_camera_sees(names: tuple[str, ...]) -> None:
     """Points that are projected, and met again at their height, from a base that may stand anywhere."""
     rng = np.random.default_rng(0)
     points = rng.uniform((-0.2, -0.2, 0.0), (0.2, 0.2, 0.2), (50, 3))
     for _ in range(20):
-        base = planar(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3), rng.uniform(-0.03, 0.03))
+        x_m, y_m, yaw_rad, z_m = rng.uniform((-0.8, -0.8, -3, -0.03), (0.8, 0.8, 3, 0.03))
+        base = planar(x_m, y_m, yaw_rad, z_m)
         cameras = {}
         for name in names:
             x_m, y_m = rng.uniform(-1, 1, 2)
@@ -427,8 +417,8 @@ def test_rays_meet_what_a_camera_sees(names: tuple[str, ...]) -> None:
             seen = apply(inverse(cameras[name].world_from_camera), points) @ cameras[name].intrinsics.T
             places = seen[:, :2] / seen[:, 2:] / (64, 48)
             places[:, 0] = (places[:, 0] + row) / len(names)
-            asked = (ray[None].repeat(50, 0), places.astype(np.float32), local[:, 2].astype(np.float32))
-            found = met(*(torch.from_numpy(each)[None] for each in asked))
+            asked = ray[None], places.astype(np.float32), local[:, 2].astype(np.float32)
+            found = at_height(*(torch.from_numpy(each)[None] for each in asked))
             np.testing.assert_allclose(found[0], local, atol=2e-4)
 
 
@@ -447,5 +437,41 @@ def test_a_policy_sees_by_the_calibration_that_it_is_handed(make_store, seeing: 
     pictures = torch.from_numpy(make_episode(0, 1).images["agent1"][:1])
     stands = (torch.from_numpy(rays_of(each, LOCAL.streams[0]))[None] for each in (usual, moved))
     seen = [policy.look(pictures, rays) for rays in (None, *stands)]
-    assert torch.equal(seen[0][0], seen[1][0])
-    assert not torch.allclose(seen[0][0], seen[2][0]) and torch.equal(seen[0][1], seen[2][1])
+    before, same, after = (features for features, _ in seen)
+    assert torch.equal(before, same) and not torch.allclose(before, after)
+
+
+def overhead(x_m: float, y_m: float) -> torch.Tensor:
+    """Rays of a camera 1 m above the table."""
+    return DOWN + torch.nn.functional.pad(torch.tensor([x_m, y_m, 0.0])[:, None], (3, 0))
+
+
+def test_two_rays_meet_at_whatever_height() -> None:
+    """Of two cameras that see a point the height that is told hardly counts; of one it decides."""
+    view = View("agent1", (Stream("agent1", (1,), ("global",)),))
+    both = KeypointEncoder(CONFIG, view, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
+    both.doubt.fill_(0.03)
+    rays = torch.cat([overhead(0.0, 0.0), overhead(0.4, 0.1)], dim=1)
+    points = torch.rand(50, both.keypoints * len(HAND), 3) * 0.3
+    places = []
+    for ray in rays[0]:
+        seen = (points - ray[:, 3]) @ torch.linalg.inv(ray[:, :3]).T
+        places.append(seen[..., :2] / seen[..., 2:])
+    rays, places = rays.expand(50, -1, -1, -1), torch.cat(places, dim=1)
+    wrong = points[..., 2] + 0.02
+    sure = torch.ones(50, 2, both.keypoints)
+    assert (both.met(rays, places, sure.flatten(1), wrong) - points).norm(dim=2).max() < 0.007
+    sure[:, 1] = 1e-4  # it is not in the second picture
+    alone = both.met(rays, places, sure.flatten(1), wrong)
+    expected = at_height(rays, places[:, : points.shape[1]], wrong)
+    assert (alone - expected).norm(dim=2).max() < 0.002
+
+
+def test_a_ray_that_never_comes_to_its_height_ends_somewhere() -> None:
+    encoder = one_arm()
+    level = torch.tensor([[0.0, 0.0, 1.0, 0.5], [1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 1.0]])[None, None]
+    places = torch.full((1, 2 * len(HAND), 2), 0.5).requires_grad_()
+    heights = torch.full((1, 2 * len(HAND)), 0.1)
+    points = encoder.met(level, places, torch.ones(1, 2), heights)
+    points.sum().backward()
+    assert places.grad is not None and torch.isfinite(places.grad).all() and points.abs().max() < 2

@@ -217,7 +217,7 @@ class DiffusionRunner(PolicyRunner):
         """Each camera by where it sees the own hands: places of keypoints (S, M, 2)."""
         for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
-            points = tcp_poses(self.spec, stream, joints)[:, :3]
+            points = tcp_poses(self.spec, stream, joints)[:, :3].astype(float)
             first = len(stream.agents) * (self.spec.keyframes + 1)
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
                 camera.see(points, seen[first : first + len(points)])

@@ -25,25 +25,25 @@ SEEN_PX = 1.0  # of a hand in a picture
 class CameraEstimate:
     """One camera of several whose pictures lie side by side, see `rf_exp.policy.inputs.rays`."""
 
-    usual: NDArray[np.floating]  # (3, 4) its rays where it usually stands
-    centre: NDArray[np.floating]  # (2,) of its part of the picture
-    size_px: NDArray[np.floating]  # (2,) of the whole picture
-    _points: list[NDArray[np.floating]] = field(default_factory=list)  # each (n, 3) m
-    _places: list[NDArray[np.floating]] = field(default_factory=list)  # each (n, 2) from 0 to 1
-    _moved: NDArray[np.floating] = field(default_factory=lambda: np.zeros(len(KNOCKED)))  # in deviations
+    usual: NDArray[np.float64]  # (3, 4) its rays where it usually stands
+    centre: NDArray[np.float64]  # (2,) of its part of the picture
+    size_px: NDArray[np.float64]  # (2,) of the whole picture
+    _points: list[NDArray[np.float64]] = field(default_factory=list)  # each (n, 3) m
+    _places: list[NDArray[np.float64]] = field(default_factory=list)  # each (n, 2) from 0 to 1
+    _moved: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(KNOCKED)))  # in deviations
 
     @property
-    def rays(self) -> NDArray[np.floating]:
+    def rays(self) -> NDArray[np.float64]:
         """(3, 4) by what has been seen so far."""
         return self._rays(self._moved)
 
-    def see(self, points: NDArray[np.floating], places: NDArray[np.floating]) -> None:
+    def see(self, points: NDArray[np.float64], places: NDArray[np.float64]) -> None:
         """Hands at points (n, 3) are seen at places (n, 2)."""
         self._points.append(points)
         self._places.append(places)
         points, places = np.concatenate(self._points), np.concatenate(self._places)
 
-        def off(moved: NDArray[np.floating]) -> NDArray[np.floating]:
+        def off(moved: NDArray[np.float64]) -> NDArray[np.float64]:
             rays = self._rays(moved)
             seen = (points - rays[:, 3]) @ np.linalg.inv(rays[:, :3]).T
             misses = (seen[:, :2] / seen[:, 2:] - places) * self.size_px / SEEN_PX
@@ -52,7 +52,7 @@ class CameraEstimate:
         # A hand that is mistaken for something else is far off, and counts for little.
         self._moved = least_squares(off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST).x
 
-    def _rays(self, moved: NDArray[np.floating]) -> NDArray[np.floating]:
+    def _rays(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
         turn, shift, (wider,) = np.split(KNOCKED * moved, (3, 6))
         directions = self.usual[:, :3]
         ahead = directions @ (*self.centre, 1.0)
@@ -62,7 +62,7 @@ class CameraEstimate:
         return np.column_stack([rotated(turn)[:3, :3] @ directions, self.usual[:, 3] + shift])
 
 
-def estimates(usual: NDArray[np.floating], size_px: Sequence[int]) -> tuple[CameraEstimate, ...]:
+def estimates(usual: NDArray[np.float64], size_px: Sequence[int]) -> tuple[CameraEstimate, ...]:
     """Of the K cameras of a stream, by their rays (K, 3, 4), whose pictures have this width and height."""
     count = len(usual)
     whole = np.array([count * size_px[0], size_px[1]])

@@ -59,9 +59,8 @@ class ObservationSpec:
                 raise ArgumentError(f"{name} is {value}; expected 0 to {high}")
 
     def keypoints(self, view: View) -> int:
-        """That an encoder looks for, in the picture of each camera: of the own agents, then all hands now."""
-        ahead = len(view.streams[0].agents) * (self.keyframes + 1)
-        return len(view.streams[0].cameras) * (ahead + len(self.bases))
+        """That an encoder looks for through each camera: of the own agents, then all hands now."""
+        return len(view.streams[0].agents) * (self.keyframes + 1) + len(self.bases)
 
     def size(self, view: View) -> int:
         """Of the context of a stream of a view."""

@@ -1,10 +1,11 @@
 """The keypoint encoder: one heat map for each keypoint, read to millimetres.
 
-A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over its
-cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's peak
-is a picture coordinate finer than a cell, and calibration says along which ray that is seen. How far along is
-told by the height of the keypoint above the arm's base, which is learned: a hand grips what lies on a table
-as high wherever it lies. A camera that has moved, and whose calibration is known, sees as well as before.
+A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over
+its cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's
+peak is a picture coordinate finer than a cell, and calibration says along which ray that is seen. How far
+along is told by the height of the keypoint above the arm's base, which is learned (a hand grips what lies on
+a table as high wherever it lies), and by the ray of a second camera, where there is one. A camera that has
+moved, and whose calibration is known, sees as well as before.
 """
 
 from dataclasses import asdict, dataclass
@@ -38,8 +39,10 @@ PIXEL_WEIGHT, HEADING_WEIGHT, HEIGHT_WEIGHT = (
     0.2,
 )  # of the parts of the loss beside cross entropies
 LEAST_SPREAD_M = 0.005  # of heights, to which they are scaled: less is noise
-LEAST_STEEP = 1e-3  # the sine of how a ray rises, or falls
-FAR_M = 3.0  # from the camera, a ray that never comes to its height
+# Standard deviations: of a point from a ray that is trusted, and from its mean, whatever is seen.
+BESIDE_M, ANYWHERE_M = 0.005, 0.5
+LEAST_DOUBT_M = 0.001  # of a height
+MEMORY = 0.99  # of how far heights are off, from one batch to the next
 
 
 class _Dilated(nn.Module):
@@ -73,57 +76,58 @@ class _Each(nn.Module):
 
 @dataclass(frozen=True)
 class _Read:
-    """What is read of B pictures."""
+    """What is read of B pictures, by each of the K cameras."""
 
-    places: Tensor  # (B, M * P, 2) in the picture, from 0 to 1
-    rays: Tensor  # (B, M * P, 3, 4) of the camera of each
-    rise: Tensor  # (B, M * P) heights above their middle, in spreads
-    headings: Tensor  # (B, M, HEADING)
-    sure: Tensor  # (B, M) trust
+    places: Tensor  # (B, K * M * P, 2) in the picture, from 0 to 1
+    rise: Tensor  # (B, K * M * P) heights above their mean, in spreads
+    headings: Tensor  # (B, K * M, HEADING)
+    sure: Tensor  # (B, K * M) trust
     doing: Tensor  # (B, N, S) of each other agent, as logits, the subgoal that it is at
 
 
 class KeypointEncoder(Encoder):
-    """Pictures (B, 3, H, W) in [-1, 1] -> features (B, M * OUT + N * S).
+    """Pictures (B, 3, H, W) in [-1, 1] of K cameras side by side -> features (B, M * OUT + N * S).
 
-    Of M keypoints, each P = len(HAND) points: of each own agent at its keyframes, and of the others now. And
+    Of M keypoints, each P = len(HAND) points: of each own agent at its keyframes, and of all agents now. And
     of each of N others how likely it is at each of S subgoals.
     """
 
     usual: Tensor  # (S, K, 3, 4) rays of the cameras of S streams where they usually stand
-    middle: Tensor  # (M * P,) m, the mean height of each point above the base of the arm
-    spread: Tensor  # (M * P,) m, the standard deviation of that
+    centre: Tensor  # (M * P, 3) m, the mean of each point, from the base of the arm
+    spread: Tensor  # (M * P,) m, the standard deviation of its height
+    doubt: Tensor  # (M * P,) m, how far off heights are that are told
 
     def __init__(self, config: KeypointsConfig, view: View, spec: ObservationSpec) -> None:
         super().__init__()
         self._config, self._keyframes = config, spec.keyframes
         self._agents = len(view.streams[0].agents)
         self._others, subgoals = len(spec.bases) - self._agents, spec.subgoals
-        self.keypoints = keypoints = spec.keypoints(view)
-        self.features = keypoints * OUT + self._others * subgoals
+        self._cameras = len(view.streams[0].cameras)
+        self.keypoints, points = spec.keypoints(view), spec.keypoints(view) * len(HAND)
+        self.features = self.keypoints * OUT + self._others * subgoals
+        seen = self._cameras * self.keypoints  # each by each camera
         self.trunk = nn.Sequential(
             nn.Conv2d(3, CHANNELS, 2 * CELL, CELL, padding=CELL // 2, bias=False),
             nn.GroupNorm(4, CHANNELS),
             nn.ReLU(),
             *(_Dilated(apart) for apart in (1, 2, 4)),
         )
-        self.maps = nn.Conv2d(CHANNELS, keypoints * len(HAND), 1)
+        self.maps = nn.Conv2d(CHANNELS, seen * len(HAND), 1)
         self.pool = nn.Linear(CHANNELS, POOLED)
-        cameras = len(view.streams[0].cameras)
-        self._points_seen = keypoints * len(HAND) // cameras  # by each camera
-        self.register_buffer("usual", torch.eye(3, 4).repeat(len(view.streams), cameras, 1, 1))
-        self.register_buffer("middle", torch.zeros(keypoints * len(HAND)))
-        self.register_buffer("spread", torch.full((keypoints * len(HAND),), LEAST_SPREAD_M))
-        self.turn = _Each(keypoints, POOLED, 32, HEADING)
-        self.rise = _Each(keypoints, POOLED + CHANNELS + 3 + 12, 32, len(HAND))
+        self.register_buffer("usual", torch.eye(3, 4).repeat(len(view.streams), self._cameras, 1, 1))
+        self.register_buffer("centre", torch.zeros(points, 3))
+        self.register_buffer("spread", torch.full((points,), LEAST_SPREAD_M))
+        self.register_buffer("doubt", torch.full((points,), LEAST_SPREAD_M))
+        self.turn = _Each(seen, POOLED, 32, HEADING)
+        self.rise = _Each(seen, POOLED + CHANNELS + 3 + 12, 32, len(HAND))
         # Who is done looks like who has not begun; what it has left behind does not.
         self.tell: nn.Module | None = None
         if watched := self._others * subgoals:
             self.tell = nn.Sequential(
-                nn.Linear(keypoints * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, watched)
+                nn.Linear(seen * POOLED + CHANNELS, 64), nn.Mish(), nn.Linear(64, watched)
             )
         side = config.crop_refinement
-        self.crop_refinement = CropRefinement(keypoints * len(HAND), side) if side else None
+        self.crop_refinement = CropRefinement(seen * len(HAND), side) if side else None
 
     @property
     def size(self) -> int:
@@ -135,7 +139,7 @@ class KeypointEncoder(Encoder):
 
     def fit(self, examples: "Windows") -> Fit | None:
         config = self._config
-        self.fit_heights(examples.pixels, examples.points)
+        self.fit_points(examples.pixels, examples.points)
         self.usual.copy_(examples.usual_rays)
         if not config.steps:
             return None
@@ -150,7 +154,7 @@ class KeypointEncoder(Encoder):
         return Fit([self], loss, config.steps, config.rate, shared=decides)
 
     def look(self, pictures: Tensor) -> tuple[Tensor, Tensor]:
-        """The maps (B, M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
+        """The maps (B, K * M * P, h, w), as logits, and what is seen in each cell (B, C, h, w)."""
         if self._config.downsample > 1:
             pictures = functional.avg_pool2d(pictures, self._config.downsample)
         seen = self.trunk(pictures)
@@ -167,35 +171,68 @@ class KeypointEncoder(Encoder):
         weights = (near / total[..., None, None]).flatten(2)[:, :: len(HAND)]
         # As the trunk's memory lies: seen otherwise, each of its gradients would be transposed on its way.
         cells = seen.permute(0, 2, 3, 1).flatten(1, 2)  # (B, h * w, C)
-        pooled = self.pool(weights @ cells)  # (B, M, POOLED), at the TCPs
+        pooled = self.pool(weights @ cells)  # (B, K * M, POOLED), at the TCPs
         doing = maps.new_zeros(len(maps), 0, 0)
         if self.tell is not None:
             doing = self.tell(torch.cat([pooled.flatten(1), cells.mean(dim=1)], dim=1))
             doing = doing.unflatten(1, (self._others, -1))
-        places, rays = torch.stack([x, y], dim=2), rays.repeat_interleave(self._points_seen, dim=1)
-        about = torch.cat([pooled, cells.mean(dim=1, keepdim=True).expand(-1, self.keypoints, -1)], dim=2)
-        about = torch.cat([about, met(rays, places.detach(), self.middle)[:, :: len(HAND)]], dim=2)
-        rise = self.rise(torch.cat([about, rays[:, :: len(HAND)].flatten(2)], dim=2)).flatten(1)
-        return _Read(places, rays, rise, self.turn(pooled), total[:, :: len(HAND)], doing)
+        places, sure = torch.stack([x, y], dim=2), total[:, :: len(HAND)]
+        with torch.no_grad():
+            usual = self.met(rays, places, sure, self.centre[:, 2].expand(len(maps), -1))[:, :: len(HAND)]
+        overview = cells.mean(dim=1, keepdim=True).expand(-1, pooled.shape[1], -1)
+        camera = rays.flatten(2).repeat_interleave(self.keypoints, dim=1)
+        about = torch.cat([pooled, overview, usual.repeat(1, self._cameras, 1), camera], dim=2)
+        return _Read(places, self.rise(about).flatten(1), self.turn(pooled), sure, doing)
 
-    def fit_heights(self, pixels: Tensor, points: Tensor) -> None:
-        """To how high points (N, M * P, 3) in m are, where their places (N, M * P, 2) are in the picture."""
-        for key in range(len(self.middle)):
-            heights = points[inside_picture(pixels[:, key]), key, 2]
-            if len(heights) > 1:
-                self.middle[key] = heights.mean()
-                self.spread[key] = heights.std().clamp(min=LEAST_SPREAD_M)
+    def fit_points(self, pixels: Tensor, points: Tensor) -> None:
+        """To where points (N, K * M * P, 3) in m are, where their places are in the picture."""
+        inside = inside_picture(pixels)
+        for key in range(len(self.centre)):
+            every = slice(key, None, len(self.centre))  # by each of the cameras
+            seen = points[:, every][inside[:, every]]
+            if len(seen) > 1:
+                self.centre[key] = seen.mean(dim=0)
+                self.spread[key] = seen[:, 2].std().clamp(min=LEAST_SPREAD_M)
+
+    def met(self, rays: Tensor, places: Tensor, sure: Tensor, heights: Tensor) -> Tensor:
+        """The most probable points (B, M * P, 3) in m.
+
+        Of heights (B, M * P) in m, and places (B, K * M * P, 2) that K cameras see by rays (B, K, 3, 4), each
+        as far as it is to be trusted (B, K * M). Least squares, about the mean of each point.
+        """
+        places = places.unflatten(1, (self._cameras, -1))  # (B, K, Q, 2)
+        along = places @ rays[..., :2].mT + rays[:, :, None, :, 2]
+        along = along / along.norm(dim=3, keepdim=True)
+        trust = sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2) / BESIDE_M
+        one = torch.eye(3, device=rays.device)
+        across = (one - along[..., None] * along[..., None, :]) * trust.square()[..., None, None]
+        origin = rays[..., 3][:, :, None] - self.centre  # (B, K, Q, 3)
+        towards = (across @ origin[..., None])[..., 0].sum(dim=1)
+        level = self.doubt.clamp(min=LEAST_DOUBT_M) ** -2
+        up = one[2] * level[:, None]
+        normal = across.sum(dim=1) + up[..., None] * one[2] + one * ANYWHERE_M**-2
+        known = towards + up * (heights - self.centre[:, 2])[..., None]
+        return self.centre + torch.linalg.solve(normal, known)
+
+    def heights(self, read: "_Read") -> Tensor:
+        """(B, M * P) m, as all cameras tell, each as far as it is to be trusted."""
+        trust = read.sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
+        told = (read.rise.unflatten(1, (self._cameras, -1)) * trust).sum(dim=1) / trust.sum(dim=1)
+        return self.centre[:, 2] + self.spread * told
 
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Features (B, F), and the places of the TCPs in the pictures (B, M, 2), from 0 to 1."""
-        read = self.read(*self.look(pictures), self.usual if rays is None else rays)
+        """Features (B, F), and the places of the TCPs in the pictures (B, K * M, 2), from 0 to 1."""
+        rays = self.usual if rays is None else rays
+        read = self.read(*self.look(pictures), rays)
         places = read.places
         if self.crop_refinement is not None:
             places = self.crop_refinement(pictures, places)
-        points = met(read.rays, places, self.middle + self.spread * read.rise).unflatten(1, (-1, len(HAND)))
+        points = self.met(rays, places, read.sure, self.heights(read)).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
-        features = torch.cat([hands, read.headings, read.sure[..., None]], dim=2)
+        sure = read.sure.unflatten(1, (self._cameras, -1))[..., None]
+        headings = (read.headings.unflatten(1, (self._cameras, -1)) * sure).sum(dim=1) / sure.sum(dim=1)
+        features = torch.cat([hands, headings, sure.amax(dim=1)], dim=2)
         features = torch.cat([features.flatten(1), read.doing.softmax(dim=2).flatten(1)], dim=1)
         return features, places[:, :: len(HAND)]
 
@@ -209,13 +246,24 @@ class KeypointEncoder(Encoder):
         off = (found.places - labels.pixels)[inside].abs().mean() * maps.shape[3]
         hands = inside[:, :: len(HAND)]
         turn = (found.headings - labels.headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
-        rise = (found.rise - (labels.points[..., 2] - self.middle) / self.spread)[inside].abs().mean()
+        centre, spread = (each.repeat(self._cameras) for each in (self.centre[:, 2], self.spread))
+        above = (found.rise - (labels.points[..., 2] - centre) / spread).abs()
+        self._remember(above.detach() * spread, inside)
+        rise = above[inside].mean()
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn + HEIGHT_WEIGHT * rise
         if self.crop_refinement is not None:
             loss = loss + PIXEL_WEIGHT * self.crop_refinement.loss(pictures, found.places, labels.pixels)
         if self.tell is None:
             return loss
         return loss + functional.cross_entropy(found.doing.mT, labels.doing)
+
+    def _remember(self, off_m: Tensor, inside: Tensor) -> None:
+        """How far heights (B, K * M * P) are off, of what is in the picture, in the mean of many batches."""
+        off_m, count = (
+            each.unflatten(1, (self._cameras, -1)).sum(dim=(0, 1))
+            for each in (off_m.where(inside, 0), inside)
+        )
+        self.doubt.copy_(torch.where(count > 0, self.doubt.lerp(off_m / count, 1 - MEMORY), self.doubt))
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
         """With noise on the places of keypoints, one draw for all frames of a window."""
@@ -241,19 +289,6 @@ class KeypointEncoder(Encoder):
             offset = ahead[..., :3] - tcp[..., :3]
             parts += [ahead, offset, near(offset)]
         return torch.cat(parts, dim=2)
-
-
-def met(rays: Tensor, places: Tensor, heights: Tensor) -> Tensor:
-    """The points (B, K, 3) in m where places (B, K, 2) are seen to be so high (B, K), by rays (B, K, 3, 4).
-
-    Where a ray does not come to its height within FAR_M, the point so far along it.
-    """
-    along = (rays[..., :2] @ places[..., None] + rays[..., 2:3])[..., 0]
-    along, origin = along / along.norm(dim=2, keepdim=True), rays[..., 3]
-    steep = along[..., 2].abs() > LEAST_STEEP
-    far = (heights - origin[..., 2]) / torch.where(steep, along[..., 2], LEAST_STEEP)
-    far = torch.where(far > 0, far, FAR_M).clamp(max=FAR_M)
-    return origin + far[..., None] * along
 
 
 def _peaks(chance: Tensor) -> Tensor:
