@@ -1,7 +1,8 @@
 """Work in child processes: results in order, a time limit for each job, and no child outlives its parent.
 
 Every child has a pipe of its own. A queue that children share, as the executors of the standard library
-and joblib have it, stays locked for all when the child that holds its lock is stopped or killed.
+and joblib have it, stays locked for all when the child that holds its lock is stopped or killed. A child that
+has nothing more to do waits for the next jobs of its parent: to start one costs ten seconds of imports.
 """
 
 import ctypes
@@ -60,7 +61,7 @@ def in_order(
 
     A job that takes longer than `limit_s` is killed and yields a Timeout; the others go on. `meanwhile`
     is called a few times a second. Children end with this process, whatever ends it; a caller that stops
-    early, or an error, ends them after a SIGTERM and at most `grace_s`. One worker without a limit
+    early, or an error, ends those at work after a SIGTERM and at most `grace_s`. One worker without a limit
     and without `meanwhile` is this process itself.
 
     Raises what a job raises, and WorkerDied when a child dies with its job under way.
@@ -96,7 +97,15 @@ class _Team:
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self._limit_s = workers, limit_s
         self._answers: SimpleQueue[_Answer] = SimpleQueue()
-        self._children: list[_Child] = []
+        born = _surroundings(one_thread=workers > 1)
+        fit = [child for child in _idle if child.born == born and child.alive][:workers]
+        for child in _idle:
+            if child not in fit:
+                child.kill()
+        _idle.clear()
+        self._born, self._children = born, fit
+        for child in fit:
+            child.answers = self._answers
         self.finished: dict[int | None, Any] = {}  # number of a job -> its result
 
     @property
@@ -108,7 +117,7 @@ class _Team:
         """A job to whom has nothing to do."""
         idle = next((child for child in self._children if not child.busy), None)
         if idle is None:
-            self._children.append(idle := _Child(self._answers, one_thread=self._workers > 1))
+            self._children.append(idle := _Child(self._answers, self._born))
         idle.give(number, job, self._limit_s)
 
     def hear(self, often: bool) -> None:
@@ -132,7 +141,7 @@ class _Team:
             answer.child.index = None
 
     def end(self, grace_s: float) -> None:
-        """Ends all children: the busy ones may put what they have in safety first."""
+        """Ends the children at work, which may put what they have in safety first; the others wait."""
         busy = [child for child in self._children if child.busy and grace_s > 0]
         for child in busy:
             child.terminate()
@@ -140,7 +149,27 @@ class _Team:
         while alive and (left := until - time.monotonic()) > 0:
             alive.difference_update(wait(alive, left))  # pyright: ignore[reportArgumentType]
         for child in self._children:
-            child.kill()
+            if child.busy or not child.alive:
+                child.kill()
+            else:
+                _idle.append(child)
+
+
+_idle: list["_Child"] = []  # who waits for the next jobs
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """What a child takes over when it is born: in others its jobs might come out otherwise."""
+
+    one_thread: bool
+    folder: str
+    path: tuple[str, ...]
+    environment: tuple[tuple[str, str], ...]
+
+
+def _surroundings(one_thread: bool) -> _Surroundings:
+    return _Surroundings(one_thread, os.getcwd(), tuple(sys.path), tuple(sorted(os.environ.items())))
 
 
 def end_with_parent() -> None:
@@ -168,13 +197,13 @@ class _Answer:
 class _Child:
     """A process that does one job after the other, seen from its parent."""
 
-    def __init__(self, answers: "SimpleQueue[_Answer]", one_thread: bool) -> None:
+    def __init__(self, answers: "SimpleQueue[_Answer]", born: _Surroundings) -> None:
         self.index: int | None = None  # of the job under way
         self._deadline = float("inf")
-        self._answers = answers
+        self.answers, self.born = answers, born
         self._pipe, theirs = _CONTEXT.Pipe()
         self._process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
-        with _birth(one_thread):
+        with _birth(born.one_thread):
             self._process.start()
         theirs.close()
         # Read in a thread: a child that is stopped in the middle of an answer must not stop its parent.
@@ -183,6 +212,10 @@ class _Child:
     @property
     def busy(self) -> bool:
         return self.index is not None
+
+    @property
+    def alive(self) -> bool:
+        return self._process.is_alive()
 
     @property
     def sentinel(self) -> int:
@@ -237,13 +270,13 @@ class _Child:
                 content = self._pipe.recv_bytes()
             except (EOFError, OSError):
                 self._pipe.close()
-                self._answers.put(_Answer(self, dead=True))
+                self.answers.put(_Answer(self, dead=True))
                 return
             try:
                 value, error = pickle.loads(content)
             except Exception as failure:  # whatever a class does when it is made again
                 value, error = None, failure
-            self._answers.put(_Answer(self, value, error))
+            self.answers.put(_Answer(self, value, error))
 
 
 def _next(answers: "SimpleQueue[_Answer]", children: list[_Child], look: bool) -> _Answer | None:

@@ -26,6 +26,7 @@ def main(config: DictConfig) -> None:
     experiment = read_experiment(settled(config), given)
     from rf_exp.stages import (
         cells,
+        check_cameras,
         check_folders,
         evaluate_policies,
         generate_data,
@@ -36,6 +37,7 @@ def main(config: DictConfig) -> None:
     )
 
     stages = set(experiment.stages)
+    check_cameras(experiment)
     check_folders(experiment)
     say_how_long(experiment)
     demonstrations = 0

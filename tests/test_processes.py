@@ -130,6 +130,20 @@ def test_who_stops_early_leaves_no_process() -> None:
     assert not any(map(alive, pids))
 
 
+def test_who_has_nothing_to_do_waits_for_the_next_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the same parent, in the same surroundings; one that has died is not asked again."""
+    first = set(in_order([partial(process, k) for k in range(4)], 2))
+    again = set(in_order([partial(process, k) for k in range(4)], 2))
+    assert again <= first and all(map(alive, again))
+    monkeypatch.setenv("SOMETHING", "else")
+    (other,) = in_order([partial(process, 0)], 1, LIMIT_S)
+    assert other not in first and not any(map(alive, first))
+    os.kill(other, signal.SIGKILL)
+    assert until(lambda: not alive(other))
+    (last,) = in_order([partial(process, 0)], 1, LIMIT_S)
+    assert last != other
+
+
 @pytest.mark.slow
 def test_a_job_told_to_end_may_save_first(tmp_path: Path) -> None:
     path = tmp_path / "state"

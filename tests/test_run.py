@@ -88,6 +88,10 @@ def run(*arguments, environment=None, timeout_s=600):
             "did you mean task.lift_barrier.objects.barrier.x_m?",
         ),
         (["workers=many"], "workers"),
+        (
+            ["arch=shared_global", "cameras=local"],
+            "arch=shared_global looks through global, and cameras=local makes no pictures of it",
+        ),
     ],
 )
 def test_wrong_arguments_exit_with_2_and_say_what_is_possible(command, arguments, message, tmp_path):

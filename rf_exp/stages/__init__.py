@@ -4,7 +4,7 @@ An artifact made from another configuration is never reused and never overwritte
 and names what differs. Jobs that want the same artifact at the same time wait for one another.
 """
 
-from rf_exp.stages.artifacts import check_folders, owned
+from rf_exp.stages.artifacts import check_cameras, check_folders, owned
 from rf_exp.stages.cell import Cell, cells
 from rf_exp.stages.costs import say_how_long
 from rf_exp.stages.evaluation import evaluate_policies
@@ -16,6 +16,7 @@ from rf_exp.stages.training import train_policies
 __all__ = [
     "Cell",
     "cells",
+    "check_cameras",
     "check_folders",
     "evaluate_policies",
     "generate_data",

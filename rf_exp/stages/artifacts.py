@@ -88,6 +88,22 @@ def check_folders(experiment: Experiment) -> None:
             ) from error
 
 
+def check_cameras(experiment: Experiment) -> None:
+    """Raises ArgumentError where policies would look through a camera that makes no pictures."""
+    if not {"generate", "train"} <= set(experiment.stages) or not experiment.policy.encoder.pictures:
+        return
+    for cell in cells(experiment):
+        there = experiment.pictures.of(len(cell.task.agents))
+        for learned in map(cell.with_arch, experiment.archs):
+            streams = (stream for view in learned.views for stream in view.streams)
+            missing = {camera for stream in streams for camera in stream.cameras} - {*there}
+            if missing and not cell.data_path.exists():  # demonstrations that are there may have more
+                raise ArgumentError(
+                    f"arch={learned.arch.name} looks through {', '.join(sorted(missing))}, and cameras="
+                    f"{experiment.pictures.cameras} makes no pictures of it; use cameras=all"
+                )
+
+
 def _folders(experiment: Experiment) -> set[Path]:
     stages, found = set(experiment.stages), {experiment.out}
     for cell in cells(experiment):
