@@ -20,46 +20,35 @@ register_all_tasks()
 def main(config: DictConfig) -> None:
     """One job: every chosen task under every chosen set of constraints and architecture."""
     # Imported where they are needed: help and a wrong argument are answered without torch and SAPIEN.
+    from rf_exp import stages
     from rf_exp.experiment import read_experiment
 
     given = HydraConfig.get().overrides.task
     experiment = read_experiment(settled(config), given)
-    from rf_exp.stages import (
-        cells,
-        check_cameras,
-        check_folders,
-        evaluate_policies,
-        generate_data,
-        say_how_long,
-        train_policies,
-        why_seeds_failed,
-        write_tables,
-    )
-
-    stages = set(experiment.stages)
-    check_cameras(experiment)
-    check_folders(experiment)
-    say_how_long(experiment)
+    chosen = set(experiment.stages)
+    stages.check_cameras(experiment)
+    stages.check_folders(experiment)
+    stages.say_how_long(experiment)
     demonstrations = 0
 
-    for cell in cells(experiment):
+    for cell in stages.cells(experiment):
         # RoboBrain proposes, primitives move, RoboChecker checks; what passes becomes the data set.
-        if "generate" in stages:
-            demonstrations += generate_data(cell)
+        if "generate" in chosen:
+            demonstrations += stages.generate_data(cell)
         # One view of the data set for each policy of an architecture, one diffusion policy for each view.
         for learned in map(cell.with_arch, experiment.archs):
-            if "train" in stages:
-                train_policies(learned)
+            if "train" in chosen:
+                stages.train_policies(learned)
             # Every seed counts: consecutive scenes that generation never sees.
-            if "evaluate" in stages:
-                evaluate_policies(learned)
+            if "evaluate" in chosen:
+                stages.evaluate_policies(learned)
 
     # All rows there are, beside the paper's figures.
-    if "report" in stages:
-        write_tables(experiment)
+    if "report" in chosen:
+        stages.write_tables(experiment)
 
-    if "generate" in stages and not demonstrations:
-        raise StageError(f"no seed succeeded: {why_seeds_failed(experiment)}")
+    if "generate" in chosen and not demonstrations:
+        raise StageError(f"no seed succeeded: {stages.why_seeds_failed(experiment)}")
 
 
 def command() -> int:

@@ -1,29 +1,10 @@
 """The stages of an experiment. Each reads and writes artifacts below `out` and skips what is there.
 
 An artifact made from another configuration is never reused and never overwritten: the stage stops
-and names what differs. Jobs that want the same artifact at the same time wait for one another.
+and names what differs. Jobs that want the same artifact at the same time wait for one another. What is asked
+for is imported then: processes that make demonstrations start without the networks.
 """
 
-from rf_exp.stages.artifacts import check_cameras, check_folders, owned
-from rf_exp.stages.cell import Cell, cells
-from rf_exp.stages.costs import say_how_long
-from rf_exp.stages.evaluation import evaluate_policies
-from rf_exp.stages.generation import generate_data, why_seeds_failed
-from rf_exp.stages.redrawing import redraw
-from rf_exp.stages.reporting import write_tables
-from rf_exp.stages.training import train_policies
+import lazy_loader
 
-__all__ = [
-    "Cell",
-    "cells",
-    "check_cameras",
-    "check_folders",
-    "evaluate_policies",
-    "generate_data",
-    "owned",
-    "redraw",
-    "say_how_long",
-    "train_policies",
-    "why_seeds_failed",
-    "write_tables",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,6 +10,7 @@ from typing import Any
 
 import torch
 
+from rf_exp import recording
 from rf_exp.ablation import (
     FILM,
     PICTURE,
@@ -28,7 +29,6 @@ from rf_exp.findings import Account
 from rf_exp.policy import DiffusionRunner, PolicyRunner, Shield, rollout
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
-from rf_exp.recording import RolloutFilm, RolloutRecorder
 from rf_exp.sim import Simulator, shared_simulator
 from rf_exp.stages.acting import Learned, Policies, acting, learned
 from rf_exp.stages.artifacts import owned, same_configuration
@@ -187,15 +187,15 @@ def evaluate_scene(
 
 def _observers(
     stack: ExitStack, world: Simulator, seed: int, record: Path | None, film: Path | None
-) -> list[RolloutRecorder | RolloutFilm]:
+) -> "list[recording.RolloutRecorder | recording.RolloutFilm]":
     """Those who record and film a rollout of a world, for as long as the stack is open."""
-    task, observers = world.task, list[RolloutRecorder | RolloutFilm]()
+    task, observers = world.task, []
     if record is not None:
         draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
-        observers.append(stack.enter_context(RolloutRecorder(draft, task, world, title)))
+        observers.append(stack.enter_context(recording.RolloutRecorder(draft, task, world, title)))
     if film is not None:
         draft, picture = (stack.enter_context(whole(path)) for path in (film, film.with_suffix(PICTURE)))
-        observers.append(stack.enter_context(RolloutFilm(draft, picture, task, world)))
+        observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, task, world)))
     return observers
 
 

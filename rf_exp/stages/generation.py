@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rf_exp import recording
 from rf_exp.ablation import GenerationRow, append_row, read_rows, row_of
 from rf_exp.artifacts import code, keep_text, plain, sweep, whole
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, generate, generator_version, make_episode
@@ -17,7 +18,6 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
-from rf_exp.recording import EpisodeRecorder
 from rf_exp.sim import close_shared_simulator, shared_simulator
 from rf_exp.stages.artifacts import owned
 from rf_exp.stages.cell import Cell, cells
@@ -191,7 +191,7 @@ def _record(cell: Cell, seeds: Sequence[int]) -> None:
         world = shared_simulator(task, cell.experiment.pictures)
         title = f"{task.title}, {cell.constraint_set.name}, scene {seed}"
         world.reset(seed)  # cameras and arms are recorded where they stand in this scene
-        with whole(path) as draft, EpisodeRecorder(draft, world.task, world, title) as recorder:
+        with whole(path) as draft, recording.EpisodeRecorder(draft, world.task, world, title) as recorder:
             EpisodeMaker(settings, world, settings.make_brain(seed), recorder).make(seed)
         console.print(f"recorded {path}")
     close_shared_simulator()

@@ -6,32 +6,6 @@ called and how to look at a file: docs/recordings.md. `figures` draws schedules,
 with words, `text` says things in Markdown.
 """
 
-from rf_exp.viz import figures, frames, text
-from rf_exp.viz.elements import Mesh
-from rf_exp.viz.film import Film
-from rf_exp.viz.layout import (
-    HOLDS,
-    VIOLATED,
-    Panels,
-    agent_colour,
-    camera_entity,
-    link_entity,
-    object_entity,
-)
-from rf_exp.viz.recorder import Recorder
+import lazy_loader
 
-__all__ = [
-    "HOLDS",
-    "VIOLATED",
-    "Film",
-    "Mesh",
-    "Panels",
-    "Recorder",
-    "agent_colour",
-    "camera_entity",
-    "figures",
-    "frames",
-    "link_entity",
-    "object_entity",
-    "text",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

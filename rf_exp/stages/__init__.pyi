@@ -1,0 +1,12 @@
+from .artifacts import check_cameras as check_cameras
+from .artifacts import check_folders as check_folders
+from .artifacts import owned as owned
+from .cell import Cell as Cell
+from .cell import cells as cells
+from .costs import say_how_long as say_how_long
+from .evaluation import evaluate_policies as evaluate_policies
+from .generation import generate_data as generate_data
+from .generation import why_seeds_failed as why_seeds_failed
+from .redrawing import redraw as redraw
+from .reporting import write_tables as write_tables
+from .training import train_policies as train_policies

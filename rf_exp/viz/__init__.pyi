@@ -1,0 +1,13 @@
+from . import figures as figures
+from . import frames as frames
+from . import text as text
+from .elements import Mesh as Mesh
+from .film import Film as Film
+from .layout import HOLDS as HOLDS
+from .layout import VIOLATED as VIOLATED
+from .layout import Panels as Panels
+from .layout import agent_colour as agent_colour
+from .layout import camera_entity as camera_entity
+from .layout import link_entity as link_entity
+from .layout import object_entity as object_entity
+from .recorder import Recorder as Recorder
