@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rf_exp.policy import Stream
 from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
 from rf_exp.policy.inputs.rays import rays_of
-from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import planar, rotated
 from rf_exp.types import Calibration, CameraModel

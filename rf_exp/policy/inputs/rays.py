@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.view import Stream
-from rf_exp.tasks import CameraSpec, RobotSpec
-from rf_exp.transforms import inverse
+from rf_exp.tasks import CameraSpec
+from rf_exp.transforms import inverse, planar
 from rf_exp.types import Calibration, CameraModel
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _usual(store: "Store", names: tuple[str, ...]) -> Calibration:
     try:
         scene = store.identity["scene"]
         specs = {name: CameraSpec(**scene["cameras"][name]) for name in names}
-        stands = [(each["x_m"], each["y_m"], each["yaw_deg"]) for each in scene["robots"]]
+        stands = [(each["x_m"], each["y_m"], each["yaw_deg"], each.get("z_m", 0)) for each in scene["robots"]]
     except KeyError as error:
         raise ArgumentError(
             f"{store.path} does not say where its cameras stand; generate it again"
@@ -75,7 +75,7 @@ def _usual(store: "Store", names: tuple[str, ...]) -> Calibration:
             )
     size = store.attrs["width"], store.attrs["height"]
     return Calibration(
-        tuple(RobotSpec(*each).world_from_base for each in stands),
+        tuple(planar(x_m, y_m, np.deg2rad(yaw_deg), z_m) for x_m, y_m, yaw_deg, z_m in stands),
         {
             name: CameraModel(*size, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
             for name, spec in specs.items()
