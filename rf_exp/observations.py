@@ -62,7 +62,7 @@ class Observation:
     language: str = ""
     # agent -> number of its subgoal and whether it may go on; None without a coordinator
     subgoals: Mapping[int, tuple[int, bool]] | None = None
-    calibration: Calibration | None = None  # None: as usual, or nobody has measured it
+    calibration: Calibration | None = None  # None: nobody says
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def observe(
 
 
 def _calibration(world: World, declared: Declaration) -> Calibration | None:
-    """Where the arms of a world stand, and the declared cameras, if it is known."""
+    """Where the arms of a world stand, and the declared cameras, unless that is unknown."""
     if not declared.calibrated or not isinstance(world, MeasuredWorld):
         return None
     if world.task.variation.calibration == "unknown":

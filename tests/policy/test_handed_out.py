@@ -15,7 +15,8 @@ from rf_exp.policy import DiffusionRunner, Foreign, PolicyRunner, Stream, View, 
 from rf_exp.policy import Policy as Networks
 from rf_exp.policy.foreign.runner import ForeignRunner
 from rf_exp.policy.inputs.observation_spec import spec_of
-from rf_exp.types import Arch, Episode, Scene, Verdict
+from rf_exp.tasks import read_variation
+from rf_exp.types import Arch, CameraModel, Episode, Scene, Verdict
 from tests.conftest import experiment, read_task
 from tests.policy.conftest import ARCHS, HEIGHT, STEPS, WIDTH, Taken, make_episode, scene_at
 from tests.policy.golden import RECIPES
@@ -283,3 +284,45 @@ def test_depth_is_not_asked_of_a_world_without_it() -> None:
     declared = Declaration(cameras=("global",), depth=True)
     with pytest.raises(StageError, match="a policy needs depth; the world has pictures alone"):
         observe(scene_at(make_episode(0, 1), STEPS - 1), Taken(pictures), [declared])
+
+
+class Standing(Taken):
+    """A world that says where its cameras stand."""
+
+    def __init__(self, variation: str) -> None:
+        self.task = replace(read_task("lift_barrier"), variation=read_variation(variation)).of(3)
+        super().__init__({name: np.zeros((4, 4, 3), np.uint8) for name in self.task.cameras})
+
+    def depth(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.float32]]:
+        raise NotImplementedError
+
+    def segmentation(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.int32]]:
+        raise NotImplementedError
+
+    def camera_models(self) -> dict[str, CameraModel]:
+        return {
+            name: CameraModel(4, 4, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
+            for name, spec in self.task.cameras.items()
+        }
+
+    def bodies(self) -> dict[str, tuple[int, ...]]:
+        raise NotImplementedError
+
+
+def test_calibration_is_that_of_the_scene_unless_nobody_knows_it() -> None:
+    declared = [Declaration((1,), cameras=("agent1",), calibrated=told) for told in (True, False)]
+    world = Standing("cameras")
+    scene = world.task.start(3).scene
+    told, untold = observe(scene, world, declared)
+    assert untold.calibration is None and told.calibration is not None
+    assert [*told.calibration.cameras] == ["agent1"]
+    pose = told.calibration.cameras["agent1"].world_from_camera
+    np.testing.assert_array_equal(pose, world.task.cameras["agent1"].world_from_camera)
+    assert not np.allclose(pose, read_task("lift_barrier").cameras["agent1"].world_from_camera)
+    for array in (pose, told.calibration.world_from_base[1]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    (unknown,) = observe(scene, Standing("cameras_unknown"), declared[:1])
+    assert unknown.calibration is None
+    (nobody,) = observe(scene, Taken(world.pictures), declared[:1])
+    assert nobody.calibration is None

@@ -33,11 +33,8 @@ PEAK = 5  # cells, side of the square round the largest one whose middle is take
 PLACED = 3 * len(HAND)  # of a keypoint: TCP (m), other points as seen from it (m); then heading, how sure
 OUT = PLACED + HEADING + 1
 NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
-PIXEL_WEIGHT, HEADING_WEIGHT, HEIGHT_WEIGHT = (
-    0.05,
-    1.0,
-    0.2,
-)  # of the parts of the loss beside cross entropies
+# Of the parts of the loss beside the cross entropies.
+PIXEL_WEIGHT, HEADING_WEIGHT, HEIGHT_WEIGHT = 0.05, 1.0, 0.2
 LEAST_SPREAD_M = 0.005  # of heights, to which they are scaled: less is noise
 # Standard deviations: of a point from a ray that is trusted, and from its mean, whatever is seen.
 BESIDE_M, ANYWHERE_M = 0.005, 0.5
