@@ -11,6 +11,7 @@ from shapely import MultiPoint, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from rf_exp.errors import ArgumentError
+from rf_exp.tasks.task.clearance import stands_in
 from rf_exp.tasks.task.table import beyond_edge
 from rf_exp.tasks.task.variation import EXACT, Devices, draw
 from rf_exp.transforms import Matrix, planar
@@ -74,13 +75,11 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
     qpos = np.zeros((len(task.robots), task.dof + FINGERS))
     drawn = draw(task, seed, copy) if task.variation.identity else None
     noise = rng.normal(0.0, task.randomisation.init_qpos_std_rad, joints_of(qpos).shape)
-    if drawn is not None:
-        noise += drawn.posture_rad
     for row, robot, off in zip(qpos, task.robots, noise, strict=True):
         row[: robot.model.dof] = robot.rest_rad + off[: robot.model.dof]
-        if drawn is not None:
-            row[: robot.model.dof] = row[: robot.model.dof].clip(*robot.model.planned_rad)
         fingers_of(row)[:] = robot.model.hand.open_m
+    if drawn is not None:
+        qpos = _postured(task, qpos, drawn.posture_rad, poses)
     light = 1.0 + rng.uniform(-task.randomisation.light, task.randomisation.light)
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
@@ -91,6 +90,20 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
         return start
     tints = {name: tint * drawn.tints[name] for name, tint in tints.items()}
     return replace(start, tints=tints, devices=drawn.devices, look=drawn.look, lamps=drawn.light)
+
+
+def _postured(
+    task: "Task", qpos: NDArray[np.float64], by_rad: NDArray[np.float64], poses: Mapping[str, Matrix]
+) -> NDArray[np.float64]:
+    """Arms at qpos (N, D), moved by so much (N, dof); by half or less where one would stand in a thing."""
+    for part in (1.0, 0.5, 0.25, 0.0):
+        found = qpos.copy()
+        for row, robot, off in zip(found, task.robots, by_rad, strict=True):
+            arm = row[: robot.model.dof]
+            arm[:] = (arm + part * off[: robot.model.dof]).clip(*robot.model.planned_rad)
+        if not by_rad.any() or stands_in(task, found, poses) is None:
+            break
+    return found
 
 
 def _mass_kg(task: "Task", name: str, draw: float) -> float:

@@ -1,0 +1,43 @@
+"""Arms stand in nothing when an episode begins, however far from rest their postures are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.geometry import PlanningScene, nearest
+from rf_exp.tasks import read_variation
+from rf_exp.tasks.task.clearance import CLEAR_M, stands_in
+from rf_exp.tasks.task.variation import draw
+from rf_exp.transforms import planar
+from tests.conftest import read_task
+
+
+def test_what_an_arm_stands_in_is_named() -> None:
+    task = read_task("lift_barrier")
+    scene = task.start(0).scene
+    assert stands_in(task, scene.qpos, scene.poses) is None
+    hand = task.arms[1].tcp(scene.qpos[0])
+    assert stands_in(task, scene.qpos, {"barrier": planar(*hand[:2, 3], 0.0, hand[2, 3])}) == "barrier"
+    near, far = (planar(hand[0, 3], hand[1, 3] + by_m, 0.0, hand[2, 3]) for by_m in (0.0, 2.0))
+    assert stands_in(task, scene.qpos, {"barrier": near}) and not stands_in(
+        task, scene.qpos, {"barrier": far}
+    )
+
+
+@pytest.mark.parametrize("name", ["lift_barrier", "place_food"])
+def test_postures_that_would_stand_in_a_thing_are_taken_back(name: str) -> None:
+    """As exact distances say. Lift Barrier, seed 13, began with an arm 7 mm deep in the barrier."""
+    task = replace(read_task(name), variation=read_variation("full"))
+    wide = replace(task, variation=replace(task.variation, posture_rad=0.4))
+    taken_back = 0
+    for each, seed in ((each, seed) for each in (task, wide) for seed in (*range(6), 13)):
+        scene_task = each.of(seed)
+        start = scene_task.start(seed)
+        scene = PlanningScene(scene_task, start.scene)
+        for agent in task.agents:
+            apart = nearest(scene.measured(agent, touches=()), scene.standing(task.objects))
+            assert apart is None or apart.distance_m > CLEAR_M / 2
+        by_rad = start.qpos[:, : task.dof] - [robot.rest_rad for robot in task.robots]
+        taken_back += bool(np.abs(by_rad - draw(scene_task, seed).posture_rad).max() > 0.15)
+    assert taken_back
