@@ -79,7 +79,7 @@ def main() -> None:
             parts = zip(pictures.split(64), rays.split(64), strict=True)
             seen, places = zip(*(policy.look(*part) for part in parts), strict=True)
         points, pixels = labels.points[:, :: len(HAND)], labels.pixels[:, :: len(HAND)]
-        seen, places = torch.cat(seen).unflatten(1, (-1, OUT)), torch.cat(places)
+        seen, places = torch.cat(seen).unflatten(1, (-1, OUT)), torch.cat(places)[:, :: len(HAND)]
         found, turned = seen[..., :3], seen[..., -1 - HEADING : -1]
         milliseconds = 1e3 * (time.process_time() - began) / len(unseen)
         sides = torch.tensor([config.width, config.height])

@@ -16,14 +16,15 @@ from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.examples.keypoints import HAND
 from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import Memory
 from rf_exp.policy.inputs.observation_spec import (
     ObservationSpec,
+    base_from_tcps,
     context,
     others,
     proprioception,
-    tcp_poses,
     widths,
 )
 from rf_exp.policy.inputs.pictures import side_by_side
@@ -32,6 +33,7 @@ from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.policy import Policy
+from rf_exp.transforms import placed
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
@@ -197,7 +199,7 @@ class DiffusionRunner(PolicyRunner):
         if places is None:
             return features
         seen = places.cpu().double().numpy()
-        self.state.detections = tuple(self._detections(seen))
+        self.state.detections = tuple(self._detections(seen[:, :: len(HAND)]))
         if observation.calibration is None:
             self._calibrate(observation, seen)
             features, _ = self._policy.look(shown, self._rays(observation))
@@ -214,11 +216,11 @@ class DiffusionRunner(PolicyRunner):
         return torch.from_numpy(np.array(rays, np.float32)).to(self._device)
 
     def _calibrate(self, observation: Observation, places: NDArray[np.float64]) -> None:
-        """Each camera by where it sees the own hands: places of keypoints (S, M, 2)."""
+        """Each camera by where it sees the own hands: places of the points of keypoints (S, M, 2)."""
         for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
-            points = tcp_poses(self.spec, stream, joints)[:, :3].astype(float)
-            first = len(stream.agents) * (self.spec.keyframes + 1)
+            points = placed(base_from_tcps(self.spec, stream, joints), np.array(HAND)).reshape(-1, 3)
+            first = (self.spec.keyframes + 1) * len(points)
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
                 camera.see(points, seen[first : first + len(points)])
 

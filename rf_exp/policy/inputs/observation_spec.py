@@ -171,12 +171,19 @@ def context(
 
 def tcp_poses(spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
+    return _flat(base_from_tcps(spec, stream, joints))
+
+
+def base_from_tcps(
+    spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """The same as matrices (..., n, 4, 4)."""
     base_from_world = inverse(base_of(spec, stream.agents[0]))
     poses = [
-        _flat(base_from_world @ base_of(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :]))
+        base_from_world @ base_of(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :])
         for row, agent in enumerate(stream.agents)
     ]
-    return np.stack(poses, axis=-2)
+    return np.stack(poses, axis=-3)
 
 
 def others(spec: ObservationSpec, stream: Stream) -> list[int]:

@@ -64,7 +64,7 @@ class Encoder(nn.Module):
         return None
 
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
-        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there, for recordings.
+        """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there.
 
         `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.rays`. None: as usual, of
         one picture of each stream.

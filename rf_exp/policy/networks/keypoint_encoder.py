@@ -218,7 +218,7 @@ class KeypointEncoder(Encoder):
         return self.centre[:, 2] + self.spread * told
 
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Features (B, F), and the places of the TCPs in the pictures (B, K * M, 2), from 0 to 1."""
+        """Features (B, F), and the places of all points in the pictures (B, K * M * P, 2), from 0 to 1."""
         rays = self.usual if rays is None else rays
         read = self.read(*self.look(pictures), rays)
         places = read.places
@@ -231,7 +231,7 @@ class KeypointEncoder(Encoder):
         headings = (read.headings.unflatten(1, (self._cameras, -1)) * sure).sum(dim=1) / sure.sum(dim=1)
         features = torch.cat([hands, headings, sure.amax(dim=1)], dim=2)
         features = torch.cat([features.flatten(1), read.doing.softmax(dim=2).flatten(1)], dim=1)
-        return features, places[:, :: len(HAND)]
+        return features, places
 
     def loss(self, pictures: Tensor, rays: Tensor, labels: "Labels") -> Tensor:
         """Of pictures in which this is to be seen, by cameras that stand so."""

@@ -186,7 +186,7 @@ class Policy(nn.Module):
     # -- acting --------------------------------------------------------------------------------------
 
     def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
-        """Features of pictures (U, H, W, 3), and where in them the encoder sees its keypoints: (U, M, 2)."""
+        """Features of pictures (U, H, W, 3), and where in them the encoder sees its points: (U, M, 2)."""
         return self.encoder.see(scaled(self._centres(pictures)), rays)
 
     @torch.inference_mode()
