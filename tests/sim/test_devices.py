@@ -60,7 +60,9 @@ def test_arms_stand_where_they_were_drawn() -> None:
 @pytest.mark.render
 def test_cameras_see_from_where_they_were_drawn() -> None:
     """Rays of the camera's model meet the table where its depth says."""
-    usual = replace(CLEAN, variation=Variation("cameras", camera_position_m=0.05, camera_direction_deg=5.0))
+    usual = replace(
+        CLEAN, variation=Variation("cameras", camera_position_m=0.05, camera_direction_deg=(0.0, 5.0))
+    )
     with Simulator(usual, width_px=128, height_px=96) as world:
         world.reset(SEED)
         models, depth, bodies = world.camera_models(), world.depth(), world.segmentation()

@@ -85,7 +85,8 @@ class Variation:
     base_yaw_deg: float = bounded("bases", 45)
     posture_rad: float = bounded("posture", 0.5)  # of each joint at the start, beside `init_qpos_std_rad`
     camera_position_m: float = bounded("cameras", 0.5)  # along each axis
-    camera_direction_deg: float = bounded("cameras", 45)  # the largest turn, about an axis that may be any
+    # How far each camera is turned, about an axis that may be any.
+    camera_direction_deg: tuple[float, float] = key("cameras", (0.0, 0.0), within=(0.0, 45.0))
     camera_fov_deg: float = bounded("cameras", 20)
     calibration: Known = "known"  # whether policies are told where arms and cameras stand; else: as usual
     exposure: float = bounded("sensors", 2)  # of the logarithm, to the base 2, of a camera's exposure
@@ -305,7 +306,8 @@ def _light(how: Variation, rng: np.random.Generator) -> Light:
 def _camera(how: Variation, rng: np.random.Generator, table_m: float) -> CameraMotion:
     """Drawn alike whatever of it varies, so that one factor alone moves a camera as it does beside others."""
     shift, axis, angle, fov = rng.uniform(-1, 1, 3), rng.normal(size=3), rng.uniform(), rng.uniform(-1, 1)
-    turn = how.camera_direction_deg * angle * axis / np.linalg.norm(axis)
+    least_deg, most_deg = how.camera_direction_deg
+    turn = (least_deg + (most_deg - least_deg) * angle) * axis / np.linalg.norm(axis)
     x, y, z = (how.camera_position_m * shift).tolist()
     return CameraMotion((x, y, z - table_m), tuple(turn.tolist()), float(how.camera_fov_deg * fov))
 
