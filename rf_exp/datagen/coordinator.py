@@ -20,7 +20,7 @@ from rf_exp.datagen.planning import Planned, Planner, Settings
 from rf_exp.datagen.subgoals import Subgoals
 from rf_exp.robots import Arm
 from rf_exp.transforms import placed
-from rf_exp.types import Scene, Subgoal, gripper_of, what_of
+from rf_exp.types import PLANNING, Scene, Subgoal, gripper_of, what_of
 
 COORDINATOR_VERSION = 6  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
@@ -42,7 +42,7 @@ class Coordinator:
         """`names` of the subgoals of each agent, in the order of their numbers, where policies know them."""
         self._task, self._planner = settings.task, Planner(settings, settings.make_brain(seed))
         self._arms = tuple(settings.task.arms.values())
-        self._rng = np.random.default_rng([seed, 1])  # as generation plans
+        self._rng = np.random.default_rng([seed, PLANNING])  # as generation plans
         self._subgoals, self._names = Subgoals(len(settings.task.agents)), names
         self._done: tuple[Subgoal, ...] = ()
         self._plan: Planned | None = None  # that is followed; None while there is none

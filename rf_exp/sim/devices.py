@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.tasks import Start
-from rf_exp.types import Scene, joints_of
+from rf_exp.types import FLICKER, PIXELS, Scene, joints_of
 
-PIXELS, FLICKER = 4, 5  # streams of random numbers of an episode
 FLICKERS = 0.1  # half range of a flickering frame's relative exposure (RoboTwin 2.0)
 
 

@@ -31,10 +31,9 @@ from rf_exp.stages.generation import attempts, collect
 from rf_exp.stages.logs import rate_log
 from rf_exp.store import Store, card
 from rf_exp.tasks import Task
-from rf_exp.types import Rollout, RolloutStep
+from rf_exp.types import CORRECTION, Rollout, RolloutStep
 
 MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
-STREAM = 3  # of the random numbers of an episode
 
 
 def demonstrations(cell: Cell) -> tuple[Path, int]:
@@ -121,7 +120,7 @@ def _corrected(
     commands = np.stack([step.action for step in steps])
     qpos = np.stack([step.scene.qpos for step in steps])
     moved = np.flatnonzero(np.any(sent_on(qpos, commands)[1:], axis=1)) + 1
-    moment = int(np.random.default_rng([seed, STREAM]).choice(moved)) if len(moved) else 0
+    moment = int(np.random.default_rng([seed, CORRECTION]).choice(moved)) if len(moved) else 0
     asked = 0
     for again in range(MOMENTS):
         outcome = expert(seed, lead=commands[: moment >> again])

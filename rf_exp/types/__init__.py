@@ -48,6 +48,15 @@ from rf_exp.types.scene import (
     SeeingWorld,
     World,
 )
+from rf_exp.types.streams import (
+    CORRECTION,
+    DISTURBANCES,
+    FLICKER,
+    PIXELS,
+    PLANNING,
+    SCENE,
+    VARIATION,
+)
 from rf_exp.types.success import UNITS, Condition, Judged, Measured, Verdict
 from rf_exp.types.timeline import activity, doing, spans
 
@@ -56,7 +65,10 @@ __all__ = [
     "BARE",
     "CONTROL_DT_S",
     "CONTROL_HZ",
+    "CORRECTION",
+    "DISTURBANCES",
     "FINGERS",
+    "FLICKER",
     "FOREIGN",
     "GRIPPER_CLOSED",
     "GRIPPER_OPEN",
@@ -64,9 +76,13 @@ __all__ = [
     "MOST_LAMPS",
     "NO_EXTRAS",
     "NO_PICTURES",
+    "PIXELS",
+    "PLANNING",
+    "SCENE",
     "SMALLEST_PX",
     "UNITS",
     "UNVARIED",
+    "VARIATION",
     "Arch",
     "Calibration",
     "CameraChoice",

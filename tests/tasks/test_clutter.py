@@ -62,7 +62,7 @@ def test_an_arm_that_reaches_into_clutter_meets_it() -> None:
     name, piece = next(iter(task.clutter.items()))
     hand = task.arms[1].tcp(task.robots[0].at_rest)[:3, 3]
     there = piece.world_from_object.copy()
-    there[:3, 3] = hand[0], hand[1], hand[2] - 0.05
+    there[:3, 3] = hand[0], hand[1], hand[2] - 0.02
     world = PlanningScene(task, replace(scene, clutter={**scene.clutter, name: there}))
     gap = nearest(world.measured(1), world.standing())
     assert gap is not None and gap.distance_m < 0 and gap.b == name

@@ -15,7 +15,7 @@ from rf_exp.datagen.brain.protocol import Question, to_json
 from rf_exp.datagen.brain.scripted import ScriptedBrain
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet, Scene
+from rf_exp.types import DISTURBANCES, ConstraintSet, Scene
 
 _SCENES = range(4)  # seeds of scenes in which a fault is given room
 
@@ -55,7 +55,7 @@ class FaultyBrain:
 
     def __init__(self, fault: str, seed: int) -> None:
         self.fault = fault_named(fault)
-        self._rng = np.random.default_rng([seed, 2])  # stream 2 of the episode: faults
+        self._rng = np.random.default_rng([seed, DISTURBANCES])
         self.placed = self._corrected = False
 
     def answer(self, question: Question) -> str:

@@ -26,7 +26,7 @@ from rf_exp.findings import Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.perception import look
 from rf_exp.tasks import Ledger, SuccessEvaluator, Task, scene_certificate
-from rf_exp.types import CONTROL_DT_S, Episode, Scene, SeeingWorld, Subgoal
+from rf_exp.types import CONTROL_DT_S, DISTURBANCES, PLANNING, Episode, Scene, SeeingWorld, Subgoal
 
 _ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
 _SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
@@ -82,7 +82,7 @@ class _Making:
         self._world, self._planner = world, planner
         self._observer, self._extras, self._seed = observer, extras, seed
         self._log, self._ledger = EpisodeLog(), Ledger()
-        self._perturbations = np.random.default_rng([seed, 2])  # stream 2 of the episode: disturbances
+        self._perturbations = np.random.default_rng([seed, DISTURBANCES])
         self._subgoals = Subgoals(len(settings.task.agents), known)
         self._doing = np.full(len(settings.task.agents), NOBODYS, np.int16)
         self.scene = world.reset(seed)
@@ -96,7 +96,7 @@ class _Making:
         for command in lead:
             self.take(command)
         self._doing = np.zeros_like(self._doing)
-        rejections = self._rounds(np.random.default_rng([self._seed, 1]))  # stream 1: planning
+        rejections = self._rounds(np.random.default_rng([self._seed, PLANNING]))
         if self.told is not None:  # what was put down may need a moment to come to rest
             follow(self, np.tile(self.told, (_SETTLE_STEPS, 1, 1)))
         success = self._verdict.success and not self._object_moved

@@ -85,7 +85,7 @@ def placed(
     found: dict[str, Clutter] = {}
     outlines: list[BaseGeometry] = []
     for number, piece in enumerate(pieces):
-        rng = np.random.default_rng([*stream, number])
+        rng = np.random.default_rng([*stream, 1 + number])
         for _ in range(TRIES):
             x_m, y_m = (middle + rng.uniform(-1, 1, 2) * task.variation.clutter_area_m).tolist()
             there = replace(piece, x_m=x_m, y_m=y_m)

@@ -15,7 +15,7 @@ from rf_exp.tasks.task.clearance import stands_in
 from rf_exp.tasks.task.table import beyond_edge
 from rf_exp.tasks.task.variation import EXACT, Devices, draw
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import FINGERS, Light, Look, Scene, fingers_of, joints_of
+from rf_exp.types import FINGERS, SCENE, Light, Look, Scene, fingers_of, joints_of
 
 if TYPE_CHECKING:
     from rf_exp.tasks.task.task import Task
@@ -54,7 +54,7 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
     Objects that would stand in one another are all drawn again. Raises ArgumentError for ranges
     in which there is no room, and for an object that does not lie on the table.
     """
-    rng = np.random.default_rng([seed, 0])  # stream 0 of the episode: the scene
+    rng = np.random.default_rng([seed, SCENE])
     for _ in range(_DRAWS):
         poses = _drawn(task, rng)
         crowded = _crowded(task, poses)

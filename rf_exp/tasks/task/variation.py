@@ -25,6 +25,7 @@ from rf_exp.types import (
     CONTROL_DT_S,
     MOST_LAMPS,
     UNVARIED,
+    VARIATION,
     Finish,
     Lamp,
     Light,
@@ -38,7 +39,6 @@ from rf_exp.types import (
 if TYPE_CHECKING:
     from rf_exp.tasks.task.task import Task
 
-STREAM = 3  # of an episode: 0 is where things start, 1 planning, 2 disturbances; then the number of a factor
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
 FACTORS += ("instances", "clutter")
 SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
@@ -234,7 +234,7 @@ def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
     """
     how = task.variation
     rng = {
-        name: np.random.default_rng([seed, STREAM, k, *([copy] if copy and name in SHOWN else [])])
+        name: np.random.default_rng([seed, VARIATION, k, *([copy] if copy and name in SHOWN else [])])
         for k, name in enumerate(FACTORS)
     }
     about = how.base_position_m, how.base_position_m, how.base_yaw_deg
@@ -338,7 +338,7 @@ def moved(task: "Task", seed: int, copy: int) -> "Task":
 
 def cluttered(task: "Task", scene: Scene, seed: int) -> "Task":
     """The task of a scene, whose start is `scene`, with its clutter."""
-    pieces, stream = draw(task, seed).clutter, [seed, STREAM, FACTORS.index("clutter")]
+    pieces, stream = draw(task, seed).clutter, [seed, VARIATION, FACTORS.index("clutter")]
     found = placed(task, task.places(scene), pieces, stream)
     return replace(task, clutter=found, variation=replace(task.variation, clutter=NONE.clutter))
 
