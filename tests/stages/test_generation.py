@@ -147,7 +147,7 @@ def test_a_removed_line_comes_back_from_the_store(command, tmp_path) -> None:
 @pytest.mark.slow
 def test_what_a_kill_left_half_written_is_removed(command, tmp_path) -> None:
     arguments = (*ARGUMENTS, "recordings=2", "episodes=2", f"out={tmp_path}")
-    run_and_kill("generation.EpisodeRecorder", *arguments)  # the second recording is under way
+    run_and_kill("generation.recording.EpisodeRecorder", *arguments)  # the second recording is under way
     assert len(list(tmp_path.rglob("*.partial"))) == 1
     assert command(*arguments[:-2], "recordings=1", *arguments[-2:]).returncode == 0
     assert not list(tmp_path.rglob("*.partial"))
