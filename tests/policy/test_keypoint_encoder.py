@@ -29,7 +29,7 @@ from rf_exp.policy.examples.keypoints import HAND, keypoints
 from rf_exp.policy.examples.windows import Labels, by_episode
 from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
-from rf_exp.policy.inputs.rays import calibrations, rays_of
+from rf_exp.policy.inputs.rays import rays_of, usual_calibration
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
 from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
 from rf_exp.robots import DEFAULT
@@ -432,7 +432,7 @@ def test_a_policy_sees_by_the_calibration_that_it_is_handed(make_store, seeing: 
     policy.encoder.fit(Windows(store, LOCAL, seeing, CPU))
     runner = DiffusionRunner(policy, LOCAL, spec)
     assert runner.declares is not None and runner.declares.calibrated
-    usual, _ = calibrations(store, ("agent1",))
+    usual = usual_calibration(store, ("agent1",))
     moved = replace(usual, world_from_base=(planar(0.1, 0.0, 0.0) @ usual.world_from_base[0],))
     pictures = torch.from_numpy(make_episode(0, 1).images["agent1"][:1])
     stands = (torch.from_numpy(rays_of(each, LOCAL.streams[0]))[None] for each in (usual, moved))
@@ -450,7 +450,7 @@ def test_two_rays_meet_at_whatever_height() -> None:
     """Of two cameras that see a point the height that is told hardly counts; of one it decides."""
     view = View("agent1", (Stream("agent1", (1,), ("global",)),))
     both = KeypointEncoder(CONFIG, view, ObservationSpec(bases=((0.0, 0.0, 0.0),)))
-    both.doubt.fill_(0.03)
+    both.height_error.fill_(0.03)
     rays = torch.cat([overhead(0.0, 0.0), overhead(0.4, 0.1)], dim=1)
     points = torch.rand(50, both.keypoints * len(HAND), 3) * 0.3
     places = []
@@ -460,9 +460,9 @@ def test_two_rays_meet_at_whatever_height() -> None:
     rays, places = rays.expand(50, -1, -1, -1), torch.cat(places, dim=1)
     wrong = points[..., 2] + 0.02
     sure = torch.ones(50, 2, both.keypoints)
-    assert (both.met(rays, places, sure.flatten(1), wrong) - points).norm(dim=2).max() < 0.007
+    assert (both.triangulate(rays, places, sure.flatten(1), wrong) - points).norm(dim=2).max() < 0.007
     sure[:, 1] = 1e-4  # it is not in the second picture
-    alone = both.met(rays, places, sure.flatten(1), wrong)
+    alone = both.triangulate(rays, places, sure.flatten(1), wrong)
     expected = at_height(rays, places[:, : points.shape[1]], wrong)
     assert (alone - expected).norm(dim=2).max() < 0.002
 
@@ -472,6 +472,6 @@ def test_a_ray_that_never_comes_to_its_height_ends_somewhere() -> None:
     level = torch.tensor([[0.0, 0.0, 1.0, 0.5], [1.0, 0.0, -0.5, 0.0], [0.0, -1.0, 0.5, 1.0]])[None, None]
     places = torch.full((1, 2 * len(HAND), 2), 0.5).requires_grad_()
     heights = torch.full((1, 2 * len(HAND)), 0.1)
-    points = encoder.met(level, places, torch.ones(1, 2), heights)
+    points = encoder.triangulate(level, places, torch.ones(1, 2), heights)
     points.sum().backward()
     assert places.grad is not None and torch.isfinite(places.grad).all() and points.abs().max() < 2

@@ -2,7 +2,7 @@
 
 Each look that nobody has calibrated gives the place of an own hand in the picture, and kinematics its point.
 All of an episode together are fitted by the camera's direction, place and field of view, about where it
-usually stands: the most probable ones, where a camera has been knocked by so much (`KNOCKED`) and a hand is
+usually stands: the most probable ones, where a camera has been knocked by so much (`PRIOR_STD`) and a hand is
 seen to so many pixels. The hand is a calibration target that goes where the work is.
 """
 
@@ -16,9 +16,9 @@ from scipy.optimize import least_squares
 from rf_exp.transforms import rotated
 
 # Standard deviations: of the direction (rad, each axis), the place (m, each axis), the logarithm of the lens.
-KNOCKED = np.array([0.05] * 3 + [0.03] * 3 + [0.03])
-MOST = 4  # evaluations of a fit, which begins where the last one ended
-SEEN_PX = 1.0  # of a hand in a picture
+PRIOR_STD = np.array([0.05] * 3 + [0.03] * 3 + [0.03])
+MOST_EVALUATIONS = 4  # evaluations of a fit, which begins where the last one ended
+PIXEL_STD = 1.0  # of a hand in a picture
 
 
 @dataclass
@@ -30,7 +30,7 @@ class CameraEstimate:
     size_px: NDArray[np.float64]  # (2,) of the whole picture
     _points: list[NDArray[np.float64]] = field(default_factory=list)  # each (n, 3) m
     _places: list[NDArray[np.float64]] = field(default_factory=list)  # each (n, 2) from 0 to 1
-    _moved: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(KNOCKED)))  # in deviations
+    _moved: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(PRIOR_STD)))  # in deviations
 
     @property
     def rays(self) -> NDArray[np.float64]:
@@ -46,14 +46,16 @@ class CameraEstimate:
         def off(moved: NDArray[np.float64]) -> NDArray[np.float64]:
             rays = self._rays(moved)
             seen = (points - rays[:, 3]) @ np.linalg.inv(rays[:, :3]).T
-            misses = (seen[:, :2] / seen[:, 2:] - places) * self.size_px / SEEN_PX
+            misses = (seen[:, :2] / seen[:, 2:] - places) * self.size_px / PIXEL_STD
             return np.concatenate([misses.ravel(), moved])
 
         # A hand that is mistaken for something else is far off, and counts for little.
-        self._moved = least_squares(off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST).x
+        self._moved = least_squares(
+            off, self._moved, loss="soft_l1", f_scale=2.0, max_nfev=MOST_EVALUATIONS
+        ).x
 
     def _rays(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        turn, shift, (wider,) = np.split(KNOCKED * moved, (3, 6))
+        turn, shift, (wider,) = np.split(PRIOR_STD * moved, (3, 6))
         directions = self.usual[:, :3]
         ahead = directions @ (*self.centre, 1.0)
         ahead = ahead / np.linalg.norm(ahead)

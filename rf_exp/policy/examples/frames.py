@@ -17,7 +17,7 @@ from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.gripper_history import remembered
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, others, proprioception, widths
 from rf_exp.policy.inputs.pictures import pictures_of, side_by_side
-from rf_exp.policy.inputs.rays import calibrations, rays_of
+from rf_exp.policy.inputs.rays import rays_of, usual_calibration
 from rf_exp.policy.inputs.task_space import task_space_actions
 from rf_exp.policy.inputs.view import View
 from rf_exp.transforms import from_quaternion
@@ -97,7 +97,7 @@ def usual_rays(store: "Store", view: View, config: PolicyConfig) -> Tensor:
     """(S, K, 3, 4) of the cameras of all streams where they usually stand; without keypoints (0,)."""
     if not config.encoder.keypoints:
         return torch.empty(0)
-    streams = (rays_of(calibrations(store, each.cameras)[0], each) for each in view.streams)
+    streams = (rays_of(usual_calibration(store, each.cameras), each) for each in view.streams)
     return torch.from_numpy(np.stack([*streams]))
 
 

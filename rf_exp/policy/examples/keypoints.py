@@ -46,7 +46,7 @@ def keypoints(
 
     Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
     """
-    _, stands = calibrations(store, stream.cameras)
+    stands = calibrations(store, stream.cameras)
     pixels, points, headings, rays = [], [], [], []
     episodes = zip(store.by_episode(store.qpos), store.by_episode(store.action), stands, strict=True)
     for qpos, action, calibration in episodes:

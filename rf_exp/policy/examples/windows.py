@@ -98,7 +98,7 @@ class Batch:
     """B windows of U different frames."""
 
     pictures: Tensor  # (U, h, w, 3) uint8, cropped; without pictures (0, ...)
-    rays: Tensor  # (U, K, 3, 4) of their cameras, see `rays_of`; without keypoints (U, 0)
+    rays: Tensor  # (U, K, 3, 4) of their cameras, see `rays_of`; without pictures (0, ...)
     frames: Tensor  # (B, O) int64 index into `pictures`
     proprio: Tensor  # (B, O, P) raw
     context: Tensor  # (B, O, C) raw
@@ -207,10 +207,11 @@ class Windows:
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
         run_of_frame, unique = np.divmod(keys, len(self))
-        seen, rays, features = self._pictures, self.rays[self._index(unique)], None
+        seen, rays, features = self._pictures, self.rays[:0], None
         if self._features is not None:
             seen, features = seen[:0], self._features[self._index(frames)]
         elif len(seen):
+            rays = self.rays[self._index(unique)]
             whole, size = seen.shape[1:3], config.cropped(*seen.shape[1:3])
             slack = np.array(whole, np.int64) - np.array(size, np.int64)
             corners = slack // 2 + np.zeros((run[-1] + 1, 2), dtype=np.int64)
@@ -258,13 +259,10 @@ class Windows:
             shifts = rng.integers(-shift_px, shift_px + 1, (len(windows), 2))  # down, to the right
             whole = with_margin(pictures, shift_px)
             pictures = crop(whole, np.arange(len(windows)), shift_px - shifts, (height, width))
-            by = torch.from_numpy((shifts / (height, width))[:, None, ::-1].astype(np.float32)).to(
-                self._device
-            )
-            pixels = pixels + by
-            rays = torch.cat(
-                [rays[..., :2], rays[..., 2:3] - rays[..., :2] @ by[..., None], rays[..., 3:]], 3
-            )
+            by = (shifts / (height, width))[:, None, ::-1].astype(np.float32)
+            by = torch.from_numpy(by).to(self._device)
+            pixels, rays = pixels + by, rays.clone()
+            rays[..., 2:3] -= rays[..., :2] @ by[..., None]
         return pictures, rays, Labels(pixels, self.points[chosen], self.headings[chosen], self.doing[chosen])
 
     def look_once(self, encode: Callable[[Tensor, Tensor], Tensor]) -> Tensor:

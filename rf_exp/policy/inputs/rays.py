@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
-from rf_exp.transforms import inverse, planar
+from rf_exp.transforms import Matrix, inverse, planar
 from rf_exp.types import Calibration, CameraModel
 
 if TYPE_CHECKING:
@@ -33,37 +33,35 @@ def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
     return np.stack(found).astype(np.float32)
 
 
-def calibrations(store: "Store", names: tuple[str, ...]) -> tuple[Calibration, list[Calibration]]:
-    """Where arms and the named cameras usually stand, and where they stood in each episode of a store.
-
-    Raises ArgumentError where the store does not say so, and for a moving camera.
-    """
-    usual, size = _usual(store, names), (store.attrs["width"], store.attrs["height"])
-    found = []
+def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
+    """Where arms and the named cameras stood in each episode of a store. Raises as `usual_calibration`."""
+    usual, found = usual_calibration(store, names), []
     for certificate in store.certificates:
         if (said := certificate.get("calibration")) is None:
             found.append(usual)
             continue
-        cameras = {name: said["cameras"][name] for name in names}
-        found.append(
-            Calibration(
-                tuple(np.array(pose) for pose in said["world_from_base"]),
-                {
-                    name: CameraModel(
-                        *size, float(np.deg2rad(each["fov_deg"])), np.array(each["parent_from_camera"])
-                    )
-                    for name, each in cameras.items()
-                },
-            )
-        )
-    return usual, found
+        bases = tuple(np.array(pose) for pose in said["world_from_base"])
+        seen = {name: said["cameras"][name] for name in names}
+        cameras = {
+            name: _camera(store, each["fov_deg"], np.array(each["parent_from_camera"]))
+            for name, each in seen.items()
+        }
+        found.append(Calibration(bases, cameras))
+    return found
 
 
-def _usual(store: "Store", names: tuple[str, ...]) -> Calibration:
+def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
+    """Where arms and the named cameras of a store usually stand.
+
+    Raises ArgumentError where it does not say so, and for a moving camera.
+    """
     try:
         scene = store.identity["scene"]
         specs = {name: CameraSpec(**scene["cameras"][name]) for name in names}
-        stands = [(each["x_m"], each["y_m"], each["yaw_deg"], each.get("z_m", 0)) for each in scene["robots"]]
+        bases = tuple(
+            planar(each["x_m"], each["y_m"], np.deg2rad(each["yaw_deg"]), each.get("z_m", 0))
+            for each in scene["robots"]
+        )
     except KeyError as error:
         raise ArgumentError(
             f"{store.path} does not say where its cameras stand; generate it again"
@@ -73,11 +71,9 @@ def _usual(store: "Store", names: tuple[str, ...]) -> Calibration:
             raise ArgumentError(
                 f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
             )
-    size = store.attrs["width"], store.attrs["height"]
-    return Calibration(
-        tuple(planar(x_m, y_m, np.deg2rad(yaw_deg), z_m) for x_m, y_m, yaw_deg, z_m in stands),
-        {
-            name: CameraModel(*size, float(np.deg2rad(spec.fov_deg)), spec.world_from_camera)
-            for name, spec in specs.items()
-        },
-    )
+    cameras = {name: _camera(store, spec.fov_deg, spec.world_from_camera) for name, spec in specs.items()}
+    return Calibration(bases, cameras)
+
+
+def _camera(store: "Store", fov_deg: float, pose: Matrix) -> CameraModel:
+    return CameraModel(store.attrs["width"], store.attrs["height"], float(np.deg2rad(fov_deg)), pose)

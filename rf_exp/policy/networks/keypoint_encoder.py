@@ -37,9 +37,9 @@ NEXT = OUT + 3 + 3  # numbers that say where an own arm goes next
 PIXEL_WEIGHT, HEADING_WEIGHT, HEIGHT_WEIGHT = 0.05, 1.0, 0.2
 LEAST_SPREAD_M = 0.005  # of heights, to which they are scaled: less is noise
 # Standard deviations: of a point from a ray that is trusted, and from its mean, whatever is seen.
-BESIDE_M, ANYWHERE_M = 0.005, 0.5
-LEAST_DOUBT_M = 0.001  # of a height
-MEMORY = 0.99  # of how far heights are off, from one batch to the next
+RAY_STD_M, PRIOR_STD_M = 0.005, 0.5
+LEAST_ERROR_M = 0.001  # of a height
+DECAY = 0.99  # of how far heights are off, from one batch to the next
 
 
 class _Dilated(nn.Module):
@@ -92,7 +92,7 @@ class KeypointEncoder(Encoder):
     usual: Tensor  # (S, K, 3, 4) rays of the cameras of S streams where they usually stand
     centre: Tensor  # (M * P, 3) m, the mean of each point, from the base of the arm
     spread: Tensor  # (M * P,) m, the standard deviation of its height
-    doubt: Tensor  # (M * P,) m, how far off heights are that are told
+    height_error: Tensor  # (M * P,) m, how far off heights are that are told
 
     def __init__(self, config: KeypointsConfig, view: View, spec: ObservationSpec) -> None:
         super().__init__()
@@ -114,7 +114,7 @@ class KeypointEncoder(Encoder):
         self.register_buffer("usual", torch.eye(3, 4).repeat(len(view.streams), self._cameras, 1, 1))
         self.register_buffer("centre", torch.zeros(points, 3))
         self.register_buffer("spread", torch.full((points,), LEAST_SPREAD_M))
-        self.register_buffer("doubt", torch.full((points,), LEAST_SPREAD_M))
+        self.register_buffer("height_error", torch.full((points,), LEAST_SPREAD_M))
         self.turn = _Each(seen, POOLED, 32, HEADING)
         self.rise = _Each(seen, POOLED + CHANNELS + 3 + 12, 32, len(HAND))
         # Who is done looks like who has not begun; what it has left behind does not.
@@ -175,7 +175,9 @@ class KeypointEncoder(Encoder):
             doing = doing.unflatten(1, (self._others, -1))
         places, sure = torch.stack([x, y], dim=2), total[:, :: len(HAND)]
         with torch.no_grad():
-            usual = self.met(rays, places, sure, self.centre[:, 2].expand(len(maps), -1))[:, :: len(HAND)]
+            usual = self.triangulate(rays, places, sure, self.centre[:, 2].expand(len(maps), -1))[
+                :, :: len(HAND)
+            ]
         overview = cells.mean(dim=1, keepdim=True).expand(-1, pooled.shape[1], -1)
         camera = rays.flatten(2).repeat_interleave(self.keypoints, dim=1)
         about = torch.cat([pooled, overview, usual.repeat(1, self._cameras, 1), camera], dim=2)
@@ -191,7 +193,7 @@ class KeypointEncoder(Encoder):
                 self.centre[key] = seen.mean(dim=0)
                 self.spread[key] = seen[:, 2].std().clamp(min=LEAST_SPREAD_M)
 
-    def met(self, rays: Tensor, places: Tensor, sure: Tensor, heights: Tensor) -> Tensor:
+    def triangulate(self, rays: Tensor, places: Tensor, sure: Tensor, heights: Tensor) -> Tensor:
         """The most probable points (B, M * P, 3) in m.
 
         Of heights (B, M * P) in m, and places (B, K * M * P, 2) that K cameras see by rays (B, K, 3, 4), each
@@ -200,20 +202,24 @@ class KeypointEncoder(Encoder):
         places = places.unflatten(1, (self._cameras, -1))  # (B, K, Q, 2)
         along = places @ rays[..., :2].mT + rays[:, :, None, :, 2]
         along = along / along.norm(dim=3, keepdim=True)
-        trust = sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2) / BESIDE_M
+        trust = self._trust(sure) / RAY_STD_M
         one = torch.eye(3, device=rays.device)
         across = (one - along[..., None] * along[..., None, :]) * trust.square()[..., None, None]
         origin = rays[..., 3][:, :, None] - self.centre  # (B, K, Q, 3)
         towards = (across @ origin[..., None])[..., 0].sum(dim=1)
-        level = self.doubt.clamp(min=LEAST_DOUBT_M) ** -2
+        level = self.height_error.clamp(min=LEAST_ERROR_M) ** -2
         up = one[2] * level[:, None]
-        normal = across.sum(dim=1) + up[..., None] * one[2] + one * ANYWHERE_M**-2
+        normal = across.sum(dim=1) + up[..., None] * one[2] + one * PRIOR_STD_M**-2
         known = towards + up * (heights - self.centre[:, 2])[..., None]
         return self.centre + torch.linalg.solve(normal, known)
 
+    def _trust(self, sure: Tensor) -> Tensor:
+        """(B, K, M * P) of each point, from that of its keypoint (B, K * M)."""
+        return sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
+
     def heights(self, read: "_Read") -> Tensor:
         """(B, M * P) m, as all cameras tell, each as far as it is to be trusted."""
-        trust = read.sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
+        trust = self._trust(read.sure)
         told = (read.rise.unflatten(1, (self._cameras, -1)) * trust).sum(dim=1) / trust.sum(dim=1)
         return self.centre[:, 2] + self.spread * told
 
@@ -224,7 +230,7 @@ class KeypointEncoder(Encoder):
         places = read.places
         if self.crop_refinement is not None:
             places = self.crop_refinement(pictures, places)
-        points = self.met(rays, places, read.sure, self.heights(read)).unflatten(1, (-1, len(HAND)))
+        points = self.triangulate(rays, places, read.sure, self.heights(read)).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
         sure = read.sure.unflatten(1, (self._cameras, -1))[..., None]
@@ -245,7 +251,7 @@ class KeypointEncoder(Encoder):
         turn = (found.headings - labels.headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
         centre, spread = (each.repeat(self._cameras) for each in (self.centre[:, 2], self.spread))
         above = (found.rise - (labels.points[..., 2] - centre) / spread).abs()
-        self._remember(above.detach() * spread, inside)
+        self._update_error(above.detach() * spread, inside)
         rise = above[inside].mean()
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn + HEIGHT_WEIGHT * rise
         if self.crop_refinement is not None:
@@ -254,13 +260,15 @@ class KeypointEncoder(Encoder):
             return loss
         return loss + functional.cross_entropy(found.doing.mT, labels.doing)
 
-    def _remember(self, off_m: Tensor, inside: Tensor) -> None:
+    def _update_error(self, off_m: Tensor, inside: Tensor) -> None:
         """How far heights (B, K * M * P) are off, of what is in the picture, in the mean of many batches."""
         off_m, count = (
             each.unflatten(1, (self._cameras, -1)).sum(dim=(0, 1))
             for each in (off_m.where(inside, 0), inside)
         )
-        self.doubt.copy_(torch.where(count > 0, self.doubt.lerp(off_m / count, 1 - MEMORY), self.doubt))
+        self.height_error.copy_(
+            torch.where(count > 0, self.height_error.lerp(off_m / count, 1 - DECAY), self.height_error)
+        )
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
         """With noise on the places of keypoints, one draw for all frames of a window."""
