@@ -1,18 +1,26 @@
-"""What is measured at one control step, and the world that it is measured in."""
+"""What is measured at one control step, what the success criteria say of it, and all steps of an episode."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from types import MappingProxyType
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.findings import Account, Violation
 from rf_exp.transforms import Matrix
 
 CONTROL_HZ = 20
 CONTROL_DT_S = 1.0 / CONTROL_HZ
 ARM_JOINTS = 7  # that policies take; everybody else asks the robots of a task
 GRIPPER_OPEN, GRIPPER_CLOSED = 1.0, -1.0  # gripper command, ManiSkill's normalised width
+
+
+# Streams of random numbers of an episode: `default_rng([seed, STREAM, ...])`. Each serves one thing; faults
+# of a brain are drawn where disturbances are. NumPy fills a seed up with zeros: who draws from
+# `[seed, STREAM]` and from `[seed, STREAM, 0]` draws the same numbers twice. Further numbers begin at 1 then.
+SCENE, PLANNING, DISTURBANCES, CORRECTION, PIXELS, FLICKER, VARIATION = range(7)
 
 
 @dataclass(frozen=True)
@@ -92,3 +100,150 @@ class SeeingWorld(World, Protocol):
     def camera_models(self) -> dict[str, CameraModel]:
         """Camera -> its model at the present step."""
         ...
+
+
+# What lies where in the rows that tell of an arm. A row of measured joints (..., D) ends with the two fingers
+# in m, a row of a command (..., D - 1) with the gripper, from -1 closed to 1 open. What lies before is of the
+# arm, in rad. Robots with fewer joints than another one of their task have zeros behind their own.
+
+FINGERS = 2  # of a hand
+
+Number = TypeVar("Number", bound=np.generic)
+
+
+def joints_of(qpos: NDArray[Number]) -> NDArray[Number]:
+    """(..., D - 2) of the arm, of measured joints (..., D)."""
+    return qpos[..., :-FINGERS]
+
+
+def fingers_of(qpos: NDArray[Number]) -> NDArray[Number]:
+    """(..., 2) m from the middle, of measured joints (..., D)."""
+    return qpos[..., -FINGERS:]
+
+
+def arm_of(action: NDArray[Number]) -> NDArray[Number]:
+    """(..., A - 1) joint targets of the arm, of commands (..., A)."""
+    return action[..., :-1]
+
+
+def gripper_of(action: NDArray[Number]) -> NDArray[Number]:
+    """(...) from -1 closed to 1 open, of commands (..., A)."""
+    return action[..., -1]
+
+
+# how far a task is done
+
+
+class Measured(NamedTuple):  # a frozen dataclass takes three times as long, many times a control step
+    """A number against its bound; as a condition of success it is as true as `holds`."""
+
+    holds: bool
+    value: float
+    bound: float
+    unit: str
+    above: bool  # the value should be above the bound, otherwise below it
+
+    def __bool__(self) -> bool:
+        return self.holds
+
+    @property
+    def asked(self) -> str:
+        return f"{'>' if self.above else '<'} {self.bound:g}"
+
+
+Condition = bool | Measured  # of success
+UNITS = ("", "m", "m/s", "deg", "rad", "s", "N", "kg")  # that a `Measured` may have
+
+
+class Verdict(NamedTuple):  # as above
+    """What the success criteria say about one step."""
+
+    success: bool  # strict, held long enough
+    success_paper: bool
+    evidence: Mapping[str, bool]  # named condition -> holds now
+    measured: Mapping[str, Measured] = MappingProxyType({})  # the numbers of those that have one
+    lost: Mapping[str, str] = MappingProxyType({})  # object -> dropped | out of reach | off the table
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How far each of C conditions of success was met. Row t is what action t has led to."""
+
+    names: tuple[str, ...]
+    value: NDArray[np.float32]  # (T, C) 1 or 0 where a condition is a mere yes or no
+    bound: NDArray[np.float32]  # (T, C) against which the value is held
+    unit: NDArray[np.uint8]  # (T, C) of both, an index of UNITS: a condition may have several sides
+    holds: NDArray[np.bool_]  # (T, C)
+
+
+# what was done: a demonstration, or the rollout of a policy
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One executed episode. Row t is observed before action t is applied."""
+
+    task: str
+    seed: int
+    qpos: NDArray[np.float32]  # (T, N, D) measured
+    qvel: NDArray[np.float32]  # (T, N, D)
+    action: NDArray[np.float32]  # (T, N, A) joint targets rad + gripper command, as intended
+    images: Mapping[str, NDArray[np.uint8]]  # camera -> (T, H, W, 3); empty without rendering
+    certificate: Mapping[str, object] = field(default_factory=dict)  # JSON: checks and results, subgoals
+    executed: NDArray[np.float32] | None = None  # (T, N, A) what the arms were told; None: `action`
+    poses: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    # object -> (T, 7) position in m and quaternion w, x, y, z, world frame
+    subgoal: NDArray[np.int16] | None = None  # (T, N) each agent's, an index of certificate["subgoals"]
+    judged: Judged | None = None
+    extras: Mapping[str, NDArray] = field(default_factory=dict)
+    # depth_<camera> -> (T, H, W) u16 mm, segmentation_<camera> -> (T, H, W) u8; those that were asked for
+
+    @property
+    def commanded(self) -> NDArray[np.float32]:
+        """(T, N, A) what the arms were told: played again from the seed, it gives this episode again."""
+        return self.action if self.executed is None else self.executed
+
+
+@dataclass(frozen=True)
+class KeypointDetection:
+    """A keypoint in a picture, detected by a policy: where an agent will be, or where another one is."""
+
+    camera: str
+    agent: int
+    x: float  # to the right, from 0 to 1 over the picture
+    y: float  # down
+    is_next: bool  # whether it is where this agent goes next
+
+
+@dataclass(frozen=True)
+class RolloutStep:
+    """One control step of a rollout, as its observers are told of it."""
+
+    scene: Scene  # after the step
+    action: NDArray[np.float64]  # (N, A) as commanded: joint targets rad + gripper command
+    predicted: Mapping[int, NDArray[np.float64]]  # agent -> (T, A) targets from this step on
+    verdict: Verdict
+    violation: Violation | None  # seen by the monitor
+    withheld: Mapping[int, str] | None = None  # agent -> why a shield kept its command; None without one
+    detections: tuple[KeypointDetection, ...] = ()  # in the pictures that policies looked at last
+    # agent -> the number of its subgoal and whether it may go on, as its policy said at its last prediction
+    phases: Mapping[int, tuple[int, bool]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """What happened when a policy acted in one scene."""
+
+    seed: int
+    success: bool
+    success_paper: bool
+    steps: int
+    violations: int  # control steps with a violation, seen by the monitor
+    contacts: int  # control steps in which arms touched each other
+    account: Account = field(default_factory=Account)  # arms that touched, violations seen, what failed
+    interventions: int = 0  # control steps in which a shield kept an agent from its command
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in words; empty for a success."""
+        return "" if self.success else self.account.reason
