@@ -6,38 +6,6 @@ their distance.
 World frame, metres.
 """
 
-from rf_exp.geometry.clearance import closer_than
-from rf_exp.geometry.distance import Nearest, folded, nearest, overlap
-from rf_exp.geometry.occupancy import VOXEL_M, Voxels, among, beside, centres_m, shared, voxels
-from rf_exp.geometry.planning_scene import (
-    AGENT_MARGIN_M,
-    OBJECT_MARGIN_M,
-    TABLE_MARGIN_M,
-    PlanningScene,
-)
-from rf_exp.geometry.shapes import Piece
-from rf_exp.geometry.swept import Mask, Swept
-from rf_exp.geometry.table import lowest_m
+import lazy_loader
 
-__all__ = [
-    "AGENT_MARGIN_M",
-    "OBJECT_MARGIN_M",
-    "TABLE_MARGIN_M",
-    "VOXEL_M",
-    "Mask",
-    "Nearest",
-    "Piece",
-    "PlanningScene",
-    "Swept",
-    "Voxels",
-    "among",
-    "beside",
-    "centres_m",
-    "closer_than",
-    "folded",
-    "lowest_m",
-    "nearest",
-    "overlap",
-    "shared",
-    "voxels",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

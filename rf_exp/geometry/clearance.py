@@ -1,27 +1,197 @@
-"""Exact clearance between bodies that move along paths.
+"""How near bodies come to one another: exact distances, and coordination diagrams.
 
-A body is a set of convex pieces with a pose at every path position. The answer for two bodies is
-their coordination diagram: which pairs of positions come closer than a margin. It is found coarse
-to fine. One exact distance (coal) in the middle of a block of the diagram says far more than its one
-cell. Along the direction of that distance the two pieces come no nearer than they move along it, and
-the two nearest points, carried along with the pieces, never are nearer than the pieces. What neither
+The diagram of two bodies along their paths says which pairs of positions come closer than a margin. It is
+found coarse to fine. One exact distance (coal) in the middle of a block of the diagram says far more than
+its one cell. Along the direction of that distance the two pieces come no nearer than they move along it,
+and the two nearest points, carried along with the pieces, never are nearer than the pieces. What neither
 bound settles is split. Where pieces overlap deeply, spheres inside them say so without any distance.
 Nothing is sampled away: every cell is settled by a bound or exactly.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
+import coal
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from rf_exp.geometry.distance import ASKEW_M, SLACK_M, Pair, look, pairs_apart
-from rf_exp.geometry.shapes import CORE_SPHERES
-from rf_exp.geometry.swept import FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
+from rf_exp.geometry.swept import CORE_SPHERES, FINE_BLOCK, PARTS, Blocks, Floats, Indices, Mask, Swept
+
+SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
+ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
 
 BLOCK = 32  # positions on the side of the first blocks
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
 
 Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
+
+_REQUEST, _RESULT = coal.DistanceRequest(), coal.DistanceResult()
+_NORMAL = _RESULT.normal  # a view: coal writes every normal to this place
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The closest pair of pieces of two bodies."""
+
+    distance_m: float  # negative: penetration depth
+    a: str
+    b: str
+    at: tuple[int, int] = (0, 0)  # path positions
+
+
+class Pair(NamedTuple):
+    """Two pieces that must keep apart, where both masks hold."""
+
+    a: int
+    b: int
+    rows: Mask  # (P,)
+    columns: Mask  # (Q,)
+
+
+def pairs_apart(a: Swept, b: Swept) -> Iterator[Pair]:
+    """The pairs of pieces that must keep apart, with the positions at which they must."""
+    apart = _apart(a, b)
+    for i, x in enumerate(a.labels):
+        for j, y in enumerate(b.labels):
+            for rows, columns in apart(x, y):
+                yield Pair(i, j, rows, columns)
+
+
+def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
+    """When a link or object of one body must keep apart from one of the other, worked out once for both."""
+    always_a, always_b = np.ones(len(a), dtype=bool), np.ones(len(b), dtype=bool)
+    never_a, never_b = ~always_a, ~always_b
+
+    @cache
+    def when(x: str, y: str) -> list[tuple[Mask, Mask]]:
+        if x == y and x in a.objects and y in b.objects:
+            return []
+        if x in a.objects and y in b.objects:  # two things lying on the table are nobody's concern
+            rows, columns = ~a.rests.get(y, never_a), ~b.rests.get(x, never_b)
+            moves_a, moves_b = a.carried.get(x, never_a), b.carried.get(y, never_b)
+            found = [(rows & moves_a, columns)] if (rows & moves_a).any() else []
+            return found + ([(rows & ~moves_a, columns & moves_b)] if (columns & moves_b).any() else [])
+        # Between two that hold one thing it is no obstacle: it goes with both of them.
+        rows, columns = always_a, always_b
+        if y in b.objects:
+            rows = ~(a.touches if x in a.gripper else a.holds).get(y, never_a)
+        if x in a.objects:
+            columns = ~(b.touches if y in b.gripper else b.holds).get(x, never_b)
+        return [(rows, columns)] if rows.any() and columns.any() else []
+
+    return when
+
+
+def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
+    """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
+    distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
+    looks = zip(*x.body.shapes(x.middle[todo[:, 1]], i), *y.body.shapes(y.middle[todo[:, 2]], j), strict=True)
+    distance, clear, nearest_point = coal.distance, _RESULT.clear, _RESULT.getNearestPoint1
+    for k, look in enumerate(looks):
+        clear()
+        distances[k] = distance(*look, _REQUEST, _RESULT)
+        normals[k] = _NORMAL
+        points[k] = nearest_point()
+    return distances, normals, points
+
+
+def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest | None:
+    """The smallest exact distance of the pairs that must keep apart, over cells `at` (T, 2); None: over all.
+
+    None when no pair has to keep apart there.
+    """
+    at = np.unique(np.argwhere(np.ones((len(a), len(b)))) if at is None else at, axis=0)
+    gaps = _spheres_apart_m(a, b, at)
+    if not gaps.size:
+        return None
+    apart = _apart(a, b)
+
+    @cache
+    def idle(x: str, y: str) -> NDArray[np.int64]:
+        """The cells at which they may touch."""
+        apply = [rows[at[:, 0]] & columns[at[:, 1]] for rows, columns in apart(x, y)]
+        return np.flatnonzero(~np.any(apply, axis=0)) if apply else np.arange(len(at))
+
+    for i, x in enumerate(a.labels):
+        for j, y in enumerate(b.labels):
+            if (x in a.objects or y in b.objects) and len(idle(x, y)):  # links must always keep apart
+                gaps[i, j, idle(x, y)] = np.inf
+    return _nearest(a, b, at, gaps)
+
+
+def _nearest(a: Swept, b: Swept, at: Indices, apart_m: NDArray[np.float64]) -> Nearest | None:
+    """`nearest` of pieces that are at least `apart_m` (La, Lb, T) from one another; infinite: no matter.
+
+    What is known of two pieces at one cell bounds them at all others, by how far they move until there.
+    """
+    moved_a, moved_b = (body.travelled_m[at[:, k]].T for k, body in enumerate((a, b)))  # (L, T)
+    least = apart_m.min(axis=2)
+    best: Nearest | None = None
+    while least.min() < (best.distance_m if best else np.inf):
+        i, j = (int(index) for index in np.unravel_index(least.argmin(), least.shape))
+        cell = int(apart_m[i, j].argmin())
+        row, column = at[cell].tolist()
+        distance_m = _distance(a, b, row, column, i, j)
+        if best is None or distance_m < best.distance_m:
+            best = Nearest(distance_m, a.labels[i], b.labels[j], (row, column))
+        moved_m = np.abs(moved_a[i] - moved_a[i, cell]) + np.abs(moved_b[j] - moved_b[j, cell])
+        np.maximum(apart_m[i, j], distance_m - moved_m - SLACK_M - ASKEW_M, out=apart_m[i, j])
+        apart_m[i, j, cell] = np.inf
+        least[i, j] = apart_m[i, j].min()
+    return best
+
+
+def _spheres_apart_m(a: Swept, b: Swept, at: Indices) -> NDArray[np.float64]:
+    """(La, Lb, T) between the spheres round all pieces at cells (T, 2); negative where they overlap."""
+    centres_a, centres_b = (body.centres[at[:, k]].transpose(2, 1, 0) for k, body in enumerate((a, b)))
+    x, y, z = centres_a[:, :, None] - centres_b[:, None]
+    return np.sqrt(x * x + y * y + z * z) - (a.radii_m[:, None] + b.radii_m)[..., None]
+
+
+def overlap(a: Swept, b: Swept) -> Nearest | None:
+    """The deepest overlap of two bodies at their first positions; None when they do not touch.
+
+    Distance zero is contact: coal answers so where it cannot tell a touch from an overlap.
+    """
+    gaps = cdist(a.centres[0], b.centres[0]) - a.radii_m[:, None] - b.radii_m
+    near = np.argwhere(gaps <= 0)  # of a mark on the table, which has no pieces, there is nothing to touch
+    apart = _apart(a, b)
+    best: Nearest | None = None
+    deepest = 0.0
+    for k in np.argsort(gaps[*near.T], kind="stable"):
+        i, j = near[k].tolist()
+        if best is not None and gaps[i, j] >= deepest:
+            break
+        x, y = a.labels[i], b.labels[j]
+        if any(rows[0] and columns[0] for rows, columns in apart(x, y)):
+            distance = _distance(a, b, 0, 0, i, j)
+            if distance <= 0 and (best is None or distance < deepest):
+                best, deepest = Nearest(distance, x, y), distance
+    return best
+
+
+def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
+    """(P,) True where two pieces of one body that may not touch (index pairs) overlap."""
+    first, second = np.array(pairs).T
+    gaps = np.linalg.norm(body.centres[:, first] - body.centres[:, second], axis=-1)  # (P, pairs)
+    near = gaps < body.radii_m[first] + body.radii_m[second]
+    hit = np.zeros(len(body), dtype=bool)
+    for row, k in np.argwhere(near).tolist():
+        hit[row] |= not hit[row] and _distance(body, body, row, row, *pairs[k]) < 0
+    return hit
+
+
+def _distance(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
+    _RESULT.clear()
+    return coal.distance(
+        a.pieces[i].shape, a.placed(row, i), b.pieces[j].shape, b.placed(column, j), _REQUEST, _RESULT
+    )
+
+
+# coordination diagrams
 
 
 def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) -> Mask:
@@ -38,14 +208,16 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     if not pairs:
         return np.zeros((len(a), len(b)), dtype=bool)
     diagram = _Diagram(a, b, pairs, margin_m)
-    size = min(BLOCK, _power_of_two(max(len(a), len(b))))
+    size = min(BLOCK, 1 << (max(len(a), len(b)) - 1).bit_length())
     todo = diagram.meeting(a.blocks(size, between), b.blocks(size, between))
     while len(todo):
         x, y = a.blocks(size, between), b.blocks(size, between)
         if size == FINE_BLOCK:
             diagram.pierce(todo, x, y)
+        first = np.zeros(len(todo), dtype=bool)
+        first[np.unique(todo[:, 1] * len(y) + todo[:, 2], return_index=True)[1]] = True
         left = []
-        for some in _first_of_each_block(todo, len(y)):
+        for some in (todo[first], todo[~first]):  # the first pair of a block may settle it for the others too
             some = diagram.open_blocks(some, x, y)
             if len(some):
                 left.append(diagram.settle(some, x, y))
@@ -165,13 +337,6 @@ class _Diagram:
         self.forbidden[todo[k, 1] * height + row, todo[k, 2] * width + column] = True
 
 
-def _first_of_each_block(todo: Indices, columns: int) -> tuple[Indices, Indices]:
-    """The first pair of every block, which may well settle it for the others too, and the others."""
-    first = np.zeros(len(todo), dtype=bool)
-    first[np.unique(todo[:, 1] * columns + todo[:, 2], return_index=True)[1]] = True
-    return todo[first], todo[~first]
-
-
 def _parts(todo: Indices, open_: Mask, gap: Floats, x: Blocks, y: Blocks) -> Parts:
     """The parts of blocks in which `open_` (M, bounds, bounds) is set, and their gaps."""
     height, width = x.bounds // x.parts, y.bounds // y.parts
@@ -191,7 +356,3 @@ def _apart_m(a: Floats, b: Floats) -> Floats:
     squared = -2 * a.swapaxes(1, 2) @ b
     squared += np.einsum("mis,mis->ms", a, a)[:, :, None] + np.einsum("mis,mis->ms", b, b)[:, None]
     return np.sqrt(np.maximum(squared, 0))
-
-
-def _power_of_two(least: int) -> int:
-    return 1 << (least - 1).bit_length()

@@ -8,8 +8,7 @@ Two bodies that touch share a voxel. World frame; voxel k spans [k, k + 1) * `vo
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.geometry.shapes import Piece
-from rf_exp.geometry.swept import Mask, Swept
+from rf_exp.geometry.swept import Mask, Piece, Swept
 from rf_exp.transforms import Matrix, apply
 
 VOXEL_M = 0.05

@@ -6,17 +6,16 @@ the objects it moves, and the objects that nobody moves. World frame, metres, ra
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property, lru_cache
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.geometry.distance import Nearest, nearest
-from rf_exp.geometry.shapes import Piece, arm_pieces
-from rf_exp.geometry.swept import Mask, Swept
-from rf_exp.geometry.table import lowest_m
+from rf_exp.geometry.clearance import Nearest, nearest
+from rf_exp.geometry.swept import Mask, Swept, arm_pieces, asset_pieces, lowest_m
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix
@@ -27,12 +26,6 @@ OBJECT_MARGIN_M = 0.003  # between an arm and what it may not touch
 TABLE_MARGIN_M = 0.0  # fingertips work a few millimetres above the table
 RESTS_M = 0.005  # things this near to one another lie on or against one another
 CLOSING_STEPS = 8  # control steps that fingers may need to close
-
-
-@lru_cache(maxsize=1024)  # scenes that are read bring assets of their own, each time
-def asset_pieces(asset: Asset) -> tuple[Piece, ...]:
-    """The pieces of an asset, in its frame. None for a mark on the table, which nothing can touch."""
-    return tuple(Piece.of(hull) for hull in asset.hulls)
 
 
 class PlanningScene:
@@ -100,20 +93,19 @@ class PlanningScene:
         for name in names:
             poses = np.empty((len(path), 4, 4))
             mask = np.zeros(len(path), dtype=bool)
-            begin = 0
-            for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-                if segment.attached == name:
-                    if segment.tcp_from_object is None:
-                        raise ArgumentError(
-                            f"agent {agent}, segment {segment.primitive!r} has {name!r} attached, "
-                            "but tcp_from_object is missing"
-                        )
-                    if not mask.any():  # where the scene has it, or where another agent has put it
-                        poses[:] = tcp[begin] @ segment.tcp_from_object
-                    mask[begin : end + 1] = True
-                    poses[begin:] = tcp[begin:] @ segment.tcp_from_object
-                    poses[end:] = poses[end]
-                begin = end
+            for segment, begin, end in trajectory.intervals:
+                if segment.attached != name:
+                    continue
+                if segment.tcp_from_object is None:
+                    raise ArgumentError(
+                        f"agent {agent}, segment {segment.primitive!r} has {name!r} attached, "
+                        "but tcp_from_object is missing"
+                    )
+                if not mask.any():  # where the scene has it, or where another agent has put it
+                    poses[:] = tcp[begin] @ segment.tcp_from_object
+                mask[begin : end + 1] = True
+                poses[begin:] = tcp[begin:] @ segment.tcp_from_object
+                poses[end:] = poses[end]
             moved[name], carried[name] = poses, mask
         touches = {
             name: np.array([any(name in s.touches or name == s.attached for s in at) for at in segments])
@@ -122,7 +114,8 @@ class PlanningScene:
         holds = dict(carried)
         held = self.scene.held[agent - 1]
         if held is not None:  # until the end of the segment that lets go
-            gripped = np.arange(len(path)) <= self._let_go(trajectory)
+            opens = (end for segment, _, end in trajectory.intervals if (segment.gripper > 0).any())
+            gripped = np.arange(len(path)) <= next(opens, len(trajectory))
             holds[held] = holds.get(held, gripped) | gripped
             touches[held] = touches[held] | gripped
         rests = self._rests(trajectory, moved, carried, segments)
@@ -133,14 +126,10 @@ class PlanningScene:
         """Things as they stand in the scene (P = 1); without names, those nobody moves, and clutter."""
         if names is None:
             names = [name for name in (*self.task.objects, *self.task.clutter) if name not in self.moved]
-        pieces, labels, poses = [], [], []
-        for name in names:
-            for piece in asset_pieces(self._asset(name)):
-                pieces.append(piece)
-                labels.append(name)
-                poses.append(self._pose(name))
-        stacked = np.array(poses).reshape(1, -1, 4, 4)
-        return Swept(tuple(pieces), tuple(labels), stacked, objects=frozenset(labels))
+        found = [(piece, name) for name in names for piece in asset_pieces(self._asset(name))]
+        poses = np.array([self._pose(name) for _, name in found]).reshape(1, -1, 4, 4)
+        labels = tuple(name for _, name in found)
+        return Swept(tuple(piece for piece, _ in found), labels, poses, objects=frozenset(labels))
 
     # questions
 
@@ -199,18 +188,15 @@ class PlanningScene:
         moved: Mapping[str, NDArray[np.float64]],
         **masks: Mapping[str, Mask],
     ) -> Swept:
-        robot = self.arms[agent - 1].robot
-        pieces, labels = list(arm_pieces(robot)), list(robot.links)
-        poses = [links]
-        mounted = self.task.robots[agent - 1].mounted
-        for piece in asset_pieces(mounted) if mounted else ():
-            pieces.append(piece)
-            labels.append(robot.hand.link)
-            poses.append(links[:, [robot.links.index(robot.hand.link)]])
-        for name, along in moved.items():
-            for piece in asset_pieces(self._asset(name)):
+        robot, mounted = self.arms[agent - 1].robot, self.task.robots[agent - 1].mounted
+        pieces, labels, poses = [*arm_pieces(robot)], [*robot.links], [links]
+        things = [(name, self._asset(name), along) for name, along in moved.items()]
+        if mounted:
+            things.insert(0, (robot.hand.link, mounted, links[:, robot.links.index(robot.hand.link)]))
+        for label, asset, along in things:
+            for piece in asset_pieces(asset):
                 pieces.append(piece)
-                labels.append(name)
+                labels.append(label)
                 poses.append(along[:, None])
         return Swept(
             tuple(pieces),
@@ -226,27 +212,16 @@ class PlanningScene:
     def _segment_of(trajectory: Trajectory) -> list[tuple[Segment, ...]]:
         """The segments of every path position; a knot between two belongs to both."""
         found: list[tuple[Segment, ...]] = [() for _ in range(len(trajectory) + 1)]
-        begin = 0
-        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+        for segment, begin, end in trajectory.intervals:
             for position in range(begin, end + 1):
                 found[position] = (*found[position], segment)
-            begin = end
         return found
-
-    @staticmethod
-    def _let_go(trajectory: Trajectory) -> int:
-        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
-            if (segment.gripper > 0).any():
-                return end
-        return len(trajectory)
 
     def _openings_m(self, trajectory: Trajectory) -> NDArray[np.float64]:
         """(P,) of each finger. Never narrower than it really is while the fingers close."""
         hand = self.arms[trajectory.agent - 1].robot.hand
         opening = hand.opening_m(gripper_of(trajectory.path()))
-        for end, begin, segment in zip(
-            trajectory.knots[1:], trajectory.knots[:-1], trajectory.segments, strict=True
-        ):
+        for segment, begin, end in trajectory.intervals:
             if segment.attached:
                 rows = slice(begin + 1, end + 1)
                 opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.attached))
@@ -285,19 +260,14 @@ class PlanningScene:
             # What another agent moves will not lie there any more; if it is the place, its segment names it.
             others = [other for other in self.task.objects if other != name and other not in self.moved]
             places = np.flatnonzero(carried[name])
+            thing, mask = self.standing([name]), {name: np.ones(1, dtype=bool)}
             for first, position in ((True, int(places[0])), (False, int(places[-1]))):
                 end = knots[knots > position].min() if first else position
                 begin = position if first else knots[knots < position].max()
-                here = self._object(name, poses[position])
+                there = np.tile(poses[position], (1, len(thing.pieces), 1, 1))
+                here = replace(thing, poses=there, carried=mask)
                 for other in others:
                     gap = nearest(here, self.standing([other]))
                     if gap is not None and gap.distance_m < RESTS_M:
                         rests[other][begin : end + 1] = True
         return rests
-
-    def _object(self, name: str, pose: Matrix) -> Swept:
-        pieces = asset_pieces(self._asset(name))
-        poses = np.tile(pose, (1, len(pieces), 1, 1))
-        return Swept(
-            pieces, (name,) * len(pieces), poses, objects=frozenset({name}), carried={name: np.ones(1, bool)}
-        )

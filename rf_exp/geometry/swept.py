@@ -1,25 +1,151 @@
-"""PlanningScene that move along paths: convex pieces with a pose at every path position.
+"""Convex pieces, what every link and object is made of for the checks, and bodies of them along paths.
 
-And such a body cut into blocks of positions, with bounds on how far its pieces move within one, from which
-`closer_than` finds coordination diagrams.
+A piece carries its exact convex shape (coal), a conservative cover of spheres for the first look and its face
+planes for filling voxels. A body has a pose of each of its pieces at every path position; cut into blocks of
+positions it has bounds on how far they move within one, from which `closer_than` finds coordination diagrams.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
 
 import coal
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
-from rf_exp.geometry.shapes import Piece
+from rf_exp.robots import Robot
+from rf_exp.tasks.assets import Asset
 
+COVER_RADIUS_M = 0.06  # spheres of a cover are split until they are smaller than this
+COVER_SPHERES = 8  # or until there are this many
+CORE_SPHERES = 4
+CORE_DEPTHS = (0.0, 0.2, 0.35, 0.5, 0.65)  # of the way from the middle to the vertices: where they may be
 PARTS = 4  # into so many a side is cut where a block stays open
 FINE_BLOCK = 8  # from this size on, every cell of a block has its own bounds
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Floats = NDArray[np.floating]  # 32 bits: enough for lengths that `SLACK_M` covers, and twice as fast
+PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One convex piece of a body."""
+
+    vertices: NDArray[np.float64]  # (V, 3)
+    planes: NDArray[np.float64]  # (F, 4): unit normal n and offset d with n.x + d <= 0 inside
+    corners: NDArray[np.float64]  # (8, 3) of the bounding box
+    centre: NDArray[np.float64]  # (3,) of the bounding sphere
+    radius_m: float
+    cover: NDArray[np.float64]  # (COVER_SPHERES, 4): centre and radius; the last ones repeat the first
+    core: NDArray[np.float64]  # (CORE_SPHERES, 4): centre and radius of spheres inside
+    shape: coal.Convex
+
+    @staticmethod
+    def of(mesh: trimesh.Trimesh) -> "Piece":
+        """The piece of a convex mesh."""
+        vertices = np.asarray(mesh.vertices, dtype=float)
+        hull = ConvexHull(vertices)
+        # A triangulated flat face repeats its plane.
+        _, first = np.unique(np.round(hull.equations, 6), axis=0, return_index=True)
+        centre, radius_m = enclosing_sphere(vertices)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        corners = np.array([np.where(upper, high, low) for upper in np.ndindex(2, 2, 2)])
+        return Piece(
+            vertices=vertices,
+            planes=hull.equations[np.sort(first)],
+            corners=corners,
+            centre=centre,
+            radius_m=radius_m,
+            cover=cover(vertices),
+            core=core(vertices, hull.equations),
+            shape=_coal(vertices),
+        )
+
+
+def enclosing_sphere(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """A small sphere that holds all points (K, 3): centre and radius (Badoiu and Clarkson's steps)."""
+    centre = (points.min(axis=0) + points.max(axis=0)) / 2
+    for step in range(1, 60):
+        farthest = points[np.argmax(np.sum((points - centre) ** 2, axis=1))]
+        centre = centre + (farthest - centre) / (step + 1)
+    return centre, float(np.sqrt(np.max(np.sum((points - centre) ** 2, axis=1)))) + 1e-9
+
+
+def cover(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Spheres (COVER_SPHERES, 4) whose union holds the convex hull of the vertices.
+
+    The hull is cut by planes into convex cells; the sphere round the corners of a convex cell holds
+    the cell, so no part of the hull is left out.
+    """
+    cells = [vertices]
+    spheres = [enclosing_sphere(vertices)]
+    while len(cells) < COVER_SPHERES:
+        largest = int(np.argmax([radius for _, radius in spheres]))
+        if spheres[largest][1] < COVER_RADIUS_M:
+            break
+        halves = _halves(cells.pop(largest))
+        spheres.pop(largest)
+        cells += halves
+        spheres += [enclosing_sphere(half) for half in halves]
+    rows = np.array([[*centre, radius] for centre, radius in spheres])
+    return np.concatenate([rows, np.repeat(rows[:1], COVER_SPHERES - len(rows), axis=0)])
+
+
+def core(vertices: NDArray[np.float64], planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Spheres (CORE_SPHERES, 4) inside the convex hull: the largest one, then those that stick out."""
+    middle = vertices.mean(axis=0)
+    centres = np.concatenate([middle + depth * (vertices - middle) for depth in CORE_DEPTHS])
+    radii = -np.max(centres @ planes[:, :3].T + planes[:, 3], axis=1)
+    chosen = [int(radii.argmax())]
+    while len(chosen) < CORE_SPHERES:
+        away = np.linalg.norm(centres[:, None] - centres[chosen], axis=2) - radii[chosen]
+        chosen.append(int(np.argmax(away.min(axis=1) + radii)))
+    return np.column_stack([centres, np.maximum(radii, 0)])[chosen]
+
+
+def _halves(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """The corners of the two halves of a convex hull, cut across its longest axis."""
+    hull = ConvexHull(points)
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    cut = (points[:, axis].min() + points[:, axis].max()) / 2
+    edges = np.concatenate([hull.simplices[:, [0, 1]], hull.simplices[:, [1, 2]], hull.simplices[:, [2, 0]]])
+    a, b = points[edges[:, 0]], points[edges[:, 1]]
+    crossing = (a[:, axis] - cut) * (b[:, axis] - cut) < 0
+    a, b = a[crossing], b[crossing]
+    fraction = (cut - a[:, axis]) / (b[:, axis] - a[:, axis])
+    on_cut = a + fraction[:, None] * (b - a)
+    corners = points[hull.vertices]
+    return [
+        np.concatenate([corners[corners[:, axis] <= cut], on_cut]),
+        np.concatenate([corners[corners[:, axis] >= cut], on_cut]),
+    ]
+
+
+def _coal(vertices: NDArray[np.float64]) -> coal.Convex:
+    mesh = trimesh.convex.convex_hull(vertices)
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    for corner in np.asarray(mesh.vertices):
+        points.append(corner)
+    for a, b, c in mesh.faces.tolist():
+        faces.append(coal.Triangle(a, b, c))
+    return coal.Convex(points, faces)
+
+
+@cache
+def arm_pieces(robot: Robot) -> tuple[Piece, ...]:
+    """The pieces of an arm, in the order of its links."""
+    hulls = robot.hulls
+    return tuple(Piece.of(hulls[link]) for link in robot.links)
+
+
+@lru_cache(maxsize=1024)  # scenes that are read bring assets of their own, each time
+def asset_pieces(asset: Asset) -> tuple[Piece, ...]:
+    """The pieces of an asset, in its frame. None for a mark on the table, which nothing can touch."""
+    return tuple(Piece.of(hull) for hull in asset.hulls)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +234,9 @@ class Swept:
     def blocks(self, size: int, between: bool) -> "Blocks":
         """The positions cut into blocks of a size (a power of two); a single one is a block of one."""
         key = size if len(self) > 1 else 1, between
-        found = self._cuts.get(key)
-        if found is None:
-            found = self._cuts[key] = Blocks(self, *key)
-        return found
+        if key not in self._cuts:
+            self._cuts[key] = Blocks(self, *key)
+        return self._cuts[key]
 
     def placed(self, position: int, piece: int) -> coal.Transform3s:
         """coal's transform of a piece."""
@@ -231,3 +356,22 @@ class Blocks:
 def _with_ones(vectors: Floats) -> Floats:
     """(M, 3) to (M, 4, 1)."""
     return np.concatenate([vectors, np.ones_like(vectors[:, :1])], axis=1)[:, :, None]
+
+
+def lowest_m(body: Swept) -> NDArray[np.float64]:
+    """(P,) lowest point of what must stay above the table: all links but the bolted base, and loads.
+
+    A load may lie on the table, so it counts as low only where it is pressed more than `PRESSED_M` in.
+    """
+    lowest = np.full(len(body), np.inf)
+    for column, (piece, label) in enumerate(zip(body.pieces, body.labels, strict=True)):
+        if label == body.base or (label in body.objects and not body.carried[label].any()):
+            continue
+        poses = body.poses[:, column]
+        sphere = poses[:, 2, :3] @ piece.centre + poses[:, 2, 3] - piece.radius_m
+        rows = np.flatnonzero(sphere < lowest)
+        height = (poses[rows, 2, :3] @ piece.vertices.T).min(axis=1) + poses[rows, 2, 3]
+        if label in body.objects:
+            height = np.where(body.carried[label][rows], height + PRESSED_M, np.inf)
+        lowest[rows] = np.minimum(lowest[rows], height)
+    return lowest

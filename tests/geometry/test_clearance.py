@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rf_exp.geometry import Piece, PlanningScene, Swept, closer_than, distance, folded, nearest, overlap
+from rf_exp.geometry import Piece, PlanningScene, Swept, clearance, closer_than, folded, nearest, overlap
 from rf_exp.geometry.clearance import DOUBT, SLACK_M
 from rf_exp.robots import DEFAULT
 from rf_exp.transforms import transform
@@ -151,8 +151,8 @@ def test_nearest_is_the_least_over_cells_and_pieces():
 
 def test_nearest_along_smooth_paths_looks_at_few_cells_and_misses_none(monkeypatch: pytest.MonkeyPatch):
     looked = []
-    exactly = distance._distance
-    monkeypatch.setattr(distance, "_distance", lambda *where: looked.append(where) or exactly(*where))
+    exactly = clearance._distance
+    monkeypatch.setattr(clearance, "_distance", lambda *where: looked.append(where) or exactly(*where))
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     rng, cells = np.random.default_rng(6), np.stack([np.arange(80)] * 2, axis=1)
     for _ in range(6):

@@ -6,8 +6,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from rf_exp.geometry import Piece
-from rf_exp.geometry.planning_scene import asset_pieces
-from rf_exp.geometry.shapes import CORE_SPHERES, COVER_SPHERES, arm_pieces, enclosing_sphere
+from rf_exp.geometry.swept import CORE_SPHERES, COVER_SPHERES, arm_pieces, asset_pieces, enclosing_sphere
 from rf_exp.robots import DEFAULT
 from rf_exp.tasks import assets
 

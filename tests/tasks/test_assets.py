@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import Piece
-from rf_exp.geometry.planning_scene import asset_pieces
+from rf_exp.geometry.swept import asset_pieces
 from rf_exp.robots import DEFAULT
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of
