@@ -1,4 +1,3 @@
-from .arm import Arm as Arm
 from .known import DEFAULT as DEFAULT
 from .known import add_robot as add_robot
 from .known import known_robots as known_robots
@@ -6,6 +5,7 @@ from .known import robot_named as robot_named
 from .meshes import cache_folder as cache_folder
 from .meshes import is_made as is_made
 from .meshes import light_urdf as light_urdf
+from .robot import Arm as Arm
 from .robot import Drive as Drive
 from .robot import Finger as Finger
 from .robot import Hand as Hand

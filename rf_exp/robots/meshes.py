@@ -47,7 +47,8 @@ def cache_folder(robot: "Robot") -> Path:
     """
     urdf = robot.urdf_path
     digest = hashlib.sha256(repr((KEPT, FEWEST, CARE, float(SMOOTH_RAD), LAYOUT, str(urdf.parent))).encode())
-    for path in [urdf, *sorted({urdf.parent / mesh for mesh in _heavy(root_of(robot))})]:
+    visuals = {mesh.attrib["filename"] for mesh in root_of(robot).iterfind("link/visual/geometry/mesh")}
+    for path in [urdf, *sorted(urdf.parent / name for name in visuals if name.endswith(GLB))]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
     try:
@@ -116,12 +117,6 @@ def _drawn(visual: ElementTree.Element, robot: "Robot") -> LinkMesh:
     whole_of = cast(trimesh.Trimesh, trimesh.util.concatenate(pieces))
     vertices = apply(placement(visual), np.asarray(whole_of.vertices))
     return vertices, np.asarray(whole_of.faces), np.concatenate(each)
-
-
-def _heavy(root: ElementTree.Element) -> list[str]:
-    """The files of the visuals that are made lighter, as the URDF names them."""
-    named = [mesh.attrib["filename"] for mesh in root.iterfind("link/visual/geometry/mesh")]
-    return [name for name in named if name.endswith(GLB)]
 
 
 def _make(robot: "Robot", folder: Path, final: Path) -> None:

@@ -1,4 +1,4 @@
-"""A robot as a value: an arm with a hand of two fingers, as its URDF describes it.
+"""A robot as a value: an arm with a hand of two fingers, as its URDF describes it; and one on its base.
 
 Everything that the suite knows of a robot is asked of this value: joints and their limits, links with their
 hulls and meshes, kinematics both ways, the hand. A row of measured joints holds the arm's first, the two
@@ -8,7 +8,7 @@ robot with more joints, those that it lacks lie between them and are zero.
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -17,16 +17,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.robots.numeric import Numeric
-from rf_exp.transforms import Matrix, from_axes
+from rf_exp.transforms import Matrix, from_axes, inverse
 
 if TYPE_CHECKING:
     import trimesh
 
-    from rf_exp.robots.chain import Chain
+    from rf_exp.robots.kinematics import Chain
     from rf_exp.robots.meshes import LinkMesh
 
 PACKAGED = "package://"  # and the name of a Python package: a path within it
+_AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # of the last joint
+NEIGHBOUR_RAD = 0.35  # postures nearer than this in every joint are on one branch
 MARGIN_RAD = 0.02  # to the limits of joints, of postures that are planned
 
 Vector = tuple[float, float, float]
@@ -125,7 +126,7 @@ class Robot:
     swivel: int | None = None  # the joint that takes the elbow out of the upright plane, where one does
     reflex_n: float = 20.0  # with which it is pushed until it stops
     drive: Drive = Drive()
-    inverse: Callable[["Robot"], Inverse] = field(default=Numeric)
+    inverse: Callable[["Robot"], Inverse] | None = None  # by Newton steps unless given
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -142,8 +143,6 @@ class Robot:
 
     def __hash__(self) -> int:
         return hash(self.name)  # it is asked for at every look-up; equality tells the rest
-
-    # -- what there is -------------------------------------------------------------------------------
 
     @property
     def dof(self) -> int:
@@ -235,8 +234,6 @@ class Robot:
         about = {"urdf": content, "hand": repr(self.hand), "aside_rad": list(self.aside_rad)}
         return {"name": self.name, **about, "reach_m": self.reach_m, "drive": repr(self.drive)}
 
-    # -- kinematics ----------------------------------------------------------------------------------
-
     def link_poses(self, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
         """Base-frame poses of `links` for measured joints (..., D) rad and metres: (..., L, 4, 4)."""
         return self._chain.link_poses(qpos)
@@ -260,12 +257,79 @@ class Robot:
     @property
     def solver(self) -> Inverse:
         """Its inverse kinematics."""
-        from rf_exp.robots.chain import solver_of
+        from rf_exp.robots.kinematics import solver_of
 
         return solver_of(self)
 
     @property
     def _chain(self) -> "Chain":
-        from rf_exp.robots.chain import chain_of  # a task is read without Pinocchio
+        from rf_exp.robots.kinematics import chain_of  # a task is read without Pinocchio
 
         return chain_of(self)
+
+
+class Arm:
+    """A robot that is bolted to the table: kinematics in the world, at `world_from_base` (4, 4)."""
+
+    def __init__(self, robot: Robot, world_from_base: Matrix) -> None:
+        self.robot, self.world_from_base = robot, world_from_base
+        self._base_from_world = inverse(world_from_base)
+        self._solver, self._limits_rad = robot.solver, robot.planned_rad
+
+    def joints(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., dof) of this arm, of measured joints or commands (..., D) of a task with more."""
+        return rows[..., : self.robot.dof]
+
+    def tcp(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """world_from_tcp (..., 4, 4) for rows that begin with the joints of the arm, rad."""
+        return self.world_from_base @ self.robot.tcp_pose(qpos)
+
+    def links(self, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
+        """World poses of the robot's links (..., L, 4, 4) for measured joints (..., D)."""
+        return self.world_from_base @ self.robot.link_poses(qpos)
+
+    def postures(self, world_from_tcp: NDArray[np.float64], last_rad: ArrayLike) -> NDArray[np.float64]:
+        """All joints (..., branches, dof) rad for TCP poses (..., 4, 4) and the last joint (...).
+
+        Within the joint limits and a small margin; NaN where there is no such posture.
+        """
+        return self._solver.postures(self._base_from_world @ world_from_tcp, last_rad, self._limits_rad)
+
+    def facing(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Angles (...) rad of the last joint that put the arm into an upright plane at TCP poses (..., 4, 4).
+
+        Where none is so, the one with which it would be if the tool pointed straight down.
+        """
+        return self._solver.facing(self._base_from_world @ world_from_tcp)
+
+    def aside_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(...) rad by which the elbow is out of the upright plane at joints (..., dof)."""
+        swivel = self.robot.swivel
+        return np.zeros(joints.shape[:-1]) if swivel is None else np.abs(joints[..., swivel])
+
+    def beyond(self, branch: int) -> int:
+        """The branch in which an arm goes on beyond a singularity, an upright shoulder for one."""
+        return int(self._solver.other[branch])
+
+    def crossed(self, found: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Postures (..., branches, dof), each in place of the one of `beyond`, laid out as `postures` are."""
+        return np.moveaxis(np.moveaxis(found, -1, 0).take(self._solver.other, axis=-1), 0, -1)
+
+    def solve(self, world_from_tcp: Matrix, near_rad: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Joints (dof,) rad that put the TCP at a pose, near to `near_rad`; None where there are none.
+
+        The last joint of an arm with one to spare stays as it is where a neighbouring posture allows that, so
+        along a path of near poses the joints go smoothly; otherwise it is the nearest posture of a range.
+        """
+        near_rad = self.joints(near_rad)
+        last = near_rad[-1]
+        ranges = (
+            [([last], NEIGHBOUR_RAD), (last + _AWAY_RAD, np.inf)] if self.robot.spare else [([last], np.inf)]
+        )
+        for turns, farthest in ranges:
+            found = self.postures(world_from_tcp, turns).reshape(-1, self.robot.dof)
+            away = np.abs(found - near_rad).max(axis=1)
+            nearest = int(np.nan_to_num(away, nan=np.inf).argmin())
+            if away[nearest] < farthest:
+                return found[nearest]
+        return None

@@ -16,7 +16,7 @@ from rf_exp.envs.central import CentralEnv
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import PlanningScene
 from rf_exp.robots import DEFAULT, Arm, Finger, Hand, Robot, add_robot, known, robot_named
-from rf_exp.robots.numeric import Numeric
+from rf_exp.robots.kinematics import Numeric
 from rf_exp.sim import Simulator
 from rf_exp.store import Store, command_names, joint_names
 from rf_exp.tasks import CONFIGURED, Task, load_task, read_task

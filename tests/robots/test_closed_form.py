@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.robots.panda.closed_form import BRANCHES, OTHER_SIGN, postures
+from rf_exp.robots.closed_form import BRANCHES, OTHER_SIGN, postures
 from rf_exp.transforms import planar
 
 LOW, HIGH = LIMITS = DEFAULT.limits_rad

@@ -35,27 +35,6 @@ SECANTS, CLOSE = 3, 1e-6  # steps, and how near to zero they have to come
 Floats = NDArray[np.float64]
 
 
-class ClosedForm:
-    """The Panda's `rf_exp.robots.Inverse`."""
-
-    def __init__(self, _: "Robot") -> None:
-        self.branches, self.other = BRANCHES, OTHER_SIGN
-
-    def postures(self, base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
-        """See `postures` below."""
-        return postures(base_from_tcp, last_rad, limits_rad)
-
-    def facing(self, base_from_tcp: Floats) -> Floats:
-        """Angles (...) rad of the last joint that put the arm into an upright plane at TCP poses (..., 4, 4).
-
-        Where none is so, the one with which it would be if the tool pointed straight down.
-        """
-        pose = base_from_tcp
-        away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
-        ahead = np.einsum("...i,...ij->...j", away, pose[..., :2, :2])
-        return wrapped_rad(upright_rad(pose, np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0])))
-
-
 def postures(base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> Floats:
     """Joints (..., BRANCHES, 7) rad for TCP poses (..., 4, 4) and the angle of the last joint (...).
 
@@ -99,6 +78,25 @@ def upright_rad(base_from_tcp: Floats, near_rad: Floats) -> Floats:
             found = _out_of_plane(x, y, out, position, last)
         good = (np.abs(found) < CLOSE) & (np.abs(last - near) < NEAR_RAD)
     return np.where(good, last, near)
+
+
+class ClosedForm:
+    """The Panda's `rf_exp.robots.Inverse`."""
+
+    branches, other = BRANCHES, OTHER_SIGN
+    postures = staticmethod(postures)
+
+    def __init__(self, _: "Robot") -> None: ...
+
+    def facing(self, base_from_tcp: Floats) -> Floats:
+        """See `Inverse`: the angle that puts the arm into an upright plane.
+
+        Where none is so, the one with which it would be if the tool pointed straight down.
+        """
+        pose = base_from_tcp
+        away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
+        ahead = np.einsum("...i,...ij->...j", away, pose[..., :2, :2])
+        return wrapped_rad(upright_rad(pose, np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0])))
 
 
 def _out_of_plane(x: Floats, y: Floats, out: Floats, position: Floats, last: Floats) -> Floats:
