@@ -5,8 +5,11 @@ PhysX keeps contact caches and the order of its bodies, so only a new scene make
 give the same bytes whatever ran before.
 """
 
+import ctypes
 import gc
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,16 +17,14 @@ import sapien
 import torch
 from mani_skill.agents.multi_agent import MultiAgent
 from mani_skill.envs.sapien_env import BaseEnv
+from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.actor import Actor
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from sapien import physx
 
 from rf_exp.sim import objects
-from rf_exp.sim.drawing.shading import choose_formats, keep_freed_memory, shader_config
-from rf_exp.sim.robots.agent import uid_of
-from rf_exp.sim.robots.rows import Rows
-from rf_exp.sim.table_scene import build_table_scene, light_table_scene
+from rf_exp.sim.robots import Rows, uid_of
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, FINGERS
@@ -31,6 +32,37 @@ from rf_exp.types import CONTROL_HZ, FINGERS
 CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on one edge only: things swing
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
+SHADERS = Path(__file__).parent / "shaders"
+LIKE = "minimal"  # ManiSkill's pack that has the same textures
+FORMATS = {"Color": "r8g8b8a8unorm", "PositionSegmentation": "r16g16b16a16sint"}
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
+KEPT_FREE_BYTES, MAPPED_BYTES = 256 << 20, 32 << 20
+
+
+def shader_config() -> ShaderConfig:
+    """ManiSkill's description of our shaders, a folder of GLSL files that SAPIEN compiles.
+
+    They know what our scenes have, and no more. The `minimal` pack inverts a matrix for every vertex,
+    carries a tangent frame for textures of normals, looks up an environment and a table of reflections for
+    every pixel, and copies the picture in a pass of its own. Nothing of that is seen in a scene with
+    textures of colours alone and without surroundings to mirror: what ours draw is equal
+    (tests/sim/test_shading.py), but for single pixels that round to the next of 255 shades. `python
+    benchmarks/render.py` tells what a picture costs.
+    """
+    return replace(PREBUILT_SHADER_CONFIGS[LIKE], shader_pack=str(SHADERS))
+
+
+@cache
+def keep_freed_memory() -> None:
+    """Lets malloc keep what was freed, for the next picture, where it is glibc's.
+
+    The software driver takes and frees megabytes for every picture. Handed back to the system each time, they
+    cost 40 % of a picture's processor time in page faults.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_TRIM_THRESHOLD, KEPT_FREE_BYTES)
+        mallopt(_M_MMAP_THRESHOLD, MAPPED_BYTES)  # or what is larger than 128 KiB would be mapped anew
 
 
 @cache
@@ -113,7 +145,8 @@ class TableEnv(BaseEnv):
 
     def _setup_sensors(self, options: dict) -> None:
         keep_freed_memory()
-        choose_formats()
+        for texture, stored in FORMATS.items():  # other environments of this process may have changed it
+            sapien.render.set_picture_format(texture, stored)
         super()._setup_sensors(options)
 
     @property
@@ -143,28 +176,29 @@ class TableEnv(BaseEnv):
             _excuse_only_within(arm.robot._objs[0], agent)
 
     def _load_scene(self, options: dict) -> None:
-        build_table_scene(self.scene, self.start.look)
+        objects.build_table(self.scene, self.start.look)
         self.actors = {
             name: objects.build(
                 self.scene,
                 name,
                 self.task.asset(name),
-                objects.surfaces(self.task.asset(name)),
                 self.start.poses[name],
-                self.start.tints[name],
-                self.start.masses_kg[name],
+                tint=self.start.tints[name],
+                mass_kg=self.start.masses_kg[name],
             )
             for name in self.task.objects
         }
         self.clutter = {
-            name: objects.build(
-                self.scene, name, piece.asset, objects.surfaces(piece.asset), self.start.clutter[name]
-            )
+            name: objects.build(self.scene, name, piece.asset, self.start.clutter[name])
             for name, piece in self.task.clutter.items()
         }
 
     def _load_lighting(self, options: dict) -> None:
-        light_table_scene(self.scene, self.start.lamps.brighter(self.start.light))
+        # Nothing casts a shadow: on software Vulkan shadows double the price of a picture.
+        light = self.start.lamps.brighter(self.start.light)
+        self.scene.set_ambient_light([*light.ambient])
+        for lamp in light.lamps:
+            self.scene.add_directional_light([*lamp.direction], [*lamp.colour])
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict) -> None:
         for arm, rows, row in zip(self.arms, self.rows(), self.start.qpos, strict=True):

@@ -68,10 +68,11 @@ class LoadedScene:
         moved_m = {name: np.linalg.norm(poses[name][:3, 3] - self._poses[name][:3, 3]) for name in poses}
         self._poses = poses
         held, pushes = self._contacts.of_fingers(self.physics.get_contacts(), self.physics.timestep)
+        arms = [*zip(self._rows, self.robots, strict=True)]
         scene = Scene(
             step=self.steps,
-            qpos=np.stack([rows.qpos(each.qpos) for rows, each in zip(self._rows, self.robots, strict=True)]),
-            qvel=np.stack([rows.qvel(each.qvel) for rows, each in zip(self._rows, self.robots, strict=True)]),
+            qpos=np.stack([rows.qpos(robot.qpos) for rows, robot in arms]),
+            qvel=np.stack([rows.qvel(robot.qvel) for rows, robot in arms]),
             poses=poses,
             # PhysX's own velocity of what is held is its solver's noise: 5 cm/s where nothing moves.
             speeds={name: float(distance) * CONTROL_HZ for name, distance in moved_m.items()},

@@ -1,7 +1,7 @@
-"""Builds assets as ManiSkill actors: convex collision pieces, and one render mesh for each finish."""
+"""Builds assets, and the table, as ManiSkill actors: convex pieces, and a render mesh for each finish."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import groupby
 from typing import Any, cast
 
@@ -14,16 +14,20 @@ from mani_skill.utils.structs.actor import Actor
 from numpy.typing import NDArray
 from sapien import physx
 
-from rf_exp.sim.drawing.textures import SIZE_PX, pixels
+from rf_exp.sim.textures import SIZE_PX, pixels
+from rf_exp.tasks import TABLE_CENTRE_M, TABLE_M
 from rf_exp.tasks.assets import Asset, Colour, Part
-from rf_exp.transforms import Matrix, quaternion
-from rf_exp.types import Finish, Texture
+from rf_exp.transforms import Matrix, planar, quaternion, transform
+from rf_exp.types import BARE, Finish, Look, Texture
 
 SMOOTH_RAD = np.deg2rad(30)  # edges sharper than this are seen as edges
 UNTINTED = np.ones(3)
 PATCH_RADIUS_M = 0.02  # torsional friction of a contact, as of a soft surface
 WHITE: Colour = (1.0, 1.0, 1.0)
 MIPMAPS = SIZE_PX.bit_length()  # down to one pixel, or what repeats far away would flicker
+FLOOR_Z_M = -0.75
+WALL_M = 3.5  # from the middle of the room
+WOOD, LEG, FLOOR, WALL = (0.50, 0.37, 0.25), (0.12, 0.12, 0.13), (0.30, 0.31, 0.32), (0.42, 0.48, 0.54)
 
 
 def sapien_pose(matrix: Matrix) -> sapien.Pose:
@@ -99,7 +103,7 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
         return part.colour, part.roughness, part.metallic
 
     made = []
-    for key, group in groupby(sorted(filter(_seen, asset.parts), key=finish), key=finish):
+    for key, group in groupby(sorted((part for part in asset.parts if part.seen), key=finish), key=finish):
         shaded = [trimesh.graph.smooth_shade(part.mesh, angle=SMOOTH_RAD) for part in group]
         mesh = cast(trimesh.Trimesh, trimesh.util.concatenate(shaded))
         made.append(
@@ -111,10 +115,6 @@ def surfaces(asset: Asset) -> tuple[Surface, ...]:
             )
         )
     return tuple(made)
-
-
-def _seen(part: Part) -> bool:
-    return part.seen
 
 
 class AssetBuilder(ActorBuilder):
@@ -159,16 +159,47 @@ def build(
     scene: ManiSkillScene,
     name: str,
     asset: Asset,
-    seen: tuple[Surface, ...],
     world_from_object: Matrix,
+    *,
+    seen: tuple[Surface, ...] | None = None,
     tint: NDArray[np.float64] = UNTINTED,
     mass_kg: float | None = None,
 ) -> Actor:
-    """Put an asset with its surfaces into the scene under a name, its colours times `tint` (3,).
+    """Put an asset into the scene under a name, its colours times `tint` (3,).
 
-    Without `mass_kg` it weighs what the asset says.
+    Without `seen` its surfaces are its own, without `mass_kg` it weighs what it says.
     """
+    seen = surfaces(asset) if seen is None else seen
     builder: Any = AssetBuilder(asset, seen, tint, asset.mass_kg if mass_kg is None else mass_kg)
     builder.set_scene(scene)
     builder.initial_pose = sapien_pose(world_from_object)
     return builder.build(name)
+
+
+@cache
+def _table() -> Asset:
+    """A table large enough for every arm of every task, and the floor below."""
+    x, y, thick = np.array(TABLE_M) / 2
+    cx, cy = TABLE_CENTRE_M
+    leg = (-FLOOR_Z_M - 2 * thick) / 2
+    legs = [
+        Part.box(
+            (0.04, 0.04, leg), transform((cx + sx * (x - 0.1), cy + sy * (y - 0.1), FLOOR_Z_M + leg)), LEG
+        )
+        for sx in (-1, 1)
+        for sy in (-1, 1)
+    ]
+    floor = Part.box((WALL_M, WALL_M, 0.05), transform((0, 0, FLOOR_Z_M - 0.05)), FLOOR)
+    walls = [
+        Part.box((0.05, WALL_M, 1.5), turn @ transform((WALL_M, 0, FLOOR_Z_M + 1.5)), WALL, solid=False)
+        for turn in (planar(0, 0, quarter * np.pi / 2) for quarter in range(4))
+    ]
+    top = Part.box((x, y, thick), transform((cx, cy, -thick)), WOOD)
+    return Asset("table", parts=(top, *legs, floor, *walls), static=True)
+
+
+def build_table(scene: ManiSkillScene, look: Look) -> None:
+    """Table, floor and walls, the same for every task but for what covers them."""
+    finishes = {WOOD: look.table, FLOOR: look.floor, WALL: look.walls}
+    seen = [covered((each,), finishes.get(each.colour, BARE)) for each in surfaces(_table())]
+    build(scene, "table", _table(), transform(), seen=sum(seen, ()))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from types import TracebackType
 
 import numpy as np
 import sapien
@@ -12,8 +11,8 @@ from rf_exp.errors import ArgumentError
 from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
 from rf_exp.sim.vulkan import require_rendering
-from rf_exp.tasks import Task
-from rf_exp.types import CameraModel, Pictures, Scene
+from rf_exp.tasks import Task, labelled
+from rf_exp.types import CameraModel, Extras, Pictures, Scene
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
 GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
@@ -145,9 +144,7 @@ class Simulator:
     def __enter__(self) -> "Simulator":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
@@ -165,6 +162,22 @@ class Limited:
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all there are."""
         return self._world.images(self.cameras if cameras is None else cameras)
+
+
+def depth_and_segmentation(world: Simulator, cameras: Iterable[str], extras: Extras) -> dict[str, NDArray]:
+    """What `extras` asks for, at the present step.
+
+    `depth_<camera>` (H, W) u16 is millimetres along the viewing direction, 0 is nothing;
+    `segmentation_<camera>` (H, W) u8 is an index of `labels`, alike in all scenes of a task.
+    """
+    found: dict[str, NDArray] = {}
+    if extras.depth:
+        for name, image in world.depth(cameras).items():
+            found[f"depth_{name}"] = np.rint(image * 1000).astype(np.uint16)
+    if extras.segmentation:
+        images = labelled(world.task, world.segmentation(cameras), world.bodies())
+        found |= {f"segmentation_{name}": image for name, image in images.items()}
+    return found
 
 
 # One simulator a process, kept between episodes: building the renderer costs seconds.

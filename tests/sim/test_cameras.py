@@ -11,8 +11,7 @@ from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
 from rf_exp.gallery.performance import play
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.sim import Limited, Simulator
-from rf_exp.sim.robots import agent
+from rf_exp.sim import Limited, Simulator, robots
 from rf_exp.tasks import TABLE_CENTRE_M, CameraSpec, Task
 from rf_exp.transforms import apply, inverse
 from rf_exp.types import ConstraintSet
@@ -181,8 +180,8 @@ def test_light_meshes_look_practically_like_the_full_ones(
     lift_barrier: Task, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures = []
-    for urdf in (agent.light_urdf(DEFAULT), StockPanda.urdf_path):
-        monkeypatch.setattr(agent, "light_urdf", lambda robot, urdf=urdf: urdf)
+    for urdf in (robots.light_urdf(DEFAULT), StockPanda.urdf_path):
+        monkeypatch.setattr(robots, "light_urdf", lambda robot, urdf=urdf: urdf)
         with Simulator(lift_barrier) as simulator:
             simulator.reset(0)
             pictures.append(simulator.images())

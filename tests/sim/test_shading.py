@@ -8,7 +8,7 @@ import pytest
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS
 
 from rf_exp.sim import Simulator, environment, objects
-from rf_exp.sim.drawing.shading import LIKE, SHADERS
+from rf_exp.sim.environment import LIKE, SHADERS
 from rf_exp.tasks import CONFIGURED, Task, assets, read_task
 from rf_exp.types import BARE, Finish, Lamp, Light, Look, Texture, TextureKind
 

@@ -6,7 +6,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rf_exp.sim.drawing.textures import BRIGHTNESS, PALETTES, PATTERNS, REPEATS, SIZE_PX, draw, pixels
+from rf_exp.sim.textures import BRIGHTNESS, PALETTES, PATTERNS, REPEATS, SIZE_PX, draw, pixels
 from rf_exp.types import Texture, TextureKind, TextureSet
 
 KINDS, SETS = get_args(TextureKind), get_args(TextureSet)

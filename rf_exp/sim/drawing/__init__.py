@@ -1,1 +1,0 @@
-"""How pictures are drawn: shaders of our own, and textures that are computed."""

@@ -1,0 +1,114 @@
+"""A robot as ManiSkill loads it, with light visual meshes and absolute joint targets; its joints as rows."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from mani_skill.agents.base_agent import BaseAgent
+from mani_skill.agents.controllers import PDJointPosControllerConfig, PDJointPosMimicControllerConfig
+from mani_skill.agents.registration import register_agent
+from numpy.typing import NDArray
+
+from rf_exp.errors import ArgumentError
+from rf_exp.robots import Drive, Robot, light_urdf
+from rf_exp.types import FINGERS
+
+Floats = NDArray[np.float64]
+
+GRIP: Any = {"material": "gripper", "patch_radius": 0.1, "min_patch_radius": 0.1}
+MATERIAL: Any = {"static_friction": 2.0, "dynamic_friction": 2.0, "restitution": 0.0}
+
+
+@cache
+def uid_of(robot: Robot) -> str:
+    """ManiSkill's name of a robot, by which it finds it from now on."""
+    uid = f"rf_{robot.name}"
+    fingers = {finger.link: GRIP for finger in robot.hand.fingers}
+    said = {"uid": uid, "model": robot, "urdf_config": {"_materials": {"gripper": MATERIAL}, "link": fingers}}
+    register_agent(override=True)(type(uid, (Agent,), said))
+    return uid
+
+
+class Agent(BaseAgent):
+    """Action: the joint targets of the arm in rad, then the gripper in [-1 closed, 1 open]."""
+
+    model: Robot  # of each subclass
+
+    @property
+    def urdf_path(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return str(light_urdf(self.model))
+
+    @property
+    def _controller_configs(self) -> dict:
+        hand = self.model.hand
+        joints = [joint for finger in hand.fingers for joint in finger.joints]
+        arm = PDJointPosControllerConfig(
+            list(self.model.joints),
+            lower=None,
+            upper=None,
+            normalize_action=False,
+            **_driven(self.model.drive),
+        )
+        low, high = sorted(hand.fingers[0].position(each) for each in (hand.pressed_m, hand.open_m))
+        mimic: Any = {joint: {"joint": joints[0]} for joint in joints[1:]}
+        gripper = PDJointPosMimicControllerConfig(
+            joints, lower=low, upper=high, mimic=mimic, **_driven(hand.drive)
+        )
+        return {"pd_joint_pos": {"arm": arm, "gripper": gripper}}
+
+
+def _driven(drive: Drive) -> dict[str, Any]:
+    return {"stiffness": drive.stiffness, "damping": drive.damping, "force_limit": drive.force_limit}
+
+
+class Rows:
+    """The joints of a robot in SAPIEN's order, as rows of the suite and back.
+
+    `names` are its active joints; rows of measured joints are as long as `size` says. Raises ArgumentError
+    for joints that are neither of the arm nor of a finger, and for fingers without one.
+    """
+
+    def __init__(self, robot: Robot, names: Sequence[str], size: int) -> None:
+        self._robot, self._size = robot, size
+        fingers = robot.hand.fingers
+        if {*names} != {*robot.active} or not all(finger.joints for finger in fingers):
+            raise ArgumentError(
+                f"robot {robot.name!r} has the joints {', '.join(names)} in simulation; expected those of "
+                f"its arm and of two fingers: {', '.join(robot.active)}"
+            )
+        self._measured = [names.index(joint) for joint in robot.measured]
+        self._closed = np.array([finger.closed for finger in fingers])
+        self._per_m = np.array([finger.per_m for finger in fingers])
+        columns = {joint: column for column, joint in enumerate(robot.joints)}
+        columns |= {joint: k - FINGERS for k, finger in enumerate(fingers) for joint in finger.joints}
+        self._told = [columns[name] for name in names]
+
+    def qpos(self, values: NDArray[np.floating]) -> Floats:
+        """(D,) rad and metres, of all active joints."""
+        row = self._row(values)
+        row[-FINGERS:] = (row[-FINGERS:] - self._closed) / self._per_m
+        return row
+
+    def qvel(self, values: NDArray[np.floating]) -> Floats:
+        """(D,) rad/s and m/s, of all active joints."""
+        row = self._row(values)
+        row[-FINGERS:] /= self._per_m
+        return row
+
+    def active(self, row: Floats) -> Floats:
+        """All active joints, of a row of the arm's joints and the fingers (D,)."""
+        whole = row.copy()
+        whole[-FINGERS:] = self._closed + self._per_m * row[-FINGERS:]
+        return whole[self._told]
+
+    def targets(self, command: Floats) -> Floats:
+        """Where all active joints are sent to by a command (D - 1,)."""
+        finger_m = self._robot.hand.told_m(command[-1])
+        return self.active(np.concatenate([command[:-1], [finger_m, finger_m]]))
+
+    def _row(self, values: NDArray[np.floating]) -> Floats:
+        row, dof = np.zeros(self._size), self._robot.dof
+        found = values[self._measured]
+        row[:dof], row[-FINGERS:] = found[:dof], found[dof:]
+        return row

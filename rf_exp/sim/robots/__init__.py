@@ -1,1 +1,0 @@
-"""A robot in the simulator: how ManiSkill loads it, and its joints as rows."""
