@@ -40,7 +40,7 @@ from rf_exp.experiment import read_experiment
 from rf_exp.policy.config import PARTS
 from rf_exp.release import unpacked
 from rf_exp.tasks import assets
-from rf_exp.tasks.assets.asset import annotation
+from rf_exp.tasks.assets.asset import mesh
 from tests.conftest import CONF
 from tests.policy.test_release import packed
 from tests.policy.test_release import said as released
@@ -109,7 +109,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the documents speak of as there already: an annotated mesh, recorded answers, a release."""
     made = tmp_path_factory.mktemp("there")
     trimesh.creation.box((0.25, 0.09, 0.1)).apply_translation((0, 0, 0.05)).export(made / "my_shoe.glb")
-    (made / "my_shoe.yaml").write_text(annotation.write(assets.load("shoe"), "my_shoe.glb"))
+    (made / "my_shoe.yaml").write_text(mesh.write(assets.load("shoe"), "my_shoe.glb"))
     (made / "outputs/exchanges").mkdir(parents=True)
     packed(made / "FOLDER", released())
     return made

@@ -1,6 +1,7 @@
 """A robot as ManiSkill loads it, with light visual meshes and absolute joint targets; its joints as rows."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import cache
 from typing import Any
 
@@ -11,7 +12,7 @@ from mani_skill.agents.registration import register_agent
 from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
-from rf_exp.robots import Drive, Robot, light_urdf
+from rf_exp.robots import Robot, light_urdf
 from rf_exp.types import FINGERS
 
 Floats = NDArray[np.float64]
@@ -48,18 +49,14 @@ class Agent(BaseAgent):
             lower=None,
             upper=None,
             normalize_action=False,
-            **_driven(self.model.drive),
+            **asdict(self.model.drive),
         )
         low, high = sorted(hand.fingers[0].position(each) for each in (hand.pressed_m, hand.open_m))
         mimic: Any = {joint: {"joint": joints[0]} for joint in joints[1:]}
         gripper = PDJointPosMimicControllerConfig(
-            joints, lower=low, upper=high, mimic=mimic, **_driven(hand.drive)
+            joints, lower=low, upper=high, mimic=mimic, **asdict(hand.drive)
         )
         return {"pd_joint_pos": {"arm": arm, "gripper": gripper}}
-
-
-def _driven(drive: Drive) -> dict[str, Any]:
-    return {"stiffness": drive.stiffness, "damping": drive.damping, "force_limit": drive.force_limit}
 
 
 class Rows:

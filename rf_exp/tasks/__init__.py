@@ -3,61 +3,6 @@
 `assets` has what stands on the table, `predicates` what the success of a task is made of.
 """
 
-from rf_exp.tasks import assets, predicates
-from rf_exp.tasks.task import (
-    CONFIGURED,
-    FACTORS,
-    NONE,
-    PHYSICAL,
-    TABLE_CENTRE_M,
-    TABLE_M,
-    CameraSpec,
-    Ledger,
-    ObjectSpec,
-    Randomisation,
-    RobotSpec,
-    Start,
-    SuccessEvaluator,
-    Task,
-    Variation,
-    check_words,
-    default_of,
-    drawn_of,
-    labelled,
-    labels,
-    load_task,
-    read_task,
-    read_variation,
-    scene_certificate,
-    stored_task,
-)
+import lazy_loader
 
-__all__ = [
-    "CONFIGURED",
-    "FACTORS",
-    "NONE",
-    "PHYSICAL",
-    "TABLE_CENTRE_M",
-    "TABLE_M",
-    "CameraSpec",
-    "Ledger",
-    "ObjectSpec",
-    "Randomisation",
-    "RobotSpec",
-    "Start",
-    "SuccessEvaluator",
-    "Task",
-    "Variation",
-    "assets",
-    "check_words",
-    "default_of",
-    "drawn_of",
-    "labelled",
-    "labels",
-    "load_task",
-    "predicates",
-    "read_task",
-    "read_variation",
-    "scene_certificate",
-    "stored_task",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,8 +1,8 @@
 """Lift Barrier: two arms grasp both ends of a long barrier and lift it level."""
 
 from rf_exp.statements import ContactAt, Direction, Proposal, SameHeight, Together, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import above, height_m, holders, risen_m, still, upright
-from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"

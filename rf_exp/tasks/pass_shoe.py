@@ -1,11 +1,11 @@
 """Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import distance_xy_m
 from rf_exp.tasks.shared import shoe_on_goal
-from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Scene, Subgoal
+from rf_exp.types import Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -47,11 +47,4 @@ def plan(scene: Scene, task: Task) -> Proposal:
     )
 
 
-def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
-    """The shoe stands upright on the goal, let go and at rest."""
-    return shoe_on_goal.conditions(scene, task)
-
-
-def paper(scene: Scene, start: Scene, task: Task) -> Condition:
-    """The release's criterion: the shoe is near the goal, seen from above."""
-    return shoe_on_goal.paper(scene, task)
+conditions, paper = shoe_on_goal.conditions, shoe_on_goal.paper

@@ -1,8 +1,8 @@
 """Pick Meat: one arm picks up a piece of meat and lifts it."""
 
 from rf_exp.statements import AvoidObjects, Proposal, grasping
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import above, height_m, holders, risen_m, still
-from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"

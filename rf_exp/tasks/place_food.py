@@ -1,6 +1,7 @@
 """Place Food: one arm takes the lid off the pot, the other puts the food in."""
 
 from rf_exp.statements import Before, ContactAt, Direction, Proposal, ShareSpace, Statement, Step, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import (
     above,
     below,
@@ -13,7 +14,6 @@ from rf_exp.tasks.predicates import (
     still,
     upright,
 )
-from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
 

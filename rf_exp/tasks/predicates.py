@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.tasks.task import Task
+from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
 from rf_exp.types import Condition, Measured, Scene
 

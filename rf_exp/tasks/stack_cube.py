@@ -1,8 +1,8 @@
 """Stack Cube: one arm puts the blue cube on the red one."""
 
 from rf_exp.statements import AvoidObjects, Proposal, grasping
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import on, released, set_down
-from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"

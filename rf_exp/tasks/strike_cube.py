@@ -3,8 +3,8 @@
 from math import degrees, dist
 
 from rf_exp.statements import AvoidObjects, Proposal, grasping
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, holders, once, upright
-from rf_exp.tasks.task import Task
 from rf_exp.transforms import angle_between_rad
 from rf_exp.types import Condition, Scene, Subgoal
 

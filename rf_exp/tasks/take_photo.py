@@ -3,9 +3,9 @@
 import numpy as np
 
 from rf_exp.statements import ContactAt, Direction, Proposal, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import pushed_n
 from rf_exp.tasks.shared import held_camera
-from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, angle_between_rad
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -14,10 +14,7 @@ PLAN_VERSION = "1"
 
 PHOTOGRAPHER = 4
 
-
-def places(scene: Scene, task: Task) -> dict[str, Matrix]:
-    """`front`: where the steak is in the middle of the picture once the camera is up."""
-    return held_camera.places(scene, task)
+places = held_camera.places
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -59,13 +56,13 @@ def _pressed(scene: Scene, task: Task) -> bool:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The camera is aligned with the steak, all of it held, and its shutter is pressed."""
-    return {**held_camera.conditions(scene, task), "shutter pressed": _pressed(scene, task)}
+    return {**held_camera.conditions(scene, start, task), "shutter pressed": _pressed(scene, task)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
     limits = task.success
-    if not held_camera.paper(scene, task):
+    if not held_camera.paper(scene, start, task):
         return False
     off = np.abs(_hand(scene, task, PHOTOGRAPHER)[:3, 3] - _shutter(scene, task)[:3, 3]).max()
     if off >= limits["paper_shutter_m"]:

@@ -3,8 +3,8 @@
 from itertools import pairwise
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, height_m, near, on, released, set_down
-from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"

@@ -1,8 +1,8 @@
 """Two Robots Stack Cube: one arm brings the blue cube to the goal, the other puts the red one on it."""
 
 from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, height_m, holders, near, on, released, set_down
-from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"

@@ -7,7 +7,7 @@ import pytest
 
 from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.tasks import read_variation
-from rf_exp.tasks.task.clearance import stands_in
+from rf_exp.tasks.task.start import stands_in
 from rf_exp.tasks.task.variation import draw
 from rf_exp.transforms import planar
 from tests.conftest import read_task

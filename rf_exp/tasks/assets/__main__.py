@@ -15,7 +15,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.progress import complaints, console
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets import Asset
-from rf_exp.tasks.assets.asset import annotation
+from rf_exp.tasks.assets.asset import mesh
 
 
 def scene(asset: Asset) -> trimesh.Scene:
@@ -45,7 +45,7 @@ def main() -> int:
     if arguments.mesh:
         scene(asset).export(arguments.mesh)
     name = arguments.mesh.name if arguments.mesh else f"{arguments.asset}.glb"
-    console.print(annotation.write(asset, name), end="")
+    console.print(mesh.write(asset, name), end="")
     return 0
 
 

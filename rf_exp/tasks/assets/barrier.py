@@ -3,7 +3,7 @@
 import numpy as np
 
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
-from rf_exp.transforms import from_axes, transform
+from rf_exp.transforms import transform
 
 LENGTH_M = 0.60
 THICKNESS_M = 0.026  # along y, well inside the 0.08 m that the hand spans
@@ -18,11 +18,8 @@ WHITE, RED, STEEL = (0.85, 0.84, 0.80), (0.72, 0.04, 0.03), (0.10, 0.11, 0.13)
 
 def build() -> Asset:
     """The barrier with grasp points `left` (x < 0) and `right` (x > 0)."""
-    board = Part.box(
-        (LENGTH_M / 2, THICKNESS_M / 2, (TOP_M - BOTTOM_M) / 2),
-        transform((0, 0, (TOP_M + BOTTOM_M) / 2)),
-        WHITE,
-    )
+    half = (LENGTH_M / 2, THICKNESS_M / 2, (TOP_M - BOTTOM_M) / 2)
+    board = Part.box(half, transform((0, 0, (TOP_M + BOTTOM_M) / 2)), WHITE)
     feet = [part for side in (-1, 1) for part in _foot(side * FOOT_X_M)]
     pitch = LENGTH_M / STRIPES
     stripes = [_stripe((i + 0.5) * pitch - LENGTH_M / 2, pitch / 4) for i in range(STRIPES)]
@@ -38,9 +35,8 @@ def build() -> Asset:
 
 def _foot(x_m: float) -> tuple[Part, Part]:
     """A post under the board and a beam across it that keeps the board from tipping over."""
-    beam = Part.box(
-        (0.02, FOOT_LENGTH_M / 2, FOOT_HEIGHT_M / 2), transform((x_m, 0, FOOT_HEIGHT_M / 2)), STEEL
-    )
+    low = FOOT_HEIGHT_M / 2
+    beam = Part.box((0.02, FOOT_LENGTH_M / 2, low), transform((x_m, 0, low)), STEEL)
     half = (BOTTOM_M - FOOT_HEIGHT_M) / 2
     post = Part.box((0.012, 0.01, half), transform((x_m, 0, FOOT_HEIGHT_M + half)), STEEL)
     return beam, post
@@ -58,6 +54,5 @@ def _stripe(x_m: float, half_width_m: float) -> Part:
 
 
 def _grip(x_m: float) -> InteractionPoint:
-    """From straight above, the fingers closing on the two faces of the board."""
-    pose = from_axes((x_m, 0, GRIP_Z_M), z=(0, 0, -1), y=(0, 1, 0))
-    return InteractionPoint(pose, "grasp", width_m=THICKNESS_M)
+    """The fingers close on the two faces of the board."""
+    return InteractionPoint.from_above((x_m, 0, GRIP_Z_M), width_m=THICKNESS_M)

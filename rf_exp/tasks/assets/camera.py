@@ -34,12 +34,8 @@ def build() -> Asset:
         points={
             "left": _grip(-1),
             "right": _grip(1),
-            "shutter": InteractionPoint(
-                from_axes((0, 0, TOP_M + BUTTON_M + PRESS_M), z=(0, 0, -1), y=(0, 1, 0)), "press", turns=8
-            ),
-            "lens": InteractionPoint(
-                from_axes((BODY_HALF_M[0] + LENS_M, 0, LENS_Z_M), z=(1, 0, 0), y=(0, 1, 0)), "tool"
-            ),
+            "shutter": InteractionPoint.from_above((0, 0, TOP_M + BUTTON_M + PRESS_M), "press", turns=8),
+            "lens": InteractionPoint(_ahead(BODY_HALF_M[0] + LENS_M), "tool"),
         },
         mass_kg=0.25,
         friction=1.2,
@@ -48,18 +44,12 @@ def build() -> Asset:
 
 def _body() -> tuple[Part, Part, Part]:
     """The base, the leather of the body and its bright top."""
-    bright_z_m = TOP_M - BRIGHT_M
+    bright_z_m, half_m = TOP_M - BRIGHT_M, BRIGHT_M / 2
+    middle = transform((0, 0, (bright_z_m + BASE_M) / 2))
     return (
         Part.box((*BASE_HALF_M, BASE_M / 2), transform((0, 0, BASE_M / 2)), RUBBER),
-        Part.box(
-            (*BODY_HALF_M, (bright_z_m - BASE_M) / 2),
-            transform((0, 0, (bright_z_m + BASE_M) / 2)),
-            LEATHER,
-            roughness=0.8,
-        ),
-        Part.box(
-            (*BODY_HALF_M, BRIGHT_M / 2), transform((0, 0, TOP_M - BRIGHT_M / 2)), SILVER, roughness=0.35
-        ),
+        Part.box((*BODY_HALF_M, (bright_z_m - BASE_M) / 2), middle, LEATHER, roughness=0.8),
+        Part.box((*BODY_HALF_M, half_m), transform((0, 0, TOP_M - half_m)), SILVER, roughness=0.35),
     )
 
 
@@ -76,8 +66,13 @@ def _lens() -> tuple[Part, Part, Part, Part]:
 
 def _along_x(radius_m: float, from_x_m: float, to_x_m: float, colour, **keywords) -> Part:
     """A cylinder about the lens' axis between two places along it."""
-    middle = from_axes(((from_x_m + to_x_m) / 2, 0, LENS_Z_M), z=(1, 0, 0), y=(0, 1, 0))
+    middle = _ahead((from_x_m + to_x_m) / 2)
     return Part.cylinder(radius_m, to_x_m - from_x_m, middle, colour, **keywords)
+
+
+def _ahead(x_m: float) -> Matrix:
+    """A pose on the lens' axis, z along it."""
+    return from_axes((x_m, 0, LENS_Z_M), z=(1, 0, 0), y=(0, 1, 0))
 
 
 def _button() -> Part:
@@ -116,6 +111,5 @@ def _fittings() -> tuple[Part, ...]:
 
 def _grip(side: int) -> InteractionPoint:
     """From outside and above, the fingers closing on the two faces of the plate."""
-    position_m = (0, side * GRIP_Y_M, GRIP_Z_M)
-    pose: Matrix = from_axes(position_m, z=(0, -side * SLANT, -SLANT), y=(1, 0, 0))
+    pose = from_axes((0, side * GRIP_Y_M, GRIP_Z_M), z=(0, -side * SLANT, -SLANT), y=(1, 0, 0))
     return InteractionPoint(pose, "grasp", width_m=2 * HANDLE_HALF_M)

@@ -4,7 +4,7 @@ import numpy as np
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
-from rf_exp.transforms import from_axes, transform
+from rf_exp.transforms import transform
 
 COLOURS = {"blue": (0.02, 0.12, 0.62), "red": (0.62, 0.02, 0.02), "green": (0.02, 0.38, 0.06)}
 EDGES = {"blue": (0.005, 0.02, 0.12), "red": (0.12, 0.005, 0.005), "green": (0.005, 0.07, 0.015)}
@@ -38,12 +38,8 @@ def build(colour: str = "blue", half_m: float = 0.02) -> Asset:
         "cube",
         parts=(Part.box((half_m,) * 3, middle, EDGES[colour]), *faces),
         points={
-            "center": InteractionPoint(
-                from_axes((0, 0, GRIP * half_m), z=(0, 0, -1), y=(0, 1, 0)),
-                "grasp",
-                width_m=2 * half_m,
-                tip_deg=TIP_DEG,
-                turns=4,
+            "center": InteractionPoint.from_above(
+                (0, 0, GRIP * half_m), width_m=2 * half_m, tip_deg=TIP_DEG, turns=4
             ),
             "top": InteractionPoint(transform((0, 0, 2 * half_m)), "place", turns=4),
         },

@@ -4,7 +4,7 @@ The origin is 2 cm in front of that axis, so a scene can lay the mallet against 
 """
 
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
-from rf_exp.transforms import from_axes, transform
+from rf_exp.transforms import transform
 
 HEAD_X_M = -0.02
 RADIUS_M, HEIGHT_M = 0.018, 0.060  # of the head
@@ -19,30 +19,23 @@ WOOD, STEEL, YELLOW, BLACK = (0.52, 0.27, 0.09), (0.20, 0.21, 0.23), (0.75, 0.42
 
 def build() -> Asset:
     """The mallet with grasp point `handle` and tool point `head`."""
+    end_m = (HEIGHT_M - COLLAR_M) / 2
     head = [
         Part.cylinder(RADIUS_M, end_m, transform((HEAD_X_M, 0, z)), STEEL, roughness=0.35, metallic=0.3)
-        for end_m, z in (
-            ((HEIGHT_M - COLLAR_M) / 2, (HEIGHT_M - COLLAR_M) / 4),
-            ((HEIGHT_M - COLLAR_M) / 2, HEIGHT_M - (HEIGHT_M - COLLAR_M) / 4),
-        )
+        for z in ((HEIGHT_M - COLLAR_M) / 4, HEIGHT_M - (HEIGHT_M - COLLAR_M) / 4)
     ]
     collar = Part.cylinder(COLLAR_RADIUS_M, COLLAR_M, transform((HEAD_X_M, 0, HEIGHT_M / 2)), YELLOW)
     handle = _bar(HEAD_X_M, HANDLE_END_M, 0.0, WOOD)
     wrap = _bar(*WRAP_M, PROUD_M, BLACK, solid=False)
     top_m = HANDLE_Z_M + HANDLE_HALF_M[1] + 0.002
-    pommel = Part.box(
-        (POMMEL_HALF_M, POMMEL_HALF_M, top_m / 2), transform((HANDLE_END_M, 0, top_m / 2)), BLACK
-    )
+    half = (POMMEL_HALF_M, POMMEL_HALF_M, top_m / 2)
+    pommel = Part.box(half, transform((HANDLE_END_M, 0, top_m / 2)), BLACK)
     return Asset(
         "hammer",
         parts=(*head, collar, handle, wrap, pommel),
         points={
-            "handle": InteractionPoint(
-                from_axes((GRIP_X_M, 0, HANDLE_Z_M), z=(0, 0, -1), y=(0, 1, 0)),
-                "grasp",
-                width_m=2 * HANDLE_HALF_M[0],
-            ),
-            "head": InteractionPoint(from_axes((HEAD_X_M, 0, 0), z=(0, 0, -1), y=(0, 1, 0)), "tool"),
+            "handle": InteractionPoint.from_above((GRIP_X_M, 0, HANDLE_Z_M), width_m=2 * HANDLE_HALF_M[0]),
+            "head": InteractionPoint.from_above((HEAD_X_M, 0, 0), "tool"),
         },
         mass_kg=0.12,
         friction=1.2,

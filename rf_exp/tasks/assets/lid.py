@@ -8,7 +8,7 @@ import numpy as np
 
 from rf_exp.tasks.assets import pot
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
-from rf_exp.transforms import from_axes, transform
+from rf_exp.transforms import transform
 
 PLUG_M = 0.008  # how deep the lid reaches into the pot
 PLUG_TOP_M, PLUG_BOTTOM_M = 0.079, 0.074  # radii; the taper guides the lid back in
@@ -37,11 +37,7 @@ def build() -> Asset:
             Part.hull(disc, STEEL, roughness=0.3, metallic=0.3),
             knob,
         ),
-        points={
-            "knob": InteractionPoint(
-                from_axes((0, 0, GRIP_Z_M), z=(0, 0, -1), y=(0, 1, 0)), "grasp", width_m=KNOB_M
-            )
-        },
+        points={"knob": InteractionPoint.from_above((0, 0, GRIP_Z_M), width_m=KNOB_M)},
         mass_kg=0.08,
         friction=1.2,
     )

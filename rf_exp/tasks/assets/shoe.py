@@ -30,11 +30,8 @@ def build() -> Asset:
         "shoe",
         parts=(_sole(), _insole(), *_heel(), _waist(), _tongue(), _vamp(), _cap(), *_laces(), *_stripes()),
         points={
-            "center": InteractionPoint(
-                from_axes((GRIP_X_M, 0, GRIP_Z_M), z=(0, 0, -1), y=(0, 1, 0)),
-                "grasp",
-                width_m=2 * WAIST_HALF_M,
-                tip_deg=TIP_DEG,
+            "center": InteractionPoint.from_above(
+                (GRIP_X_M, 0, GRIP_Z_M), width_m=2 * WAIST_HALF_M, tip_deg=TIP_DEG
             )
         },
         mass_kg=0.15,

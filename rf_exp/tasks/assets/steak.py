@@ -3,7 +3,7 @@
 import numpy as np
 
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
-from rf_exp.transforms import from_axes, planar
+from rf_exp.transforms import planar
 
 HALF_M = (0.045, 0.025)  # along x and y
 HEIGHT_M = 0.025
@@ -15,14 +15,8 @@ MEAT, FAT, BONE = (0.45, 0.03, 0.03), (0.80, 0.55, 0.42), (0.86, 0.80, 0.66)
 
 def build() -> Asset:
     """The steak with grasp point `center`."""
-    slab = np.concatenate(
-        [
-            _outline(BEVEL_M, 0.0),
-            _outline(0.0, BEVEL_M),
-            _outline(0.0, HEIGHT_M - BEVEL_M),
-            _outline(BEVEL_M, HEIGHT_M),
-        ]
-    )
+    levels = ((BEVEL_M, 0.0), (0.0, BEVEL_M), (0.0, HEIGHT_M - BEVEL_M), (BEVEL_M, HEIGHT_M))
+    slab = np.concatenate([_outline(inset_m, z_m) for inset_m, z_m in levels])
     face = np.concatenate([_outline(0.0085, HEIGHT_M - 0.001), _outline(0.009, HEIGHT_M + 0.0006)])
     marbling = [
         Part.box((0.014, 0.0016, 0.0006), planar(x, y, np.deg2rad(yaw), HEIGHT_M + 0.0008), FAT, solid=False)
@@ -32,11 +26,7 @@ def build() -> Asset:
     return Asset(
         "steak",
         parts=(Part.hull(slab, FAT), Part.hull(face, MEAT, solid=False), *marbling, bone),
-        points={
-            "center": InteractionPoint(
-                from_axes((0, 0, GRIP_Z_M), z=(0, 0, -1), y=(0, 1, 0)), "grasp", width_m=2 * HALF_M[1]
-            )
-        },
+        points={"center": InteractionPoint.from_above((0, 0, GRIP_Z_M), width_m=2 * HALF_M[1])},
         mass_kg=0.12,
         friction=1.2,
     )

@@ -7,8 +7,8 @@ camera, agent 3 in front of it.
 import numpy as np
 
 from rf_exp.statements import SameHeight, Statement, Together, grasping
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import above, below, every, height_m, holders, still, upright
-from rf_exp.tasks.task import Task
 from rf_exp.transforms import Matrix, angle_between_rad, transform
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -53,7 +53,7 @@ def constraints(subgoals: list[Subgoal]) -> list[Statement]:
     return stated
 
 
-def conditions(scene: Scene, task: Task) -> dict[str, Condition]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The camera is held by both sides, up and level; the steak is held, up and in its picture."""
     limits = task.success
     return {
@@ -67,7 +67,7 @@ def conditions(scene: Scene, task: Task) -> dict[str, Condition]:
     }
 
 
-def paper(scene: Scene, task: Task) -> bool:
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
     """The release's criterion: both are high enough; it does not look at the alignment."""
     high = height_m(scene, "camera") > task.success["camera_up_m"]
     return high and height_m(scene, "steak") > task.success["steak_up_m"]

@@ -3,8 +3,8 @@
 The task's objects are `shoe` and `goal`, a mark on the table.
 """
 
+from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
-from rf_exp.tasks.task import Task
 from rf_exp.types import Condition, Scene
 
 
@@ -19,11 +19,11 @@ def done(scene: Scene, task: Task) -> bool:
     return bool(arrived(scene, task)) and released(scene, ["shoe"])
 
 
-def conditions(scene: Scene, task: Task) -> dict[str, Condition]:
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """The shoe stands upright on the goal, let go and at rest."""
     return {"shoe on the goal": arrived(scene, task), **set_down(scene, ["shoe"], task.success)}
 
 
-def paper(scene: Scene, task: Task) -> Condition:
+def paper(scene: Scene, start: Scene, task: Task) -> Condition:
     """The release's criterion: the shoe is near the goal, seen from above."""
     return near(scene, "shoe", "goal", task.success["paper_distance_m"])

@@ -15,7 +15,7 @@ from shapely import LineString, MultiPoint, Point, box, get_coordinates, unary_u
 from shapely.geometry.base import BaseGeometry
 
 from rf_exp.tasks.assets import HOUSEHOLD, Asset, Colour, household
-from rf_exp.tasks.task.table import TABLE_CENTRE_M, TABLE_M
+from rf_exp.tasks.task.specs import TABLE_CENTRE_M, TABLE_M
 from rf_exp.transforms import Matrix, planar
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""What the configuration of a task says, as frozen values."""
+"""What the configuration of a task says, as frozen values; and the table on which all tasks stand."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -11,10 +11,22 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
-from rf_exp.tasks.task.sizes import LARGEST, SMALLEST
-from rf_exp.tasks.task.variation import CameraMotion
 from rf_exp.transforms import Matrix, from_axes, planar, rotated
 from rf_exp.types import FINGERS
+
+SMALLEST, LARGEST = 0.5, 1.5  # sizes of objects, against their usual ones
+TABLE_M = (2.6, 2.8, 0.06)  # extents along x, y, z; the top is at z = 0
+TABLE_CENTRE_M = (0.1, 0.0)
+
+
+def beyond_edge(points: NDArray[np.float64]) -> tuple[float, str]:
+    """By how many m points (K, 2 or 3) lie beyond an edge at most, and which; 0 or less: none does."""
+    half, centre = np.array(TABLE_M[:2]) / 2, np.array(TABLE_CENTRE_M)
+    ends = np.stack([points[:, :2].min(axis=0), points[:, :2].max(axis=0)])  # (2, 2) lowest and highest
+    edges = np.stack([centre - half, centre + half])
+    beyond = (ends - edges) * np.array([[-1.0], [1.0]])
+    side, axis = (int(each) for each in np.unravel_index(beyond.argmax(), beyond.shape))
+    return float(beyond[side, axis]), f"{'xy'[axis]} = {edges[side, axis]:g} m"
 
 
 @dataclass(frozen=True)
@@ -99,6 +111,15 @@ class ObjectSpec:
         (low_x, high_x), (low_y, high_y) = self.x_m, self.y_m
         x_m, y_m = (size * low_x, size * high_x), (size * low_y, size * high_y)
         return replace(spec, x_m=x_m, y_m=y_m, z_m=size * self.z_m)
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """How one camera differs from what the task says."""
+
+    shift_m: tuple[float, float, float]  # world frame
+    turn_deg: tuple[float, float, float]  # rotation vector, in the camera's frame
+    fov_deg: float
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,12 @@
-"""Whether an episode has succeeded, step by step."""
+"""Whether an episode has succeeded, step by step, and the account of it while it runs."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from math import hypot
 
+from rf_exp.findings import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
 from rf_exp.tasks.task.task import Task
-from rf_exp.types import Condition, Measured, Scene, Verdict
+from rf_exp.types import CONTROL_DT_S, Condition, Measured, Scene, Verdict
 
 OFF_M = 0.05  # below the top of the table
 DROP_M = 0.05  # that a thing falls after it was let go; what is set down sinks by millimetres
@@ -51,3 +53,106 @@ class SuccessEvaluator:
 
     def _in_reach(self, x_m: float, y_m: float) -> bool:
         return any([hypot(x_m - base_x, y_m - base_y) < reach for base_x, base_y, reach in self._reaches_m])
+
+
+@dataclass
+class _History:
+    """One condition so far."""
+
+    held: bool = False  # at any step
+    failing_since: int = 0  # step, while it does not hold
+    measured: Measured | None = None  # now
+    best: float | None = None  # of the values against the bound it has now
+
+
+class Ledger:
+    """Sees every step, and gives the account at the end."""
+
+    def __init__(self) -> None:
+        self._conditions: dict[str, _History] = {}
+        self._holding = self._longest = 0  # steps for which all conditions have held now, and ever
+        self._verdict: Verdict | None = None
+        self._most, self._most_at = -1, 0  # conditions that ever held at once, first at which step
+        self._touched: dict[tuple[int, int], tuple[int, int]] = {}  # agents -> first step, number of steps
+        self._knocked: dict[tuple[str, str], tuple[int, int]] = {}  # who, clutter -> first step, steps
+        self._lost: dict[tuple[str, str], int] = {}  # object, how -> first step
+        self.contacts = 0  # control steps in which arms touched each other
+
+    def see(self, scene: Scene, verdict: Verdict) -> None:
+        """One control step: the scene after it and what the judge says of it."""
+        self._verdict = verdict
+        for name, holds in verdict.evidence.items():
+            self._see(self._conditions.setdefault(name, _History()), holds, verdict.measured.get(name), scene)
+        holding = sum(verdict.evidence.values())
+        self._holding = self._holding + 1 if holding == len(verdict.evidence) else 0
+        self._longest = max(self._longest, self._holding)
+        if holding > self._most:
+            self._most, self._most_at = holding, scene.step
+        self.contacts += bool(scene.arm_contacts)
+        for a, b, _ in scene.arm_contacts:
+            first, steps = self._touched.get((a, b), (scene.step, 0))
+            self._touched[a, b] = first, steps + 1
+        for who, name, _ in scene.clutter_contacts:
+            first, steps = self._knocked.get((who, name), (scene.step, 0))
+            self._knocked[who, name] = first, steps + 1
+        for lost in verdict.lost.items():
+            self._lost.setdefault(lost, scene.step)
+
+    @property
+    def score(self) -> float:
+        """How far it has come, from 0 to 1; 1 is success, and 0 what it is before the first step."""
+        return 1.0 if self._verdict is not None and self._verdict.success else self._closest.score
+
+    @property
+    def _closest(self) -> Closest:
+        if self._verdict is None:
+            return NOTHING
+        return Closest(
+            self._most, len(self._conditions), _s(self._most_at) if self._most else 0.0, self._longest
+        )
+
+    @staticmethod
+    def _see(history: _History, holds: bool, measured: Measured | None, scene: Scene) -> None:
+        if holds:
+            history.held, history.failing_since = True, scene.step + 1
+        before, history.measured = history.measured, measured
+        if measured is None:
+            return
+        better = max if measured.above else min
+        same = before is not None and (before.bound, before.unit) == (measured.bound, measured.unit)
+        history.best = (
+            better(measured.value, history.best) if same and history.best is not None else measured.value
+        )
+
+    def account(self) -> Account:
+        """As it stands: of a success the touches alone, without a step that nothing was carried out."""
+        touches = tuple(
+            Touch(pair, _s(first), steps) for pair, (first, steps) in sorted(self._touched.items())
+        )
+        knocks = tuple(
+            Knock(*pair, _s(first), steps) for pair, (first, steps) in sorted(self._knocked.items())
+        )
+        if self._verdict is None:
+            return Account(closest=self._closest)
+        if self._verdict.success:
+            return Account(touches=touches, knocks=knocks)
+        failing = [name for name, holds in self._verdict.evidence.items() if not holds]
+        return Account(
+            touches=touches,
+            knocks=knocks,
+            unmet=tuple(_unmet(name, self._conditions[name]) for name in failing),
+            closest=self._closest,
+            lost=tuple(Lost(name, how, _s(first)) for (name, how), first in self._lost.items()),
+        )
+
+
+def _unmet(name: str, history: _History) -> Unmet:
+    since_s = _s(history.failing_since) if history.held else 0.0
+    found = history.measured
+    if found is None:
+        return Unmet(name, since_s)
+    return Unmet(name, since_s, found.value, history.best, found.bound, found.unit, found.above)
+
+
+def _s(step: int) -> float:
+    return step * CONTROL_DT_S

@@ -11,7 +11,7 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
     paper(scene, start, task)     the paper's criterion
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import Arm
@@ -192,3 +193,20 @@ class Task:
     def start(self, seed: int, copy: int = 0) -> Start:
         """The start of the episode of a seed. Raises ArgumentError for ranges in which there is no room."""
         return start_of(self.of(seed, copy), seed, copy)
+
+
+def labels(task: Task) -> tuple[str, ...]:
+    """What the numbers of a segmentation mean: 0 nothing, 1 table, room and clutter, objects, agents."""
+    return ("nothing", "table", *task.objects, *(f"agent{agent}" for agent in task.agents))
+
+
+def labelled(
+    task: Task, images: Mapping[str, NDArray[np.int32]], bodies: Mapping[str, Iterable[int]]
+) -> dict[str, NDArray[np.uint8]]:
+    """Camera -> (H, W) index of `labels`, from pictures of a simulator's own numbers and whose these are."""
+    number = np.zeros(1 + max(max(found) for found in bodies.values()), np.uint8)
+    for label, name in enumerate(labels(task)):
+        number[list(bodies.get(name, ()))] = label
+    for name in task.clutter:
+        number[list(bodies.get(name, ()))] = labels(task).index("table")
+    return {name: number[image] for name, image in images.items()}

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.task.clutter import Clutter, drawn_piece, placed
-from rf_exp.tasks.task.sizes import LARGEST, SMALLEST, sizes_of
+from rf_exp.tasks.task.specs import LARGEST, SMALLEST, CameraMotion
 from rf_exp.transforms import rotated
 from rf_exp.types import (
     CONTROL_DT_S,
@@ -49,6 +49,9 @@ TILES_M = 0.6, 1.0, 1.0  # sides of the squares that a texture covers, of table,
 TEXTURED = 0.75  # of the surfaces that differ have a texture
 FURTHER = 0.6, 0.6, 0.6  # irradiance of a lamp that is not there usually
 MOST_CLUTTER = 10
+FINGER_ROOM_M = 0.006  # that a finger has beside what it closes on
+HAND_ROOM_M = 0.008  # that is left between a thing and a hand at rest over it
+TIP_M = 0.011  # of fingers, beyond the TCP
 
 
 def key(factor: str, default: Any, **bounds: tuple[float, float]) -> Any:
@@ -170,15 +173,6 @@ MOVING = keys_of(*MOVES)
 
 
 @dataclass(frozen=True)
-class CameraMotion:
-    """How one camera differs from what the task says."""
-
-    shift_m: tuple[float, float, float]  # world frame
-    turn_deg: tuple[float, float, float]  # rotation vector, in the camera's frame
-    fov_deg: float
-
-
-@dataclass(frozen=True)
 class Devices:
     """What sensors and actuators add in one episode."""
 
@@ -277,6 +271,48 @@ def _finish(of: TextureSet, tile_m: float, rng: np.random.Generator) -> Finish:
     if rng.uniform() < TEXTURED:
         return Finish(texture=texture, roughness=roughness)
     return Finish((red, green, blue), roughness=roughness)
+
+
+def sizes_of(task: "Task", between: tuple[float, float], rng: np.random.Generator) -> dict[str, float]:
+    """Object -> its size, drawn between two.
+
+    What stands on another one is of one size with it, and a mark on the table has its usual one. None is so
+    large that a hand does not open wide enough for it, or meets it where it rests.
+    """
+    drawn = {name: float(rng.uniform(*between)) for name in task.objects}
+    if between == (1.0, 1.0):
+        return drawn
+    bearer: dict[str, str] = {}
+    for name, spec in task.objects.items():
+        bearer[name] = name if spec.stands_on is None else bearer[spec.stands_on]
+    largest = {
+        one: max(1.0, min(_largest(task, name) for name in task.objects if bearer[name] == one))
+        for one in bearer.values()
+    }
+    return {
+        name: min(drawn[one], largest[one]) if task.asset(name).hulls else 1.0 for name, one in bearer.items()
+    }
+
+
+def _largest(task: "Task", name: str) -> float:
+    """The size of an object at which hands just open wide enough, and just rest clear of it."""
+    asset, spec = task.asset(name), task.objects[name]
+    if not asset.hulls:
+        return np.inf
+    open_m = 2 * min(robot.model.hand.open_m - FINGER_ROOM_M for robot in task.robots)
+    widths_m = [point.width_m for point in asset.points.values() if point.kind == "grasp"]
+    found = [open_m / width_m for width_m in widths_m]
+    top_m = spec.z_m + float(asset.bounds_m[1, 2])
+    across_m = float(np.linalg.norm(asset.bounds_m[:, :2], axis=1).max())
+    first = spec
+    while first.relative_to is not None:
+        first = task.objects[first.relative_to]
+    for robot, arm in zip(task.robots, task.arms.values(), strict=True):
+        x_m, y_m, z_m = arm.tcp(robot.at_rest)[:3, 3].tolist()
+        beside = (max(low - at, at - high) for at, (low, high) in ((x_m, first.x_m), (y_m, first.y_m)))
+        if max(beside) < across_m:
+            found.append((z_m - TIP_M - HAND_ROOM_M) / top_m)
+    return min(found, default=np.inf)
 
 
 def _clutter(how: Variation, rng: np.random.Generator) -> tuple[Clutter, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.artifacts import digest
-from rf_exp.transforms import Matrix, apply
+from rf_exp.transforms import Matrix, apply, from_axes
 
 if TYPE_CHECKING:
     import trimesh  # slow to import: where a part is made, after the command line is understood
@@ -22,13 +22,8 @@ Colour = tuple[float, float, float]  # linear RGB in [0, 1]
 
 CONVEX = 1.01  # a shell whose convex hull is at most so many times as large counts as convex
 CORNERS = 200  # of a convex piece; PhysX takes 255
-SEARCH = {  # coacd: half of its usual accuracy, in a fifth of the time
-    "threshold": 0.05,
-    "resolution": 1000,
-    "mcts_iterations": 20,
-    "mcts_nodes": 10,
-    "mcts_max_depth": 2,
-}
+# coacd: half of its usual accuracy, in a fifth of the time
+SEARCH = {"threshold": 0.05, "resolution": 1000, "mcts_iterations": 20, "mcts_nodes": 10, "mcts_max_depth": 2}
 
 
 @dataclass(frozen=True)
@@ -92,6 +87,11 @@ class InteractionPoint:
     turns: int = 2  # so many equal turns about z serve as well: two fingers 2, a square 4
     tip_deg: float = 0.0  # the gripper may be tipped so far about the axis it closes along (grasp)
     slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place, drop)
+
+    @staticmethod
+    def from_above(position_m, kind: str = "grasp", **keywords) -> "InteractionPoint":
+        """Straight from above at a position (3,), the fingers closing along y."""
+        return InteractionPoint(from_axes(position_m, z=(0, 0, -1), y=(0, 1, 0)), kind, **keywords)
 
     def scaled(self, size: float) -> "InteractionPoint":
         """Of a thing that is `size` times as large: the hand that comes to it is not."""
