@@ -33,10 +33,7 @@ class Contacts:
             link: agent for agent, robot in enumerate(robots, 1) for link in robot.links
         }
         self._fingers = [
-            tuple(
-                next(link for link in robot.links if link.name.endswith(finger.link))
-                for finger in hand.fingers
-            )
+            [next(link for link in robot.links if link.name.endswith(each.link)) for each in hand.fingers]
             for robot, hand in zip(robots, hands, strict=True)
         ]
         self._opens = {
@@ -89,18 +86,14 @@ class Contacts:
                     forces[self._moved_by[one], self._clutter_of[other]] += impulse / timestep_s
         return {pair: force for pair, force in forces.items() if force > 0}
 
-    def _held(self, fingers: tuple, on_finger: Mapping[tuple, Vector]) -> str | None:
+    def _held(self, fingers: Sequence, on_finger: Mapping[tuple, Vector]) -> str | None:
         """The object that presses both fingers of an arm apart, if any; the hardest pressed of several."""
         pinched = {}
+        first, second = fingers
         for (finger, name), force in on_finger.items():
-            if finger is fingers[0]:
-                opposite = on_finger.get((fingers[1], name))
-                if (
-                    opposite is not None
-                    and self._opened(fingers[0], force)
-                    and self._opened(fingers[1], opposite)
-                ):
-                    pinched[name] = float(np.linalg.norm(force) + np.linalg.norm(opposite))
+            opposite = on_finger.get((second, name)) if finger is first else None
+            if opposite is not None and self._opened(first, force) and self._opened(second, opposite):
+                pinched[name] = float(np.linalg.norm(force) + np.linalg.norm(opposite))
         return max(pinched, key=pinched.__getitem__, default=None)
 
     def _opened(self, finger: physx.PhysxArticulationLinkComponent, force_n: Vector) -> bool:

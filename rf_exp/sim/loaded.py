@@ -11,6 +11,7 @@ from rf_exp.errors import choices
 from rf_exp.sim.contacts import Contacts
 from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
+from rf_exp.sim.objects import matrix_of
 from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, Scene, joints_of
 
@@ -115,7 +116,7 @@ class LoadedScene:
 
 def _measured(bodies: Mapping[str, Any]) -> dict[str, Matrix]:
     """Where bodies are, world frame."""
-    return {name: body.pose.to_transformation_matrix().astype(float) for name, body in bodies.items()}
+    return {name: matrix_of(body.pose) for name, body in bodies.items()}
 
 
 def _hardest(before: Mapping[Pair, float], now: Mapping[Pair, float]) -> dict[Pair, float]:

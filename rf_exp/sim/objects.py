@@ -35,6 +35,11 @@ def sapien_pose(matrix: Matrix) -> sapien.Pose:
     return sapien.Pose(matrix[:3, 3].tolist(), quaternion(matrix).tolist())
 
 
+def matrix_of(pose: Any) -> Matrix:
+    """(4, 4) of a pose of SAPIEN's."""
+    return pose.to_transformation_matrix().astype(float)
+
+
 @dataclass(frozen=True)
 class Surface:
     """Triangles of one finish, shaded, in the frame of their asset."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.sim.environment import TableEnv
 from rf_exp.sim.loaded import LoadedScene
+from rf_exp.sim.objects import matrix_of
 from rf_exp.sim.vulkan import require_rendering
 from rf_exp.tasks import Task, labelled
 from rf_exp.types import CameraModel, Extras, Pictures, Scene
@@ -127,7 +128,7 @@ class Simulator:
             pose = self.task.parent_from_camera(name)
             if spec.mount == "wrist":
                 hand = self._env.hand(int(name.removeprefix("agent")))._objs[0]
-                pose = hand.entity_pose.to_transformation_matrix().astype(float) @ pose
+                pose = matrix_of(hand.entity_pose) @ pose
             models[name] = CameraModel(*self._size_px, float(np.deg2rad(spec.fov_deg)), pose)
         return models
 

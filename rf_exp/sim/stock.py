@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.robots import Robot, known_robots
 from rf_exp.sim.contacts import Contacts
+from rf_exp.sim.objects import matrix_of
 from rf_exp.sim.robots import Rows
 from rf_exp.tasks import assets
 from rf_exp.transforms import Matrix, apply, inverse, transform
@@ -74,10 +75,8 @@ class Stock:
         """`ignore` names bodies that are not read."""
         self._env, self._base = env, _checked(getattr(env, "unwrapped", env))
         agent = self._base.agent
-        arms: dict[str, Any] = (
-            dict(agent.agents_dict) if isinstance(agent, MultiAgent) else {agent.uid: agent}
-        )
         self._single = not isinstance(agent, MultiAgent)
+        arms: dict[str, Any] = {agent.uid: agent} if self._single else dict(agent.agents_dict)
         models = {name: _model(name, arm) for name, arm in arms.items()}
         self._grippers = {name: _gripper(name, arm, models[name]) for name, arm in arms.items()}
         self._robots = [arm.robot._objs[0] for arm in arms.values()]
@@ -107,7 +106,7 @@ class Stock:
 
     def poses(self) -> dict[str, Matrix]:
         """Name -> world_from_body (4, 4), now."""
-        return {name: _pose(body.entity_pose) for name, body in self._bodies.items()}
+        return {name: matrix_of(body.entity_pose) for name, body in self._bodies.items()}
 
     def scene(self) -> Scene:
         """What is measured now. Raises ArgumentError where the environment has been reset since it was read.
@@ -141,18 +140,17 @@ class Stock:
 
     def step(self, command: NDArray[np.float64]) -> Stepped:
         """One control step: (N, A) joint targets in rad, grippers from -1 closed to 1 open."""
-        actions = {}
-        for name, row in zip(self._grippers, command, strict=True):
-            actions[name] = self._grippers[name].action(row)
+        grippers = zip(self._grippers.items(), command, strict=True)
+        actions = {name: gripper.action(row) for (name, gripper), row in grippers}
         action: Any = next(iter(actions.values())) if self._single else actions
         _, _, terminated, truncated, info = self._env.step(action)
         return Stepped(self.scene(), bool(terminated), bool(truncated), info)
 
     def _is_table(self, name: str, body: Body) -> bool:
         """Whether it is part of what the arms stand on. A plane counts with its height alone."""
-        pose = _pose(self._bodies[name].entity_pose)
+        pose = matrix_of(self._bodies[name].entity_pose)
         planes = [
-            float((pose @ _pose(shape.local_pose))[2, 3])
+            float((pose @ matrix_of(shape.local_pose))[2, 3])
             for shape in self._bodies[name].collision_shapes
             if isinstance(shape, physx.PhysxCollisionShapePlane)
         ]
@@ -249,15 +247,15 @@ def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
     links = {link: body._objs[0] for link, body in arm.robot.links_map.items()}
     if missing := [link for link in model.links if link not in links]:
         raise ArgumentError(f"{name} is no {model.title}: it has no link {', '.join(missing)}")
-    world_from_base, qpos = _pose(links[model.links[0]].entity_pose), rows.qpos(arm.robot._objs[0].qpos)
+    world_from_base, qpos = matrix_of(links[model.links[0]].entity_pose), rows.qpos(arm.robot._objs[0].qpos)
     for link, base_from_link in zip(model.links, model.link_poses(qpos), strict=True):
-        off_m = float(np.abs(world_from_base @ base_from_link - _pose(links[link].entity_pose)).max())
+        off_m = float(np.abs(world_from_base @ base_from_link - matrix_of(links[link].entity_pose)).max())
         if off_m > SAME_M:
             raise ArgumentError(
                 f"{name} is no {model.title}: its {link} is {off_m:.4f} m from where that has it"
             )
     hand = links[model.hand.link]
-    hand_from_world = inverse(_pose(hand.entity_pose))
+    hand_from_world = inverse(matrix_of(hand.entity_pose))
     mounted = []
     for link, body in links.items():
         if link in model.links or not body.collision_shapes:
@@ -266,7 +264,7 @@ def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
             raise ArgumentError(
                 f"{name} has a link {link} that is not fixed to its hand, as planners expect it"
             )
-        hand_from_link = hand_from_world @ _pose(body.entity_pose)
+        hand_from_link = hand_from_world @ matrix_of(body.entity_pose)
         mounted += [solid.apply_transform(hand_from_link) for solid in solids(body, f"{link} of {name}")]
     return Arm(name, model, world_from_base, tuple(qpos[: model.dof].tolist()), tuple(mounted))
 
@@ -281,25 +279,17 @@ def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.Physx
     """The rigid bodies by name: actors, and the links of articulations that are none of the arms."""
     found: dict[str, Any] = {}
     for name, actor in base.scene.actors.items():
-        found[_word(name)] = actor._objs[0].find_component_by_type(physx.PhysxRigidBaseComponent)
+        found[name] = actor._objs[0].find_component_by_type(physx.PhysxRigidBaseComponent)
     robots = [arm.robot for arm in arms.values()]
     for name, articulation in base.scene.articulations.items():
         if not any(articulation is robot for robot in robots):
-            found |= {_word(f"{name}_{link}"): each._objs[0] for link, each in articulation.links_map.items()}
-    return {name: body for name, body in found.items() if body is not None}
+            found |= {f"{name}_{link}": each._objs[0] for link, each in articulation.links_map.items()}
+    return {re.sub(r"\W", "_", name): body for name, body in found.items() if body is not None}
 
 
 def _body(name: str, component: Any) -> Body:
     dynamic = isinstance(component, physx.PhysxRigidDynamicComponent) and not component.kinematic
     return Body(solids(component, name), dynamic, float(component.mass) if dynamic else 0.0)
-
-
-def _word(name: str) -> str:
-    return re.sub(r"\W", "_", name)
-
-
-def _pose(pose: Any) -> Matrix:
-    return pose.to_transformation_matrix().astype(float)
 
 
 def solids(body: physx.PhysxRigidBaseComponent, what: str) -> tuple[trimesh.Trimesh, ...]:
@@ -312,7 +302,7 @@ def solids(body: physx.PhysxRigidBaseComponent, what: str) -> tuple[trimesh.Trim
     for shape in body.collision_shapes:
         if isinstance(shape, physx.PhysxCollisionShapePlane):
             continue
-        body_from_shape = shape.local_pose.to_transformation_matrix().astype(float)
+        body_from_shape = matrix_of(shape.local_pose)
         found += [mesh.apply_transform(body_from_shape) for mesh in _meshes(shape, what)]
     return tuple(found)
 

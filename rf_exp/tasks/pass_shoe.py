@@ -23,10 +23,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """The giver lays the shoe midway and yields; the taker brings it to the goal."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
-    give = (
-        Subgoal(GIVER, "grasp", "shoe", "center"),
-        Subgoal(GIVER, "place", "shoe", target="midway"),
-    )
+    give = (Subgoal(GIVER, "grasp", "shoe", "center"), Subgoal(GIVER, "place", "shoe", target="midway"))
     take = (
         Subgoal(TAKER, "grasp", "shoe", "center"),
         Subgoal(TAKER, "place", "shoe", target="goal", target_point="middle"),
@@ -39,11 +36,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     ]
     return Proposal(
         subgoals,
-        (
-            *grasping(subgoals),
-            *(together if len(subgoals) > len(take) else ()),
-            *keep_clear(task.agents),
-        ),
+        (*grasping(subgoals), *(together if len(subgoals) > len(take) else ()), *keep_clear(task.agents)),
     )
 
 

@@ -17,10 +17,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     up = height_m(scene, "steak") > task.success["lift_m"]
     if up and holders(scene, "steak"):
         return Proposal((), ())
-    subgoals = (
-        Subgoal(ARM, "grasp", "steak", "center"),
-        Subgoal(ARM, "lift", "steak", height_m=LIFT_M),
-    )
+    subgoals = (Subgoal(ARM, "grasp", "steak", "center"), Subgoal(ARM, "lift", "steak", height_m=LIFT_M))
     return Proposal(subgoals, (*grasping(subgoals), AvoidObjects(ARM)))
 
 

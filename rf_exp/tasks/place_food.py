@@ -47,10 +47,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
             Subgoal(COOK, "grasp", "steak", "center"),
             Subgoal(COOK, "place", "steak", target="pot", target_point="inside"),
         ]
-        constraints += [
-            ContactAt(COOK, "grasp", "steak", "center"),
-            Direction(COOK, "steak"),
-        ]
+        constraints += [ContactAt(COOK, "grasp", "steak", "center"), Direction(COOK, "steak")]
     if len({subgoal.agent for subgoal in subgoals}) == 2:
         constraints += [
             Before(Step(HELPER, "lift", "lid"), Step(COOK, "place", "steak")),

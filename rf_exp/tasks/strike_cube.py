@@ -22,10 +22,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     if held and _face(scene, task)[0] < task.success["struck_m"]:
         return Proposal((), ())
     strike = Subgoal(ARM, "strike", "hammer", "head", target="cube", target_point="top")
-    take = (
-        Subgoal(ARM, "grasp", "hammer", "handle"),
-        Subgoal(ARM, "lift", "hammer", height_m=LIFT_M),
-    )
+    take = (Subgoal(ARM, "grasp", "hammer", "handle"), Subgoal(ARM, "lift", "hammer", height_m=LIFT_M))
     subgoals = (strike,) if held else (*take, strike)
     return Proposal(subgoals, (*grasping(subgoals), AvoidObjects(ARM)))
 

@@ -28,8 +28,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     order = (Before(Step(BASE, "place", "blue"), Step(TOP, "place", "red")), ShareSpace((BASE, TOP)))
     both = {subgoal.agent for subgoal in subgoals} == {BASE, TOP}
     return Proposal(
-        tuple(subgoals),
-        (*grasping(subgoals), *(order if both else ()), *keep_clear(task.agents)),
+        tuple(subgoals), (*grasping(subgoals), *(order if both else ()), *keep_clear(task.agents))
     )
 
 

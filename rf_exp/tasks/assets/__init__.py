@@ -3,7 +3,7 @@
 A user's own mesh comes in through its annotation file, see `rf_exp.tasks.assets.asset.mesh`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, partial
 from importlib import import_module
 from pkgutil import iter_modules
@@ -45,17 +45,16 @@ def load(name: str, options: Mapping[str, object] | None = None) -> Asset:
 @cache
 def _load(name: str, options: tuple[tuple[str, object], ...]) -> Asset:
     if name.endswith((".yaml", ".yml")):
-        return _call(name, partial(import_module(f"{__name__}.asset.mesh").build, name), options)
-    if "." not in name and name not in available():
+        build = partial(import_module(f"{__name__}.asset.mesh").build, name)
+    elif "." not in name and name not in available():
         raise choices("asset", name, available())
-    try:
-        module = import_module(name if "." in name else f"{__name__}.{name}")
-    except ModuleNotFoundError as error:
-        raise ArgumentError(f"asset {name!r}: {error}; available here: {', '.join(available())}") from error
-    return _call(name, module.build, options)
-
-
-def _call(name: str, build: Callable[..., Asset], options: tuple[tuple[str, object], ...]) -> Asset:
+    else:
+        try:
+            build = import_module(name if "." in name else f"{__name__}.{name}").build
+        except ModuleNotFoundError as error:
+            raise ArgumentError(
+                f"asset {name!r}: {error}; available here: {', '.join(available())}"
+            ) from error
     try:
         return build(**dict(options))
     except TypeError as error:

@@ -62,11 +62,8 @@ def drawn_piece(of: str, rng: np.random.Generator) -> Clutter:
 
 def _colour(of: str, rng: np.random.Generator) -> Colour:
     """Of six sectors of the circle of hues every other one is of a set."""
-    sector, within, value, saturation = (
-        rng.integers(3),
-        rng.uniform(),
-        *rng.uniform((0.15, 0.35), (0.8, 0.95)),
-    )
+    sector, within = rng.integers(3), rng.uniform()
+    value, saturation = rng.uniform((0.15, 0.35), (0.8, 0.95))
     hue = 2 * sector + within + (of == "unseen")
     parts = np.clip(np.abs((hue + np.array([0, 4, 2])) % 6 - 3) - 1, 0, 1)
     red, green, blue = (value * (1 - saturation * (1 - parts))).tolist()
@@ -81,7 +78,8 @@ def placed(
     `places` is what the task names. Each piece has a stream of random numbers of its own.
     """
     kept_free, middle = zones(task, places)
-    table = _rectangle(TABLE_CENTRE_M, np.array(TABLE_M[:2]) / 2 - EDGE_M)
+    (x, y), (across, along) = TABLE_CENTRE_M, np.array(TABLE_M[:2]) / 2 - EDGE_M
+    table = box(x - across, y - along, x + across, y + along)
     found: dict[str, Clutter] = {}
     outlines: list[BaseGeometry] = []
     for number, piece in enumerate(pieces):
@@ -142,8 +140,3 @@ def _starts(task: "Task") -> dict[str, NDArray[np.float64]]:
         found[name] = get_coordinates(MultiPoint(own).convex_hull)
         turns_deg[name] = turn
     return found
-
-
-def _rectangle(centre, half) -> BaseGeometry:
-    (x, y), (across, along) = centre, half
-    return box(x - across, y - along, x + across, y + along)

@@ -108,8 +108,7 @@ class ObjectSpec:
         spec = replace(self, size=size * self.size)
         if self.stands_on is None:
             return spec
-        (low_x, high_x), (low_y, high_y) = self.x_m, self.y_m
-        x_m, y_m = (size * low_x, size * high_x), (size * low_y, size * high_y)
+        x_m, y_m = (tuple(size * each for each in ends) for ends in (self.x_m, self.y_m))
         return replace(spec, x_m=x_m, y_m=y_m, z_m=size * self.z_m)
 
 
@@ -135,9 +134,8 @@ class CameraSpec:
     def __post_init__(self) -> None:
         if self.mount not in ("world", "wrist"):
             raise ArgumentError(f"camera mount {self.mount!r}; available: world, wrist")
-        object.__setattr__(self, "eye_m", tuple(self.eye_m))
-        object.__setattr__(self, "target_m", tuple(self.target_m))
-        object.__setattr__(self, "turn_deg", tuple(self.turn_deg))
+        for name in ("eye_m", "target_m", "turn_deg"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
 
     @cached_property
     def world_from_camera(self) -> Matrix:
@@ -148,24 +146,16 @@ class CameraSpec:
 
     def moved(self, by: CameraMotion) -> "CameraSpec":
         """The same camera, shifted and turned; of one on a hand only the field of view differs."""
+        fov_deg = self.fov_deg + by.fov_deg
         if self.mount == "wrist":
-            return replace(self, fov_deg=self.fov_deg + by.fov_deg)
-        eye, target = np.add(self.eye_m, by.shift_m), np.add(self.target_m, by.shift_m)
-        return replace(
-            self,
-            eye_m=tuple(eye.tolist()),
-            target_m=tuple(target.tolist()),
-            fov_deg=self.fov_deg + by.fov_deg,
-            turn_deg=by.turn_deg,
-        )
+            return replace(self, fov_deg=fov_deg)
+        eye, target = (tuple(np.add(each, by.shift_m).tolist()) for each in (self.eye_m, self.target_m))
+        return replace(self, eye_m=eye, target_m=target, fov_deg=fov_deg, turn_deg=by.turn_deg)
 
     @property
     def identity(self) -> dict[str, Any]:
         """What decides its pictures. What most tasks have is not told."""
-        said = asdict(self)
-        if not any(self.turn_deg):
-            del said["turn_deg"]
-        return said
+        return {key: value for key, value in asdict(self).items() if key != "turn_deg" or any(value)}
 
 
 class Thresholds(dict[str, float]):

@@ -85,7 +85,10 @@ def start_of(task: "Task", seed: int, copy: int = 0) -> Start:
     light = 1.0 + rng.uniform(-task.randomisation.light, task.randomisation.light)
     spread = task.randomisation.colour
     tints = {name: 1.0 + rng.uniform(-spread, spread, 3) for name in task.objects}
-    masses_kg = {name: _mass_kg(task, name, rng.uniform()) for name in task.objects}
+    masses_kg = {}
+    for name in task.objects:
+        asset, part = task.asset(name), rng.uniform() * task.randomisation.mass_scale
+        masses_kg[name] = asset.mass_kg + part * ((asset.heaviest_kg or asset.mass_kg) - asset.mass_kg)
     clutter = {name: piece.world_from_object for name, piece in task.clutter.items()}
     start = Start(seed, copy, qpos, poses, light, tints, masses_kg, clutter=clutter)
     if drawn is None:
@@ -141,21 +144,11 @@ def _within(hull: "trimesh.Trimesh", points: NDArray[np.float64]) -> bool:
     return bool((outside_m.max(axis=1) < CLEAR_M).any())
 
 
-def _mass_kg(task: "Task", name: str, draw: float) -> float:
-    asset = task.asset(name)
-    heaviest_kg = asset.heaviest_kg or asset.mass_kg
-    return asset.mass_kg + draw * task.randomisation.mass_scale * (heaviest_kg - asset.mass_kg)
-
-
 def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:
     poses: dict[str, Matrix] = {}
     for name, spec in task.objects.items():
-        local = planar(
-            rng.uniform(*spec.x_m),
-            rng.uniform(*spec.y_m),
-            np.deg2rad(rng.uniform(*spec.yaw_deg)),
-            spec.z_m,
-        )
+        x_m, y_m, yaw_deg = (rng.uniform(*ends) for ends in (spec.x_m, spec.y_m, spec.yaw_deg))
+        local = planar(x_m, y_m, np.deg2rad(yaw_deg), spec.z_m)
         poses[name] = poses[spec.relative_to] @ local if spec.relative_to else local
     return poses
 

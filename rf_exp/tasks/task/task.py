@@ -48,9 +48,7 @@ class Task:
     cameras: Mapping[str, CameraSpec]  # global, agent1 .. agentN
     success: Mapping[str, float]  # thresholds that the module reads, units in their names
     randomisation: Randomisation
-    step_limit: int = (
-        600  # control steps of an attempt, of whoever acts: twice the expert's mean (supplementary B)
-    )
+    step_limit: int = 600  # control steps of an attempt: twice the expert's mean (supplementary B)
     variation: Variation = NONE
     clutter: Mapping[str, Clutter] = field(default_factory=dict)  # what stands about in one scene
     code: str | None = None  # Python module of plan and success; rf_exp.tasks.<name> unless given

@@ -74,9 +74,7 @@ class Variation:
     name: str = UNVARIED  # of the choice, as it stands in rows and names of files
     # Of table, floor and walls: as they are, or of one of two sets.
     textures: Textures = field(default="plain", metadata={"factor": "appearance"})
-    object_colour: float = bounded(
-        "appearance", 1
-    )  # of each thing's relative brightness in each primary colour
+    object_colour: float = bounded("appearance", 1)  # of relative brightness in each primary colour
     lamps: tuple[int, int] = key("light", (2, 2), within=(0, MOST_LAMPS))  # how many
     light_intensity: float = bounded("light", 3)  # of the binary logarithm of how bright all lamps are
     # Relative brightness of each lamp in each primary colour.
@@ -101,18 +99,16 @@ class Variation:
     object_size: tuple[float, float] = key("instances", (1.0, 1.0), within=(SMALLEST, LARGEST))
     # How many things stand about that the task is not about.
     clutter: tuple[int, int] = key("clutter", (0, 0), within=(0, MOST_CLUTTER))
-    clutter_set: TextureSet = field(
-        default="seen", metadata={"factor": "clutter"}
-    )  # of their shapes and colours
+    # Of their shapes and colours.
+    clutter_set: TextureSet = field(default="seen", metadata={"factor": "clutter"})
     # Along x and y, from the middle of where objects start.
     clutter_area_m: tuple[float, float] = key("clutter", (0.6, 0.8))
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            least, most = each.metadata.get("within", (None, None))
-            value = getattr(self, each.name)
-            if least is None:
+            if "within" not in each.metadata:
                 continue
+            value, (least, most) = getattr(self, each.name), each.metadata["within"]
             if not isinstance(value, tuple):
                 if not least <= value <= most:
                     raise ArgumentError(f"variation.{each.name} is {value}; expected {least} to {most}")
@@ -120,12 +116,9 @@ class Variation:
                 raise ArgumentError(
                     f"variation.{each.name} is {[*value]}; expected [LOW, HIGH] within [{least}, {most}]"
                 )
-        if self.textures not in get_args(Textures):
-            raise choices("variation.textures", self.textures, get_args(Textures))
-        if self.clutter_set not in get_args(TextureSet):
-            raise choices("variation.clutter_set", self.clutter_set, get_args(TextureSet))
-        if self.calibration not in get_args(Known):
-            raise choices("variation.calibration", self.calibration, get_args(Known))
+        for name, possible in (("textures", Textures), ("clutter_set", TextureSet), ("calibration", Known)):
+            if (value := getattr(self, name)) not in get_args(possible):
+                raise choices(f"variation.{name}", value, get_args(possible))
         if not all(0 < half_m <= 2 for half_m in self.clutter_area_m):
             raise ArgumentError(
                 f"variation.clutter_area_m is {[*self.clutter_area_m]}; expected two numbers, 0 < m <= 2"
@@ -400,16 +393,12 @@ def scene_certificate(task: "Task", seed: int, copy: int = 0) -> dict[str, Any]:
     if not task.variation.identity:
         return {}
     stands = task.of(seed, copy)
+    cameras = {
+        name: {"parent_from_camera": stands.parent_from_camera(name).tolist(), "fov_deg": spec.fov_deg}
+        for name, spec in stands.cameras.items()
+    }
+    bases = [robot.world_from_base.tolist() for robot in stands.robots]
     return {
         "drawn": drawn_of(task, seed, copy),
-        "calibration": {
-            "world_from_base": [robot.world_from_base.tolist() for robot in stands.robots],
-            "cameras": {
-                name: {
-                    "parent_from_camera": stands.parent_from_camera(name).tolist(),
-                    "fov_deg": spec.fov_deg,
-                }
-                for name, spec in stands.cameras.items()
-            },
-        },
+        "calibration": {"world_from_base": bases, "cameras": cameras},
     }
