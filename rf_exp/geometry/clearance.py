@@ -104,7 +104,10 @@ def nearest(a: Swept, b: Swept, at: NDArray[np.int64] | None = None) -> Nearest 
     None when no pair has to keep apart there.
     """
     at = np.unique(np.argwhere(np.ones((len(a), len(b)))) if at is None else at, axis=0)
-    gaps = _spheres_apart_m(a, b, at)
+    centres_a, centres_b = (body.centres[at[:, k]].transpose(2, 1, 0) for k, body in enumerate((a, b)))
+    x, y, z = centres_a[:, :, None] - centres_b[:, None]
+    # (La, Lb, T) between the spheres round all pieces; negative where they overlap
+    gaps = np.sqrt(x * x + y * y + z * z) - (a.radii_m[:, None] + b.radii_m)[..., None]
     if not gaps.size:
         return None
     apart = _apart(a, b)
@@ -142,13 +145,6 @@ def _nearest(a: Swept, b: Swept, at: Indices, apart_m: NDArray[np.float64]) -> N
         apart_m[i, j, cell] = np.inf
         least[i, j] = apart_m[i, j].min()
     return best
-
-
-def _spheres_apart_m(a: Swept, b: Swept, at: Indices) -> NDArray[np.float64]:
-    """(La, Lb, T) between the spheres round all pieces at cells (T, 2); negative where they overlap."""
-    centres_a, centres_b = (body.centres[at[:, k]].transpose(2, 1, 0) for k, body in enumerate((a, b)))
-    x, y, z = centres_a[:, :, None] - centres_b[:, None]
-    return np.sqrt(x * x + y * y + z * z) - (a.radii_m[:, None] + b.radii_m)[..., None]
 
 
 def overlap(a: Swept, b: Swept) -> Nearest | None:

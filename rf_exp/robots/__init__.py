@@ -1,4 +1,4 @@
-"""Robots without a simulator: each a value, in a folder of its own, and what they have in common.
+"""Robots without a simulator: each a value, and what they have in common.
 
 What is asked for is imported then: a task is read without meshes.
 """

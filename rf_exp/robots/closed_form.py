@@ -60,26 +60,6 @@ def postures(base_from_tcp: Floats, last_rad: ArrayLike, limits_rad: Floats) -> 
     return np.moveaxis(found.reshape(7, *reach.shape, BRANCHES), 0, -1)
 
 
-def upright_rad(base_from_tcp: Floats, near_rad: Floats) -> Floats:
-    """The last joint (...) rad, near to `near_rad`, of postures of TCP poses (..., 4, 4) in an upright plane.
-
-    The third joint is zero in them. Where the upper arm stands almost straight up, the first joint and the
-    third turn about nearly one axis, and such a posture is the only one of many that an arm reaches soon.
-    `near_rad` where there is none within NEAR_RAD of it.
-    """
-    x, y, out, position = np.ascontiguousarray(np.moveaxis(base_from_tcp[..., :3, :], (-1, -2), (0, 1)))
-    near = np.asarray(near_rad, dtype=float)
-    before, last = near, near + STEP_RAD
-    with np.errstate(invalid="ignore", divide="ignore"):
-        was, found = (_out_of_plane(x, y, out, position, each) for each in (before, last))
-        for _ in range(SECANTS):
-            change = np.nan_to_num(found * (last - before) / (found - was))
-            before, was, last = last, found, last - change
-            found = _out_of_plane(x, y, out, position, last)
-        good = (np.abs(found) < CLOSE) & (np.abs(last - near) < NEAR_RAD)
-    return np.where(good, last, near)
-
-
 class ClosedForm:
     """The Panda's `rf_exp.robots.Inverse`."""
 
@@ -89,14 +69,26 @@ class ClosedForm:
     def __init__(self, _: "Robot") -> None: ...
 
     def facing(self, base_from_tcp: Floats) -> Floats:
-        """See `Inverse`: the angle that puts the arm into an upright plane.
+        """See `Inverse`: the angle that puts the arm into an upright plane, in which the third joint is zero.
 
-        Where none is so, the one with which it would be if the tool pointed straight down.
+        Where the upper arm stands almost straight up, the first joint and the third turn about nearly one
+        axis, and such a posture is the only one of many that an arm reaches soon. Where there is none within
+        NEAR_RAD of the angle with which it would be if the tool pointed straight down, that angle.
         """
         pose = base_from_tcp
         away = pose[..., :2, 3] / np.linalg.norm(pose[..., :2, 3], axis=-1, keepdims=True)
         ahead = np.einsum("...i,...ij->...j", away, pose[..., :2, :2])
-        return wrapped_rad(upright_rad(pose, np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0])))
+        near = np.pi / 4 - np.arctan2(ahead[..., 1], ahead[..., 0])
+        x, y, out, position = np.ascontiguousarray(np.moveaxis(pose[..., :3, :], (-1, -2), (0, 1)))
+        before, last = near, near + STEP_RAD
+        with np.errstate(invalid="ignore", divide="ignore"):
+            was, found = (_out_of_plane(x, y, out, position, each) for each in (before, last))
+            for _ in range(SECANTS):
+                change = np.nan_to_num(found * (last - before) / (found - was))
+                before, was, last = last, found, last - change
+                found = _out_of_plane(x, y, out, position, last)
+            good = (np.abs(found) < CLOSE) & (np.abs(last - near) < NEAR_RAD)
+        return wrapped_rad(np.where(good, last, near))
 
 
 def _out_of_plane(x: Floats, y: Floats, out: Floats, position: Floats, last: Floats) -> Floats:

@@ -26,12 +26,13 @@ from sapien import physx
 from rf_exp.sim import objects
 from rf_exp.sim.robots import Rows, uid_of
 from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix
 from rf_exp.types import CONTROL_HZ, FINGERS
 
 CONTACT_OFFSET_M = 0.005  # with ManiSkill's 0.02 a finger pad keeps contacts on one edge only: things swing
 PHYSICS_HZ = 100
 NEAR_M, FAR_M = 0.01, 10.0
+# SAPIEN's cameras look along x with y to the left and z up.
+OPENCV_FROM_SAPIEN = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 SHADERS = Path(__file__).parent / "shaders"
 LIKE = "minimal"  # ManiSkill's pack that has the same textures
 FORMATS = {"Color": "r8g8b8a8unorm", "PositionSegmentation": "r16g16b16a16sint"}
@@ -85,12 +86,6 @@ def _excuse_only_within(robot: physx.PhysxArticulation, agent: int) -> None:
             shape.set_collision_groups([layer, collides_with, excused, agent])
 
 
-def _sapien_camera_pose(parent_from_camera: Matrix) -> sapien.Pose:
-    """SAPIEN's cameras look along x with y to the left and z up."""
-    opencv_from_sapien = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
-    return objects.sapien_pose(parent_from_camera @ opencv_from_sapien)
-
-
 class TableEnv(BaseEnv):
     """Robots, objects, cameras and light of one task. A seed fixes the whole start."""
 
@@ -127,7 +122,7 @@ class TableEnv(BaseEnv):
         configs = []
         for name, camera in self.task.cameras.items():
             hand: Any = self.hand(int(name.removeprefix("agent"))) if camera.mount == "wrist" else None
-            pose: Any = _sapien_camera_pose(self.task.parent_from_camera(name))
+            pose: Any = objects.sapien_pose(self.task.parent_from_camera(name) @ OPENCV_FROM_SAPIEN)
             configs.append(
                 CameraConfig(
                     uid=name,

@@ -63,7 +63,11 @@ class Surface:
         else:
             mesh = self._apart()
             uvs = mesh._along_m() / np.float32(self.texture.tile_m)
-            material.base_color_texture = _loaded(self.texture)
+            rgb = pixels(self.texture)
+            rgba = np.concatenate([rgb, np.full_like(rgb[..., :1], 255)], axis=-1)
+            material.base_color_texture = sapien.render.RenderTexture2D(
+                rgba, "R8G8B8A8Unorm", mipmap_levels=MIPMAPS, srgb=True
+            )
         return sapien.render.RenderShapeTriangleMesh(mesh.vertices, mesh.faces, mesh.normals, uvs, material)
 
     def _apart(self) -> "Surface":
@@ -78,12 +82,6 @@ class Surface:
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         along = np.array([(1, 2), (0, 2), (0, 1)])[np.abs(areas).argmax(axis=1)]  # (F, 2)
         return np.take_along_axis(corners, along[:, None], axis=2).reshape(-1, 2)
-
-
-def _loaded(texture: Texture) -> sapien.render.RenderTexture2D:
-    rgb = pixels(texture)
-    rgba = np.concatenate([rgb, np.full_like(rgb[..., :1], 255)], axis=-1)
-    return sapien.render.RenderTexture2D(rgba, "R8G8B8A8Unorm", mipmap_levels=MIPMAPS, srgb=True)
 
 
 def covered(seen: tuple[Surface, ...], finish: Finish) -> tuple[Surface, ...]:

@@ -28,9 +28,10 @@ GLASS, FLASH, RED = (0.02, 0.05, 0.14), (0.80, 0.80, 0.72), (0.75, 0.02, 0.02)
 
 def build() -> Asset:
     """The camera with grasp points `left` (y < 0) and `right`, press point `shutter`, tool point `lens`."""
+    button = Part.cylinder(BUTTON_RADIUS_M, BUTTON_M, transform((0, 0, TOP_M + BUTTON_M / 2)), RED)
     return Asset(
         "camera",
-        parts=(*_body(), *_lens(), _button(), _handle(-1), _handle(1), *_fittings()),
+        parts=(*_body(), *_lens(), button, _handle(-1), _handle(1), *_fittings()),
         points={
             "left": _grip(-1),
             "right": _grip(1),
@@ -73,10 +74,6 @@ def _along_x(radius_m: float, from_x_m: float, to_x_m: float, colour, **keywords
 def _ahead(x_m: float) -> Matrix:
     """A pose on the lens' axis, z along it."""
     return from_axes((x_m, 0, LENS_Z_M), z=(1, 0, 0), y=(0, 1, 0))
-
-
-def _button() -> Part:
-    return Part.cylinder(BUTTON_RADIUS_M, BUTTON_M, transform((0, 0, TOP_M + BUTTON_M / 2)), RED)
 
 
 def _handle(side: int) -> Part:

@@ -137,18 +137,18 @@ def read(path: Path) -> Annotation:
 
 def write(asset: Asset, mesh: str) -> str:
     """The annotation of an asset as YAML text that names `mesh` as its mesh file."""
+    points = {name: asdict(Point.of(point)) for name, point in asset.points.items()}
     node = {
         "mesh": mesh,
         "scale": 1.0,
         **{name: getattr(asset, name) for name in OF_BODIES},
         "frame": {"position_m": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]},
-        "points": {name: _fields(Point.of(point)) for name, point in asset.points.items()},
+        "points": {
+            name: {key: [*value] if isinstance(value, tuple) else value for key, value in said.items()}
+            for name, said in points.items()
+        },
     }
     return yaml.safe_dump(node, sort_keys=False, default_flow_style=None)
-
-
-def _fields(point: Point) -> dict[str, Any]:
-    return {key: [*value] if isinstance(value, tuple) else value for key, value in asdict(point).items()}
 
 
 def _plain(vector: np.ndarray) -> Vector:
