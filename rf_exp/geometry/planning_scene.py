@@ -1,8 +1,5 @@
-"""What fills space: arms, fingers, held objects, objects and the table, as convex pieces.
-
-`PlanningScene` turns a task and the measured scene into `Swept` bodies, the currency of every spatial
-question: the arm of an agent along joint positions, an agent along its trajectory together with
-the objects it moves, and the objects that nobody moves. World frame, metres, radians.
+"""What fills space, as `Swept` bodies: an arm along joint positions, an agent along its trajectory with what
+it moves, and the objects that nobody moves. World frame, metres, radians.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -253,7 +253,6 @@ def _error(tcp: Floats, goals: Floats) -> Floats:
 
 
 def _within(joints: Floats, limits_rad: Floats) -> Floats:
-    """The same postures, with whole turns taken off that lead beyond the limits."""
     low, high = limits_rad
     turns = np.where(joints > high, np.ceil((joints - high) / (2 * np.pi)), 0.0)
     turns = np.where(joints < low, -np.ceil((low - joints) / (2 * np.pi)), turns)

@@ -163,7 +163,6 @@ def _material(piece: trimesh.Trimesh) -> Any:
 
 
 def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
-    """The piece with fewer triangles, the same material and shading that is smooth where it was."""
     welded = trimesh.Trimesh(piece.vertices, piece.faces, process=True)
     welded.merge_vertices(merge_norm=True, merge_tex=True, digits_vertex=6)
     target = max(FEWEST, round(KEPT * len(piece.faces)))

@@ -169,10 +169,8 @@ class Robot:
     @property
     def measured(self) -> tuple[str, ...]:
         """Names along a row of measured joints: the arm's, then of each finger."""
-        return (
-            *self.joints,
-            *(finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers),
-        )
+        fingers = (finger.joints[0] if finger.joints else finger.link for finger in self.hand.fingers)
+        return (*self.joints, *fingers)
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -289,17 +287,11 @@ class Arm:
         return self.world_from_base @ self.robot.link_poses(qpos)
 
     def postures(self, world_from_tcp: NDArray[np.float64], last_rad: ArrayLike) -> NDArray[np.float64]:
-        """All joints (..., branches, dof) rad for TCP poses (..., 4, 4) and the last joint (...).
-
-        Within the joint limits and a small margin; NaN where there is no such posture.
-        """
+        """See `Inverse`, for poses in the world, within the joint limits and a small margin."""
         return self._solver.postures(self._base_from_world @ world_from_tcp, last_rad, self._limits_rad)
 
     def facing(self, world_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Angles (...) rad of the last joint that put the arm into an upright plane at TCP poses (..., 4, 4).
-
-        Where none is so, the one with which it would be if the tool pointed straight down.
-        """
+        """See `Inverse`, for poses in the world."""
         return self._solver.facing(self._base_from_world @ world_from_tcp)
 
     def aside_rad(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:

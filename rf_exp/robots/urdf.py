@@ -162,6 +162,5 @@ def _planes(hull: trimesh.Trimesh, pose: Matrix) -> NDArray[np.float64]:
 
 
 def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
-    """Whether some point is inside of both."""
     planes = np.concatenate([a, b])
     return linprog(np.zeros(3), planes[:, :3], planes[:, 3], bounds=(None, None)).status == 0

@@ -114,7 +114,6 @@ def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
 
 
 def _impulse(contact: physx.PhysxContact) -> Vector:
-    """Impulse (3,) in N s that the second body gives the first."""
     total = np.zeros(3)
     for point in contact.points:  # np.sum takes several times as long for so few
         total += point.impulse

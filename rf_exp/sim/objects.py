@@ -168,10 +168,7 @@ def build(
     tint: NDArray[np.float64] = UNTINTED,
     mass_kg: float | None = None,
 ) -> Actor:
-    """Put an asset into the scene under a name, its colours times `tint` (3,).
-
-    Without `seen` its surfaces are its own, without `mass_kg` it weighs what it says.
-    """
+    """Put an asset into the scene, colours times `tint` (3,); surfaces and mass are its own unless given."""
     seen = surfaces(asset) if seen is None else seen
     builder: Any = AssetBuilder(asset, seen, tint, asset.mass_kg if mass_kg is None else mass_kg)
     builder.set_scene(scene)

@@ -50,10 +50,7 @@ class LoadedScene:
         self._drawn_at, self._drawn = -1, set[str]()  # the step of the last pictures, and their cameras
 
     def step(self, action: NDArray[np.float64]) -> dict[tuple[int, int], float]:
-        """Apply (N, A) joint targets and gripper commands for one control step.
-
-        Returns (agent, agent) -> the hardest push between two arms, in N.
-        """
+        """Apply a command (N, A) for one control step. (agent, agent) -> the hardest push between them, N."""
         self.command = action.copy()
         told = self.devices.carried_out(action)
         for joints, rows, command in zip(self._joints, self._rows, told, strict=True):
@@ -160,10 +157,7 @@ class Simulator:
         return self._env.task
 
     def reset(self, seed: int, copy: int = 0) -> Scene:
-        """Begin the episode of a seed: a pure function of task, seed and copy, whatever ran before.
-
-        Further copies of a scene differ from the first in what pictures alone show.
-        """
+        """Begin the episode of a seed; a further copy of its scene differs in what pictures alone show."""
         self._loaded = self._load(seed, copy)
         return self._loaded.scene({})
 
@@ -265,10 +259,7 @@ class Simulator:
 
 
 class Limited:
-    """A simulator of which only some cameras, or none, take pictures: what is not drawn costs nothing.
-
-    Depth is there when asked for.
-    """
+    """A simulator of which only some cameras, or none, take pictures, but depth when it is asked for."""
 
     def __init__(self, world: Simulator, cameras: Sequence[str] = ()) -> None:
         self._world, self.cameras = world, tuple(cameras)
@@ -301,7 +292,6 @@ _simulator: tuple[tuple[str, Pictures], Simulator] | None = None
 
 
 def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
-    """This process's simulator for a task and picture size; an earlier one is closed."""
     global _simulator
     key = (repr(task), pictures)
     if _simulator is None or _simulator[0] != key:
@@ -312,7 +302,6 @@ def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
 
 
 def close_shared_simulator() -> None:
-    """Gives the memory of this process's simulator back."""
     global _simulator
     if _simulator is not None:
         _simulator[1].close()

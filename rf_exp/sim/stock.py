@@ -4,7 +4,7 @@ Bodies have the collision shapes of PhysX as convex meshes.
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,7 +92,10 @@ class Stock:
             if name not in found:
                 raise choices("body to ignore", name, found)
         self._bodies = {name: body for name, body in found.items() if name not in ignore}
-        read = {name: _body(name, component) for name, component in self._bodies.items()}
+        read: dict[str, Body] = {}
+        for name, component in self._bodies.items():
+            dynamic = isinstance(component, physx.PhysxRigidDynamicComponent) and not component.kinematic
+            read[name] = Body(solids(component, name), dynamic, float(component.mass) if dynamic else 0.0)
         self.table = tuple(name for name, body in read.items() if self._is_table(name, body))
         for name in self.table:
             del self._bodies[name], read[name]
@@ -141,7 +144,7 @@ class Stock:
     def step(self, command: NDArray[np.float64]) -> Stepped:
         """One control step: (N, A) joint targets in rad, grippers from -1 closed to 1 open."""
         grippers = zip(self._grippers.items(), command, strict=True)
-        actions = {name: gripper.action(row) for (name, gripper), row in grippers}
+        actions = {name: gripper(row) for (name, gripper), row in grippers}
         action: Any = next(iter(actions.values())) if self._single else actions
         _, _, terminated, truncated, info = self._env.step(action)
         return Stepped(self.scene(), bool(terminated), bool(truncated), info)
@@ -164,25 +167,6 @@ class Stock:
 
     def _episode(self) -> tuple[int, int]:
         return int(self._base._episode_seed[0]), id(self._base.scene)
-
-
-@dataclass(frozen=True)
-class _Gripper:
-    """How an arm is told what to do: where in its action the joints and the gripper are, and its range."""
-
-    size: int
-    joints: int
-    arm: slice
-    gripper: slice
-    closed: float
-    opened: float
-
-    def action(self, row: NDArray[np.float64]) -> NDArray[np.float32]:
-        action = np.zeros(self.size, np.float32)
-        action[self.arm] = row[: self.joints]
-        share = (np.clip(row[-1], -1.0, 1.0) + 1) / 2
-        action[self.gripper] = self.closed + share * (self.opened - self.closed)
-        return action
 
 
 def _checked(base: Any) -> BaseEnv:
@@ -214,8 +198,11 @@ def _model(name: str, arm: Any) -> Robot:
     raise ArgumentError(f"{name} has the joints {', '.join(joints)}; expected a {possible}")
 
 
-def _gripper(name: str, arm: Any, robot: Robot) -> _Gripper:
-    """Raises ArgumentError for an arm that does not take absolute joint targets and a gripper's width."""
+def _gripper(name: str, arm: Any, robot: Robot) -> Callable[[NDArray[np.float64]], NDArray[np.float32]]:
+    """What makes the action of an arm of a row of a command.
+
+    Raises ArgumentError for an arm that does not take absolute joint targets and a gripper's width.
+    """
     controllers = getattr(arm.controller, "controllers", {})
     joint, gripper = controllers.get("arm"), controllers.get("gripper")
     told = joint.config if isinstance(joint, PDJointPosController) else None
@@ -237,9 +224,16 @@ def _gripper(name: str, arm: Any, robot: Robot) -> _Gripper:
     spans = {part: slice(*span) for part, span in arm.controller.action_mapping.items()}
     size = int(arm.controller.single_action_space.shape[0])
     ends = float(space.low[0]), float(space.high[0])
-    return _Gripper(
-        size, robot.dof, spans["arm"], spans["gripper"], *(ends if closed < opened else ends[::-1])
-    )
+    shut, wide = ends if closed < opened else ends[::-1]
+
+    def action(row: NDArray[np.float64]) -> NDArray[np.float32]:
+        found = np.zeros(size, np.float32)
+        found[spans["arm"]] = row[: robot.dof]
+        share = (np.clip(row[-1], -1.0, 1.0) + 1) / 2
+        found[spans["gripper"]] = shut + share * (wide - shut)
+        return found
+
+    return action
 
 
 def _arm(name: str, arm: Any, model: Robot, rows: Rows) -> Arm:
@@ -285,11 +279,6 @@ def _components(base: BaseEnv, arms: Mapping[str, Any]) -> dict[str, physx.Physx
         if not any(articulation is robot for robot in robots):
             found |= {f"{name}_{link}": each._objs[0] for link, each in articulation.links_map.items()}
     return {re.sub(r"\W", "_", name): body for name, body in found.items() if body is not None}
-
-
-def _body(name: str, component: Any) -> Body:
-    dynamic = isinstance(component, physx.PhysxRigidDynamicComponent) and not component.kinematic
-    return Body(solids(component, name), dynamic, float(component.mass) if dynamic else 0.0)
 
 
 def solids(body: physx.PhysxRigidBaseComponent, what: str) -> tuple[trimesh.Trimesh, ...]:

@@ -60,7 +60,6 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
-    """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
     limits = task.success
     if not held_camera.paper(scene, start, task):
         return False

@@ -171,10 +171,7 @@ class Task:
         return named(scene, self) if named else {}
 
     def of(self, seed: int, copy: int = 0) -> "Task":
-        """The task as it stands in the scene of a seed: itself, unless what is in it varies.
-
-        Further copies of a scene differ in what pictures alone show.
-        """
+        """The task as it stands in the scene of a seed, and in a copy of it: itself, unless it varies."""
         if (seed, copy) not in self._scenes:
             stands = moved(self, seed, copy)
             if self.variation.clutter[1]:

@@ -215,10 +215,7 @@ class Drawn:
 
 
 def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
-    """What the scene of a seed draws: a pure function of task, seed and copy.
-
-    Further copies of a scene differ from the first in what pictures alone show.
-    """
+    """What the scene of a seed draws; further copies of it differ in what pictures alone show."""
     how = task.variation
     rng = {
         name: np.random.default_rng([seed, VARIATION, k, *([copy] if copy and name in SHOWN else [])])
@@ -232,6 +229,7 @@ def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
     delay_steps = round(actuators.uniform(*how.delay_s) / CONTROL_DT_S)
     offset = np.deg2rad(how.joint_offset_deg) * actuators.uniform(-1, 1, (len(task.robots), task.dof))
     offsets = tuple(map(tuple, offset.tolist())) if how.joint_offset_deg else ()
+    pieces = int(rng["clutter"].integers(how.clutter[0], how.clutter[1] + 1)) if how.clutter[1] else 0
     table_m = float(rng["table"].uniform(*how.table_height_m))
     return Drawn(
         table_m,
@@ -242,7 +240,7 @@ def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
         *_appearance(task, rng["appearance"]),
         _light(how, rng["light"]),
         sizes_of(task, how.object_size, rng["instances"]),
-        _clutter(how, rng["clutter"]),
+        tuple(drawn_piece(how.clutter_set, rng["clutter"]) for _ in range(pieces)),
     )
 
 
@@ -306,13 +304,6 @@ def _largest(task: "Task", name: str) -> float:
         if max(beside) < across_m:
             found.append((z_m - TIP_M - HAND_ROOM_M) / top_m)
     return min(found, default=np.inf)
-
-
-def _clutter(how: Variation, rng: np.random.Generator) -> tuple[Clutter, ...]:
-    if not how.clutter[1]:
-        return ()
-    count = int(rng.integers(how.clutter[0], how.clutter[1] + 1))
-    return tuple(drawn_piece(how.clutter_set, rng) for _ in range(count))
 
 
 def _light(how: Variation, rng: np.random.Generator) -> Light:
