@@ -2,10 +2,11 @@
 
 from itertools import pairwise
 
-from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
+from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import distance_xy_m, holders
 from rf_exp.tasks.shared import shoe_on_goal
+from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Scene, Subgoal
 
@@ -33,16 +34,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
     constraints: list[Statement] = []
     chain = CHAIN[CHAIN.index(_turn(scene, task)) :]
     for agent in chain:
-        target = "goal" if agent == chain[-1] else f"stop{agent}"
-        subgoals += [
-            Subgoal(agent, "grasp", "shoe", "center"),
-            Subgoal(agent, "place", "shoe", target=target),
-        ]
+        subgoals += fetch(agent, "shoe", "goal" if agent == chain[-1] else f"stop{agent}")
     for giver, taker in pairwise(chain):
-        constraints += [
-            Before(Step(giver, "place", "shoe"), Step(taker, "grasp", "shoe")),
-            ShareSpace((giver, taker)),
-        ]
+        constraints += in_turn(Step(giver, "place", "shoe"), Step(taker, "grasp", "shoe"))
     return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
 
 

@@ -1,11 +1,12 @@
 """Pass Shoe: one arm lays the shoe down half-way, the other takes it to the goal."""
 
-from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
+from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import distance_xy_m
 from rf_exp.tasks.shared import shoe_on_goal
+from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Scene, Subgoal
+from rf_exp.types import Scene
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -23,19 +24,12 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """The giver lays the shoe midway and yields; the taker brings it to the goal."""
     if shoe_on_goal.done(scene, task):
         return Proposal((), ())
-    give = (Subgoal(GIVER, "grasp", "shoe", "center"), Subgoal(GIVER, "place", "shoe", target="midway"))
-    take = (
-        Subgoal(TAKER, "grasp", "shoe", "center"),
-        Subgoal(TAKER, "place", "shoe", target="goal", target_point="middle"),
-    )
+    give, take = fetch(GIVER, "shoe", "midway"), fetch(TAKER, "shoe", "goal", "middle")
     passed = distance_xy_m(scene.poses["shoe"], task.places(scene)["midway"]) < task.success["goal_m"]
-    subgoals = take if passed or scene.held[TAKER - 1] else (*give, *take)
-    together = [
-        Before(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe")),
-        ShareSpace((GIVER, TAKER)),
-    ]
+    subgoals = take if passed or scene.held[TAKER - 1] else give + take
+    together = in_turn(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe"))
     return Proposal(
-        subgoals,
+        tuple(subgoals),
         (*grasping(subgoals), *(together if len(subgoals) > len(take) else ()), *keep_clear(task.agents)),
     )
 

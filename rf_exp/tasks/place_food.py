@@ -1,6 +1,6 @@
 """Place Food: one arm takes the lid off the pot, the other puts the food in."""
 
-from rf_exp.statements import Before, ContactAt, Direction, Proposal, ShareSpace, Statement, Step, keep_clear
+from rf_exp.statements import ContactAt, Direction, Proposal, Statement, Step, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import (
     above,
@@ -14,6 +14,7 @@ from rf_exp.tasks.predicates import (
     still,
     upright,
 )
+from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -43,16 +44,10 @@ def plan(scene: Scene, task: Task) -> Proposal:
         ]
         constraints += [ContactAt(HELPER, "grasp", "lid", "knob"), Direction(HELPER, "lid")]
     if not _inside(scene, task) or holders(scene, "steak"):
-        subgoals += [
-            Subgoal(COOK, "grasp", "steak", "center"),
-            Subgoal(COOK, "place", "steak", target="pot", target_point="inside"),
-        ]
+        subgoals += fetch(COOK, "steak", "pot", "inside")
         constraints += [ContactAt(COOK, "grasp", "steak", "center"), Direction(COOK, "steak")]
     if len({subgoal.agent for subgoal in subgoals}) == 2:
-        constraints += [
-            Before(Step(HELPER, "lift", "lid"), Step(COOK, "place", "steak")),
-            ShareSpace((HELPER, COOK)),
-        ]
+        constraints += in_turn(Step(HELPER, "lift", "lid"), Step(COOK, "place", "steak"))
     return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
 
 

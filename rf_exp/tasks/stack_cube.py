@@ -3,7 +3,8 @@
 from rf_exp.statements import AvoidObjects, Proposal, grasping
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import on, released, set_down
-from rf_exp.types import Condition, Scene, Subgoal
+from rf_exp.tasks.shared.placing import fetch
+from rf_exp.types import Condition, Scene
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -15,11 +16,8 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Grasp the blue cube, place it on the red one."""
     if _on_top(scene, task) and released(scene, task.objects):
         return Proposal((), ())
-    subgoals = (
-        Subgoal(ARM, "grasp", "blue", "center"),
-        Subgoal(ARM, "place", "blue", target="red", target_point="top"),
-    )
-    return Proposal(subgoals, (*grasping(subgoals), AvoidObjects(ARM)))
+    subgoals = fetch(ARM, "blue", "red", "top")
+    return Proposal(tuple(subgoals), (*grasping(subgoals), AvoidObjects(ARM)))
 
 
 def _on_top(scene: Scene, task: Task) -> Condition:

@@ -2,9 +2,10 @@
 
 from itertools import pairwise
 
-from rf_exp.statements import Before, Proposal, ShareSpace, Statement, Step, grasping, keep_clear
+from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, height_m, near, on, released, set_down
+from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
@@ -19,19 +20,11 @@ def plan(scene: Scene, task: Task) -> Proposal:
     for (agent, name), stands in zip(STACK.items(), _standing(scene, task), strict=True):
         if subgoals or not stands or not released(scene, [name]):
             below = STACK.get(agent - 1)
-            subgoals += [
-                Subgoal(agent, "grasp", name, "center"),
-                Subgoal(
-                    agent, "place", name, target=below or "goal", target_point="top" if below else "middle"
-                ),
-            ]
+            subgoals += fetch(agent, name, below or "goal", "top" if below else "middle")
     agents = sorted({subgoal.agent for subgoal in subgoals})
     constraints: list[Statement] = grasping(subgoals)
     for first, then in pairwise(agents):
-        constraints += [
-            Before(Step(first, "place", STACK[first]), Step(then, "place", STACK[then])),
-            ShareSpace((first, then)),
-        ]
+        constraints += in_turn(Step(first, "place", STACK[first]), Step(then, "place", STACK[then]))
     return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
 
 

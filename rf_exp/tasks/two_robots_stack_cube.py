@@ -1,8 +1,9 @@
 """Two Robots Stack Cube: one arm brings the blue cube to the goal, the other puts the red one on it."""
 
-from rf_exp.statements import Before, Proposal, ShareSpace, Step, grasping, keep_clear
+from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, height_m, holders, near, on, released, set_down
+from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
@@ -16,16 +17,10 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Both fetch their cubes; the red one comes down once the blue one lies on the goal."""
     subgoals: list[Subgoal] = []
     if not _on_goal(scene, task) or holders(scene, "blue"):
-        subgoals += [
-            Subgoal(BASE, "grasp", "blue", "center"),
-            Subgoal(BASE, "place", "blue", target="goal", target_point="middle"),
-        ]
+        subgoals += fetch(BASE, "blue", "goal", "middle")
     if subgoals or not _on_blue(scene, task) or holders(scene, "red"):
-        subgoals += [
-            Subgoal(TOP, "grasp", "red", "center"),
-            Subgoal(TOP, "place", "red", target="blue", target_point="top"),
-        ]
-    order = (Before(Step(BASE, "place", "blue"), Step(TOP, "place", "red")), ShareSpace((BASE, TOP)))
+        subgoals += fetch(TOP, "red", "blue", "top")
+    order = in_turn(Step(BASE, "place", "blue"), Step(TOP, "place", "red"))
     both = {subgoal.agent for subgoal in subgoals} == {BASE, TOP}
     return Proposal(
         tuple(subgoals), (*grasping(subgoals), *(order if both else ()), *keep_clear(task.agents))
