@@ -346,6 +346,7 @@ def _parts(todo: Indices, open_: Mask, gap: Floats, x: Blocks, y: Blocks) -> Par
 
 
 def _apart_m(a: Floats, b: Floats) -> Floats:
+    """(M, S, S) distances of points (M, 3, S)."""
     origin = a[:, :, :1]
     a, b = a - origin, b - origin
     squared = -2 * a.swapaxes(1, 2) @ b

@@ -147,7 +147,6 @@ class Chain:
 
 
 def _turn(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) -> None:
-    """Turns joints by their angles, each about its own z."""
     motions[..., joints, 0, 0] = motions[..., joints, 1, 1] = np.cos(angles_rad)
     motions[..., joints, 1, 0] = np.sin(angles_rad)
     motions[..., joints, 0, 1] = -motions[..., joints, 1, 0]
@@ -253,6 +252,7 @@ def _error(tcp: Floats, goals: Floats) -> Floats:
 
 
 def _within(joints: Floats, limits_rad: Floats) -> Floats:
+    """The same postures, with whole turns taken off that lead beyond the limits."""
     low, high = limits_rad
     turns = np.where(joints > high, np.ceil((joints - high) / (2 * np.pi)), 0.0)
     turns = np.where(joints < low, -np.ceil((low - joints) / (2 * np.pi)), turns)

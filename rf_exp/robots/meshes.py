@@ -158,11 +158,11 @@ def _pieces(path: Path) -> list[trimesh.Trimesh]:
 
 
 def _material(piece: trimesh.Trimesh) -> Any:
-    """The PBR material that a GLB gives each of its pieces."""
     return cast(TextureVisuals, piece.visual).material
 
 
 def _lighter(piece: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The piece with fewer triangles, the same material and shading that is smooth where it was."""
     welded = trimesh.Trimesh(piece.vertices, piece.faces, process=True)
     welded.merge_vertices(merge_norm=True, merge_tex=True, digits_vertex=6)
     target = max(FEWEST, round(KEPT * len(piece.faces)))

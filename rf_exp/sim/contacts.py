@@ -106,7 +106,6 @@ class Contacts:
 
 
 def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
-    """The name of each body."""
     return {
         entity.find_component_by_type(physx.PhysxRigidBaseComponent): name
         for name, entity in entities.items()
@@ -114,6 +113,7 @@ def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
 
 
 def _impulse(contact: physx.PhysxContact) -> Vector:
+    """Impulse (3,) in N s that the second body gives the first."""
     total = np.zeros(3)
     for point in contact.points:  # np.sum takes several times as long for so few
         total += point.impulse

@@ -119,16 +119,11 @@ class LoadedScene:
 
 
 def _measured(bodies: Mapping[str, Any]) -> dict[str, Matrix]:
-    """Where bodies are, world frame."""
     return {name: matrix_of(body.pose) for name, body in bodies.items()}
 
 
 def _hardest(before: Mapping[Pair, float], now: Mapping[Pair, float]) -> dict[Pair, float]:
-    """Of each pair the harder push."""
-    found = dict(before)
-    for pair, force in now.items():
-        found[pair] = max(force, found.get(pair, 0.0))
-    return found
+    return {**before, **{pair: max(force, before.get(pair, 0.0)) for pair, force in now.items()}}
 
 
 class Simulator:
@@ -157,7 +152,7 @@ class Simulator:
         return self._env.task
 
     def reset(self, seed: int, copy: int = 0) -> Scene:
-        """Begin the episode of a seed; a further copy of its scene differs in what pictures alone show."""
+        """Begin the episode of a seed: a pure function of task, seed and, for what pictures alone show, copy."""
         self._loaded = self._load(seed, copy)
         return self._loaded.scene({})
 
@@ -292,6 +287,7 @@ _simulator: tuple[tuple[str, Pictures], Simulator] | None = None
 
 
 def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
+    """This process's simulator for a task and picture size; an earlier one is closed."""
     global _simulator
     key = (repr(task), pictures)
     if _simulator is None or _simulator[0] != key:
@@ -302,6 +298,7 @@ def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
 
 
 def close_shared_simulator() -> None:
+    """Gives the memory of this process's simulator back."""
     global _simulator
     if _simulator is not None:
         _simulator[1].close()

@@ -35,7 +35,6 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def _hand(scene: Scene, task: Task, agent: int) -> Matrix:
-    """world_from_tcp of an agent."""
     return task.arms[agent].tcp(scene.qpos[agent - 1])
 
 
@@ -60,6 +59,7 @@ def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: both high enough, one hand near the shutter, another near the steak."""
     limits = task.success
     if not held_camera.paper(scene, start, task):
         return False
