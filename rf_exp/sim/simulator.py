@@ -152,7 +152,7 @@ class Simulator:
         return self._env.task
 
     def reset(self, seed: int, copy: int = 0) -> Scene:
-        """Begin the episode of a seed: a pure function of task, seed and, for what pictures alone show, copy."""
+        """Begin the episode of a seed: a pure function of task, seed and copy, which pictures alone show."""
         self._loaded = self._load(seed, copy)
         return self._loaded.scene({})
 

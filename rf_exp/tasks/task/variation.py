@@ -215,7 +215,7 @@ class Drawn:
 
 
 def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
-    """What the scene of a seed draws: a pure function of task, seed and, for what pictures alone show, copy."""
+    """What the scene of a seed draws: a pure function of task, seed and copy, which pictures alone show."""
     how = task.variation
     rng = {
         name: np.random.default_rng([seed, VARIATION, k, *([copy] if copy and name in SHOWN else [])])
