@@ -73,8 +73,8 @@ class Ledger:
         self._holding = self._longest = 0  # steps for which all conditions have held now, and ever
         self._verdict: Verdict | None = None
         self._most, self._most_at = -1, 0  # conditions that ever held at once, first at which step
-        self._touched: dict[tuple[int, int], tuple[int, int]] = {}  # agents -> first step, number of steps
-        self._knocked: dict[tuple[str, str], tuple[int, int]] = {}  # who, clutter -> first step, steps
+        self._touched: dict[tuple[int, int], list[int]] = {}  # agents -> steps
+        self._knocked: dict[tuple[str, str], list[int]] = {}  # who, clutter -> steps
         self._lost: dict[tuple[str, str], int] = {}  # object, how -> first step
         self.contacts = 0  # control steps in which arms touched each other
 
@@ -90,11 +90,9 @@ class Ledger:
             self._most, self._most_at = holding, scene.step
         self.contacts += bool(scene.arm_contacts)
         for a, b, _ in scene.arm_contacts:
-            first, steps = self._touched.get((a, b), (scene.step, 0))
-            self._touched[a, b] = first, steps + 1
+            self._touched.setdefault((a, b), []).append(scene.step)
         for who, name, _ in scene.clutter_contacts:
-            first, steps = self._knocked.get((who, name), (scene.step, 0))
-            self._knocked[who, name] = first, steps + 1
+            self._knocked.setdefault((who, name), []).append(scene.step)
         for lost in verdict.lost.items():
             self._lost.setdefault(lost, scene.step)
 
@@ -107,9 +105,8 @@ class Ledger:
     def _closest(self) -> Closest:
         if self._verdict is None:
             return NOTHING
-        return Closest(
-            self._most, len(self._conditions), _s(self._most_at) if self._most else 0.0, self._longest
-        )
+        at_s = _s(self._most_at) if self._most else 0.0
+        return Closest(self._most, len(self._conditions), at_s, self._longest)
 
     @staticmethod
     def _see(history: _History, holds: bool, measured: Measured | None, scene: Scene) -> None:
@@ -126,12 +123,8 @@ class Ledger:
 
     def account(self) -> Account:
         """As it stands: of a success the touches alone, without a step that nothing was carried out."""
-        touches = tuple(
-            Touch(pair, _s(first), steps) for pair, (first, steps) in sorted(self._touched.items())
-        )
-        knocks = tuple(
-            Knock(*pair, _s(first), steps) for pair, (first, steps) in sorted(self._knocked.items())
-        )
+        touches = tuple(Touch(pair, _s(at[0]), len(at)) for pair, at in sorted(self._touched.items()))
+        knocks = tuple(Knock(*pair, _s(at[0]), len(at)) for pair, at in sorted(self._knocked.items()))
         if self._verdict is None:
             return Account(closest=self._closest)
         if self._verdict.success:
