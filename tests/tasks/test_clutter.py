@@ -10,8 +10,7 @@ from shapely import MultiPoint, Point
 from rf_exp.errors import ArgumentError
 from rf_exp.geometry import PlanningScene, closer_than, nearest
 from rf_exp.tasks import Task, Variation, drawn_of, load_task, read_variation
-from rf_exp.tasks.assets import HOUSEHOLD, household
-from rf_exp.tasks.task.clutter import APART_M, MARGIN_M, drawn_piece, zones
+from rf_exp.tasks.task.clutter import APART_M, HOUSEHOLD, MARGIN_M, drawn_piece, household, zones
 from tests.conftest import read_task
 
 CLUTTER, INSTANCES = read_variation("clutter"), read_variation("instances")

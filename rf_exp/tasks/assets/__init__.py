@@ -10,19 +10,8 @@ from pkgutil import iter_modules
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part, convex_pieces
-from rf_exp.tasks.assets.asset.household import HOUSEHOLD, household
 
-__all__ = [
-    "HOUSEHOLD",
-    "Asset",
-    "Colour",
-    "InteractionPoint",
-    "Part",
-    "available",
-    "convex_pieces",
-    "household",
-    "load",
-]
+__all__ = ["Asset", "Colour", "InteractionPoint", "Part", "available", "convex_pieces", "load"]
 
 _MACHINERY = ("__main__", "asset")
 
