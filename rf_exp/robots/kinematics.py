@@ -34,12 +34,6 @@ SAME_RAD = 1e-4  # between postures that are one
 
 
 @cache
-def chain_of(robot: "Robot") -> "Chain":
-    """The chain of a robot, made once."""
-    return Chain(robot)
-
-
-@cache
 def solver_of(robot: "Robot") -> "Inverse":
     """The inverse kinematics of a robot, made once."""
     return (robot.inverse or Numeric)(robot)
@@ -144,6 +138,9 @@ class Chain:
             parent = poses[..., self._parents[joint], :, :]
             poses[..., joint, :, :] = parent @ self._placements[joint] @ motions[..., joint, :, :]
         return poses
+
+
+chain_of = cache(Chain)  # made once for each robot
 
 
 def _turn(motions: Floats, joints: int | slice | list[int], angles_rad: Floats) -> None:

@@ -87,15 +87,14 @@ class Surface:
 def covered(seen: tuple[Surface, ...], finish: Finish) -> tuple[Surface, ...]:
     """Surfaces with another finish: its colour on the lightest, and as much darker on others as they were."""
     lightest = max(max(surface.colour) for surface in seen) or 1.0  # all is black
-    return tuple(_covered(surface, finish, max(surface.colour) / lightest) for surface in seen)
-
-
-def _covered(surface: Surface, finish: Finish, shade: float) -> Surface:
-    colour = surface.colour
-    if (new := finish.colour or (WHITE if finish.texture else None)) is not None:
-        colour = (new[0] * shade, new[1] * shade, new[2] * shade)
-    roughness = surface.roughness if finish.roughness is None else finish.roughness
-    return replace(surface, colour=colour, texture=finish.texture, roughness=roughness)
+    found = []
+    for surface in seen:
+        colour, shade = surface.colour, max(surface.colour) / lightest
+        if (new := finish.colour or (WHITE if finish.texture else None)) is not None:
+            colour = (new[0] * shade, new[1] * shade, new[2] * shade)
+        roughness = surface.roughness if finish.roughness is None else finish.roughness
+        found.append(replace(surface, colour=colour, texture=finish.texture, roughness=roughness))
+    return tuple(found)
 
 
 @lru_cache(maxsize=64)  # takes milliseconds

@@ -74,7 +74,7 @@ class Stock:
     def __init__(self, env: Any, ignore: Collection[str] = ()) -> None:
         """`ignore` names bodies that are not read."""
         self._env, self._base = env, _checked(getattr(env, "unwrapped", env))
-        agent = self._base.agent
+        agent: Any = self._base.agent
         self._single = not isinstance(agent, MultiAgent)
         arms: dict[str, Any] = {agent.uid: agent} if self._single else dict(agent.agents_dict)
         models = {name: _model(name, arm) for name, arm in arms.items()}
@@ -93,7 +93,8 @@ class Stock:
                 raise choices("body to ignore", name, found)
         self._bodies = {name: body for name, body in found.items() if name not in ignore}
         read: dict[str, Body] = {}
-        for name, component in self._bodies.items():
+        for name, body in self._bodies.items():
+            component: Any = body
             dynamic = isinstance(component, physx.PhysxRigidDynamicComponent) and not component.kinematic
             read[name] = Body(solids(component, name), dynamic, float(component.mass) if dynamic else 0.0)
         self.table = tuple(name for name, body in read.items() if self._is_table(name, body))

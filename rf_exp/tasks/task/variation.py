@@ -149,11 +149,6 @@ class Variation:
         """Whether it has a factor that pictures alone show."""
         return bool({*self.factors} & {*SHOWN})
 
-    @property
-    def moves(self) -> bool:
-        """Whether scenes have tasks of their own."""
-        return bool({*self.factors} & {*MOVES})
-
 
 def keys_of(*factors: str) -> tuple[str, ...]:
     """The keys of these factors."""
@@ -337,7 +332,7 @@ def moved(task: "Task", seed: int, copy: int) -> "Task":
 
     The table is where it always is, at z = 0: with a higher one all else stands lower.
     """
-    if not task.variation.moves:
+    if not {*task.variation.factors} & {*MOVES}:
         return task
     drawn = draw(task, seed, copy)
     robots = tuple(

@@ -22,7 +22,7 @@ from trimesh.visual import ColorVisuals, uv_to_color
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import assets
 from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part, convex_pieces
-from rf_exp.transforms import Matrix, from_axes, transform
+from rf_exp.transforms import from_axes, transform
 
 Vector = tuple[float, float, float]
 
@@ -49,10 +49,6 @@ class Frame:
 
     position_m: Vector = (0.0, 0.0, 0.0)
     rotation_deg: Vector = (0.0, 0.0, 0.0)  # about the fixed x, then y, then z axis
-
-    @property
-    def asset_from_mesh(self) -> Matrix:
-        return transform(self.position_m, Rotation.from_euler("xyz", self.rotation_deg, degrees=True))
 
 
 @dataclass(frozen=True)
@@ -191,12 +187,14 @@ def _points(said: Annotation) -> dict[str, InteractionPoint]:
 
 def _parts(said: Annotation, path: Path) -> tuple[Part, ...]:
     """Convex solid parts that are not seen, and the surface in its colours, which is not solid."""
+    turn = Rotation.from_euler("xyz", said.frame.rotation_deg, degrees=True)
+    asset_from_mesh = transform(said.frame.position_m, turn)
     parts = []
     for geometry in _geometries(path):
         colours = _face_colours(geometry, path.suffix.lower() in LINEAR)  # (F, 3)
         # Corners that a file keeps apart for its shading are one corner of the body.
         body = trimesh.Trimesh(geometry.vertices, geometry.faces, process=True)
-        body.apply_scale(said.scale).apply_transform(said.frame.asset_from_mesh)
+        body.apply_scale(said.scale).apply_transform(asset_from_mesh)
         solids = [piece for shell in _shells(body, path) for piece in convex_pieces(shell)]
         parts += [Part(piece, GREY, seen=False) for piece in solids]
         parts += _surface(body, colours if said.colour is None else np.tile(said.colour, (len(colours), 1)))
