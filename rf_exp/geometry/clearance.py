@@ -8,7 +8,7 @@ bound settles is split. Where pieces overlap deeply, spheres inside them say so 
 Nothing is sampled away: every cell is settled by a bound or exactly.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -22,7 +22,6 @@ from rf_exp.geometry.swept import CORE_SPHERES, FINE_BLOCK, PARTS, Blocks, Float
 
 SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
 ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
-
 BLOCK = 32  # positions on the side of the first blocks
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
 
@@ -49,15 +48,6 @@ class Pair(NamedTuple):
     b: int
     rows: Mask  # (P,)
     columns: Mask  # (Q,)
-
-
-def pairs_apart(a: Swept, b: Swept) -> Iterator[Pair]:
-    """The pairs of pieces that must keep apart, with the positions at which they must."""
-    apart = _apart(a, b)
-    for i, x in enumerate(a.labels):
-        for j, y in enumerate(b.labels):
-            for rows, columns in apart(x, y):
-                yield Pair(i, j, rows, columns)
 
 
 def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
@@ -200,7 +190,13 @@ def closer_than(a: Swept, b: Swept, margin_m: float, *, between: bool = True) ->
     A free cell keeps all of that. A forbidden one lacks some of it, or has less than `DOUBT` of the margin
     to spare.
     """
-    pairs = tuple(pairs_apart(a, b))
+    apart = _apart(a, b)
+    pairs = [
+        Pair(i, j, rows, columns)
+        for i, x in enumerate(a.labels)
+        for j, y in enumerate(b.labels)
+        for rows, columns in apart(x, y)
+    ]
     if not pairs:
         return np.zeros((len(a), len(b)), dtype=bool)
     diagram = _Diagram(a, b, pairs, margin_m)

@@ -24,11 +24,11 @@ CORE_SPHERES = 4
 CORE_DEPTHS = (0.0, 0.2, 0.35, 0.5, 0.65)  # of the way from the middle to the vertices: where they may be
 PARTS = 4  # into so many a side is cut where a block stays open
 FINE_BLOCK = 8  # from this size on, every cell of a block has its own bounds
+PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Floats = NDArray[np.floating]  # 32 bits: enough for lengths that `SLACK_M` covers, and twice as fast
-PRESSED_M = 0.001  # a load may lie on the table, but not be pressed in farther than this
 
 
 @dataclass(frozen=True, eq=False)
