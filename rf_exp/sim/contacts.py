@@ -107,8 +107,7 @@ class Contacts:
 
 def _named(entities: Mapping[str, sapien.Entity]) -> dict[Any, str]:
     return {
-        entity.find_component_by_type(physx.PhysxRigidBaseComponent): name
-        for name, entity in entities.items()
+        each.find_component_by_type(physx.PhysxRigidBaseComponent): name for name, each in entities.items()
     }
 
 

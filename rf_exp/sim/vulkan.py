@@ -87,9 +87,7 @@ def find_driver(environment: Mapping[str, str], root: Path = Path("/")) -> Drive
                 return software
             return Driver(f"{variable}={value}, set by you", variable=variable)
     # An NVIDIA GPU in a container often comes without the part of its driver that draws.
-    nvidia = (root / "dev/nvidiactl").exists() and any(
-        path for pattern in NVIDIA_DRIVERS for path in root.glob(pattern)
-    )
+    nvidia = (root / "dev/nvidiactl").exists() and any(any(root.glob(each)) for each in NVIDIA_DRIVERS)
     render_nodes = [node for node in root.glob("dev/dri/renderD*") if os.access(node, os.R_OK | os.W_OK)]
     if nvidia:
         return Driver("the driver of the NVIDIA GPU")

@@ -26,12 +26,10 @@ def plan(scene: Scene, task: Task) -> Proposal:
         return Proposal((), ())
     give, take = fetch(GIVER, "shoe", "midway"), fetch(TAKER, "shoe", "goal", "middle")
     passed = distance_xy_m(scene.poses["shoe"], task.places(scene)["midway"]) < task.success["goal_m"]
-    subgoals = take if passed or scene.held[TAKER - 1] else give + take
-    together = in_turn(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe"))
-    return Proposal(
-        tuple(subgoals),
-        (*grasping(subgoals), *(together if len(subgoals) > len(take) else ()), *keep_clear(task.agents)),
-    )
+    if passed or scene.held[TAKER - 1]:
+        return Proposal(tuple(take), (*grasping(take), *keep_clear(task.agents)))
+    order = in_turn(Step(GIVER, "place", "shoe"), Step(TAKER, "grasp", "shoe"))
+    return Proposal((*give, *take), (*grasping(give + take), *order, *keep_clear(task.agents)))
 
 
 conditions, paper = shoe_on_goal.conditions, shoe_on_goal.paper

@@ -20,11 +20,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
         subgoals += fetch(BASE, "blue", "goal", "middle")
     if subgoals or not _on_blue(scene, task) or holders(scene, "red"):
         subgoals += fetch(TOP, "red", "blue", "top")
-    order = in_turn(Step(BASE, "place", "blue"), Step(TOP, "place", "red"))
     both = {subgoal.agent for subgoal in subgoals} == {BASE, TOP}
-    return Proposal(
-        tuple(subgoals), (*grasping(subgoals), *(order if both else ()), *keep_clear(task.agents))
-    )
+    order = in_turn(Step(BASE, "place", "blue"), Step(TOP, "place", "red")) if both else []
+    return Proposal(tuple(subgoals), (*grasping(subgoals), *order, *keep_clear(task.agents)))
 
 
 def _on_goal(scene: Scene, task: Task) -> Condition:

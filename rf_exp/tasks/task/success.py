@@ -117,9 +117,8 @@ class Ledger:
             return
         better = max if measured.above else min
         same = before is not None and (before.bound, before.unit) == (measured.bound, measured.unit)
-        history.best = (
-            better(measured.value, history.best) if same and history.best is not None else measured.value
-        )
+        kept = history.best if same else None
+        history.best = measured.value if kept is None else better(measured.value, kept)
 
     def account(self) -> Account:
         """As it stands: of a success the touches alone, without a step that nothing was carried out."""

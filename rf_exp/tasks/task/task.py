@@ -97,10 +97,7 @@ class Task:
     @cached_property
     def arms(self) -> Mapping[int, Arm]:
         """Agent -> its arm, where that is bolted to the table."""
-        return {
-            agent: Arm(robot.model, robot.world_from_base)
-            for agent, robot in zip(self.agents, self.robots, strict=True)
-        }
+        return {k: Arm(robot.model, robot.world_from_base) for k, robot in enumerate(self.robots, start=1)}
 
     @cached_property
     def points(self) -> Mapping[str, Mapping[str, Matrix]]:
