@@ -182,7 +182,9 @@ class Numeric:
         flat = starts.reshape(-1, self._chain.dof)
         wanted = np.broadcast_to(goals[..., None, :, :], (*starts.shape[:-1], 4, 4)).reshape(-1, 4, 4)
         found = self._solved(flat, wanted, limits_rad).reshape(starts.shape)
-        found[self._known(found)] = np.nan
+        # What an earlier start has led to as well.
+        away = np.abs(found[..., :, None, :] - found[..., None, :, :]).max(axis=-1)
+        found[((away < SAME_RAD) & np.tri(STARTS, k=-1, dtype=bool)).any(axis=-1)] = np.nan
         return np.broadcast_to(found, (*shape, *found.shape[-2:])).copy()
 
     def facing(self, base_from_tcp: Floats) -> Floats:
@@ -217,8 +219,11 @@ class Numeric:
             if not len(open_):
                 break
         away = np.abs(_error(self._chain.tcp_pose(np.nan_to_num(found)), goals)).max(axis=1)
-        found = _within(found, limits_rad)
-        found[(away > CLOSE) | ((found < limits_rad[0]) | (found > limits_rad[1])).any(axis=1)] = np.nan
+        low, high = limits_rad
+        turns = np.where(found > high, np.ceil((found - high) / (2 * np.pi)), 0.0)
+        turns = np.where(found < low, -np.ceil((low - found) / (2 * np.pi)), turns)
+        found -= 2 * np.pi * turns  # whole turns that lead beyond the limits
+        found[(away > CLOSE) | ((found < low) | (found > high)).any(axis=1)] = np.nan
         return found
 
     def _step(self, joints: Floats, goals: Floats, free: int) -> Floats:
@@ -234,23 +239,8 @@ class Numeric:
         moved[:, :free] = (step / longest)[..., 0]
         return moved
 
-    @staticmethod
-    def _known(found: Floats) -> NDArray[np.bool_]:
-        """(..., STARTS) postures that an earlier start has led to."""
-        away = np.abs(found[..., :, None, :] - found[..., None, :, :]).max(axis=-1)
-        earlier = np.tri(found.shape[-2], k=-1, dtype=bool)
-        return ((away < SAME_RAD) & earlier).any(axis=-1)
-
 
 def _error(tcp: Floats, goals: Floats) -> Floats:
     """(K, 6) m and rad, in the base, from poses to goals (K, 4, 4)."""
     turns = goals[:, :3, :3] @ np.swapaxes(tcp[:, :3, :3], 1, 2)
     return np.concatenate([goals[:, :3, 3] - tcp[:, :3, 3], Rotation.from_matrix(turns).as_rotvec()], axis=1)
-
-
-def _within(joints: Floats, limits_rad: Floats) -> Floats:
-    """The same postures, with whole turns taken off that lead beyond the limits."""
-    low, high = limits_rad
-    turns = np.where(joints > high, np.ceil((joints - high) / (2 * np.pi)), 0.0)
-    turns = np.where(joints < low, -np.ceil((low - joints) / (2 * np.pi)), turns)
-    return joints - 2 * np.pi * turns
