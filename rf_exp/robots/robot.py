@@ -238,18 +238,6 @@ class Robot:
         """base_from_tcp (..., 4, 4) for rows that begin with the joints of the arm, rad."""
         return self._chain.tcp_pose(joints)
 
-    def ik(
-        self, base_from_tcp: NDArray[np.float64], last_rad: ArrayLike | None = None
-    ) -> NDArray[np.float64]:
-        """All joints (..., branches, dof) rad for TCP poses (..., 4, 4), a small margin within the limits.
-
-        `last_rad` (...) is the angle of the last joint of an arm with a joint to spare; unless given, that
-        with which it is least in the way of others. NaN where a branch has no posture.
-        """
-        solver = self.solver
-        last_rad = solver.facing(base_from_tcp) if last_rad is None else last_rad
-        return solver.postures(base_from_tcp, last_rad, self.planned_rad)
-
     @property
     def solver(self) -> Inverse:
         """Its inverse kinematics."""
