@@ -51,9 +51,11 @@ class Inverse(Protocol):
 
         NaN where there is none within the limits (2, dof).
         """
+        ...
 
     def facing(self, base_from_tcp: NDArray[np.float64]) -> NDArray[np.float64]:
         """The last joint (...) rad with which it is least in the way of others, at TCP poses (..., 4, 4)."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -77,14 +77,17 @@ class World(Protocol):
     @property
     def cameras(self) -> tuple[str, ...]:
         """Camera names: `global`, `agent1`, ... `agentN`; empty without rendering."""
+        ...
 
     def reset(self, seed: int) -> Scene: ...
 
     def step(self, action: NDArray[np.float64]) -> Scene:
         """Apply (N, A) joint targets + gripper command for one control step."""
+        ...
 
     def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
         """Camera -> (H, W, 3) of the present step; of these cameras, or of all."""
+        ...
 
 
 class SeeingWorld(World, Protocol):
@@ -92,9 +95,11 @@ class SeeingWorld(World, Protocol):
 
     def depth(self) -> dict[str, NDArray[np.float32]]:
         """Camera -> (H, W) metres along the viewing direction at the present step; 0 is nothing."""
+        ...
 
     def camera_models(self) -> dict[str, CameraModel]:
         """Camera -> its model at the present step."""
+        ...
 
 
 # What lies where in the rows that tell of an arm. A row of measured joints (..., D) ends with the two fingers
