@@ -1,6 +1,6 @@
 """What is asked of a schedule, as cells of coordination diagrams, dwells and deadlines."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Protocol
@@ -38,17 +38,19 @@ class Demands:
         self.cells: dict[tuple[int, int], Mask] = {}
         self.dwells: dict[tuple[int, int], int] = {}  # (agent, position) -> steps to stay there
         self.after_dwell: list[tuple[int, int, int, int, bool]] = []
-        self.deadlines: list[tuple[int, int, int]] = []
+        self.deadlines: list[tuple[int, int, int]] = []  # (agent, position, steps) reached at the latest then
 
     def trajectory(self, agent: int) -> Trajectory:
         return self.trajectories[agent - 1]
 
+    def shape(self, i: int, j: int) -> tuple[int, int]:
+        """(P_i, P_j) of the diagram of two agents."""
+        return len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1
+
     def forbid(self, a: int, rows: slice, b: int, columns: slice) -> None:
         """Agents a and b may not be at these positions at the same time."""
         i, j = sorted((a, b))
-        mask = self.cells.setdefault(
-            (i, j), np.zeros((len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1), dtype=bool)
-        )
+        mask = self.cells.setdefault((i, j), np.zeros(self.shape(i, j), dtype=bool))
         (mask if a < b else mask.T)[rows, columns] = True
 
     def apart(self, i: int, j: int, mask: Mask) -> None:
@@ -77,8 +79,7 @@ class Demands:
         done_i, done_j = (
             np.clip(np.arange(len(self.trajectory(agent)) + 1) - start[agent], 0, steps) for agent in (i, j)
         )
-        self.forbid(i, slice(0), j, slice(0))
-        self.cells[i, j] |= done_i[:, None] != done_j[None, :]
+        self.apart(i, j, done_i[:, None] != done_j[None, :])
 
     def delay(self, a: int, end: int, b: int, start: int, steps: int) -> None:
         """b leaves `start` at the earliest `steps` after a has reached `end`.
@@ -89,10 +90,6 @@ class Demands:
         agent, position = (a, end) if at_end else (b, start)
         self.dwells[agent, position] = max(steps, self.dwells.get((agent, position), 0))
         self.after_dwell.append((a, end, b, start, at_end))
-
-    def deadline(self, agent: int, position: int, steps: int) -> None:
-        """The agent reaches a position at the latest after `steps`."""
-        self.deadlines.append((agent, position, steps))
 
 
 @dataclass(frozen=True)
@@ -107,15 +104,10 @@ def joint_runs(trajectories: Sequence[Trajectory]) -> list[tuple[str, list[tuple
     """Label of joined segments -> (agent, first position, length) of each agent that has it."""
     found: dict[str, list[tuple[int, int, int]]] = {}
     for trajectory in trajectories:
-        for label, start, length in _labelled(trajectory):
-            found.setdefault(label, []).append((trajectory.agent, start, length))
+        start = 0
+        for label, run in groupby(trajectory.segments, key=lambda segment: segment.joined):
+            length = sum(map(len, run))
+            if label is not None:
+                found.setdefault(label, []).append((trajectory.agent, start, length))
+            start += length
     return sorted(found.items())
-
-
-def _labelled(trajectory: Trajectory) -> Iterable[tuple[str, int, int]]:
-    start = 0
-    for label, run in groupby(trajectory.segments, key=lambda segment: segment.joined):
-        length = sum(map(len, run))
-        if label is not None:
-            yield label, start, length
-        start += length

@@ -2,8 +2,7 @@
 
 from rf_exp.findings.account import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
 from rf_exp.findings.finding import Finding
-from rf_exp.findings.violation import About, Cause, CheckName, Doing, Found, Violation
-from rf_exp.findings.words import agent_name, names
+from rf_exp.findings.violation import About, Cause, CheckName, Doing, Found, Violation, agent_name, names
 
 __all__ = [
     "NOTHING",

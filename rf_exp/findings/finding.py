@@ -1,6 +1,6 @@
 """The findings there are, and the form of the sentence about each. Nothing reads such a sentence.
 
-What a form names in braces is a fact of `Found`, or written from them by `Words`.
+What a form names in braces is a fact of `Found`, or written from them (`violation`).
 """
 
 from enum import StrEnum

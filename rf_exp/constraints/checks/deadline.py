@@ -36,7 +36,7 @@ class DeadlineCheck(TimedCheck):
 
     def demand(self, demands: Demands) -> None:
         for agent, _, end in self.spans(demands):
-            demands.deadline(agent, end, steps_within(self.within_s))
+            demands.deadlines.append((agent, end, steps_within(self.within_s)))
 
     def planned(self, plan: Plan) -> Evidence:
         times = times_s(self.step, plan)
