@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Statement
-from rf_exp.statements.language.events import Step
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.statements.language.base import Names, Statement, Step, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Deadline(Statement):
 
     @property
     def sentence(self) -> str:
-        what = f"{self.step.verb} {self.step.object}" if self.step.verb else "finish"
+        what = self.step.does("finish")
         return f"{agent_name(self.step.agent)} must {what} within {number(self.within_s)} s."
 
     @classmethod

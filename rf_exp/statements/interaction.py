@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.base import Names, OfAgent, Statement, Words, agent_name
 from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS
-from rf_exp.statements.language.vocabulary import Names, agent_name
 
 WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
 

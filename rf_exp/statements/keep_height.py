@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 
 @dataclass(frozen=True)

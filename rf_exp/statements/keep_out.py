@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.events import Event, Step
-from rf_exp.statements.language.notation import Vector, Words, vector
-from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.statements.language.base import Event, Names, OfAgent, Statement, Step, Words, agent_name
+from rf_exp.statements.language.notation import Vector, vector
 
 _ZONE = (
     r"{agent} (?:(?:{must} )?(?:(?:stays?|keeps?) out of|avoids?)|{not} enters?)(?: the)? "

@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgents, Statement
-from rf_exp.statements.language.events import Step
-from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.base import OfAgents, Statement, Step, Words, listed
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import Names, listed
 
 _WHEN = r"(?: (?:when|while) {doing} {object})?"
 
@@ -24,10 +21,6 @@ class SameHeight(OfAgents):
 
     verb: str | None = None
     object: str | None = None
-
-    @property
-    def names(self) -> Names:
-        return self.phase[0].names
 
     @property
     def sentence(self) -> str:

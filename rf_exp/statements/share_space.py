@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgents
-from rf_exp.statements.language.vocabulary import listed
+from rf_exp.statements.language.base import OfAgents, listed
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""From an English sentence to the statement that it makes.
+"""From an English sentence to the statement that it makes, and from a line to the subgoal in it.
 
 A sentence is matched by patterns and never executed. It is understood whole or refused whole: a pattern has
 no place for words that it does not read, so what no pattern reads from the first word to the last is
@@ -14,12 +14,11 @@ from functools import cache
 from typing import Self
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements.language import units
-from rf_exp.statements.language.base import Form, Statement, kinds
-from rf_exp.statements.language.notation import Words, compiled, found, object_name
-from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import Vocabulary
-from rf_exp.types import Kind
+from rf_exp.findings import agent_name
+from rf_exp.statements.language.base import Form, Statement, Vocabulary, Words, kinds
+from rf_exp.statements.language.notation import UNITS, alternatives, compiled, found, object_name, quantity
+from rf_exp.statements.language.verbs import PARTS, VERBS
+from rf_exp.types import Kind, Subgoal
 
 MAX_LENGTH = 300  # characters; a constraint is one sentence
 _LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
@@ -31,7 +30,7 @@ _WRITTEN = re.compile(
 _AGENTS = r"(?:agents?|robots?|arms?)"
 _SEVERAL = re.compile(
     rf"\b(?:the )?{_AGENTS}[ _-]?(\d{{1,3}}(?:(?:, and |, | and |,)\d{{1,3}}(?![\w.]))+)"
-    rf"(?! ?(?:{units.pattern({unit for known in units.UNITS.values() for unit in known})})(?!\w))"
+    rf"(?! ?(?:{alternatives({unit for known in UNITS.values() for unit in known})})(?!\w))"
 )
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
@@ -96,12 +95,8 @@ def samples() -> Iterator[Statement]:
     return (sample for kind in kinds() for sample in kind.samples)
 
 
-def _forms() -> tuple[Form, ...]:
-    return _forms_of(tuple(kinds()))
-
-
 @cache
-def _forms_of(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
+def _forms(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
     return tuple(form for kind in known for form in kind.forms())
 
 
@@ -123,7 +118,7 @@ def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
 def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[Form, dict[str, str]] | None:
     """The form that reads all of these words, and their parts."""
     sentence = _normal(words, vocabulary)
-    for form in _forms():
+    for form in _forms(tuple(kinds())):
         if match := form.match(sentence):
             return form, found(match)
     return None
@@ -177,7 +172,7 @@ def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
                 continue
             return statement.sentence, " ".join(words[start:end])
     spoken = " ".join([*vocabulary.objects, *(point for of in vocabulary.points.values() for point in of)])
-    known = _known_words(_forms(), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
+    known = _known_words(_forms(tuple(kinds())), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
     unknown = [word for word in words if not known.issuperset(_WORD.findall(word.lower()))]
     sentence = [word.lower() for word in words]
 
@@ -196,3 +191,67 @@ def _known_words(forms: tuple[Form, ...], verbs: tuple[str, ...]) -> frozenset[s
         for written, optional in _WRITTEN.findall(compiled(form.notation).pattern)
         for word in (written, written[:-1] if optional else written)
     )
+
+
+LONGEST = 200  # characters of a subgoal
+HIGHEST_M = 100.0  # no arm comes near it; what it reaches is for the planner to say
+_SHOWN = 80
+_SUBGOAL = re.compile(
+    r"(?P<verb>\w+)"
+    r"(?: (?P<object>(?!at\b|to\b|by\b)\w+))?"
+    r"(?: at (?P<point>\w+))?"
+    r"(?: to (?P<target>\w+)(?: at (?P<target_point>\w+))?)?"
+    rf"(?: by (?P<height_m>\d{{1,4}}(?:\.\d{{1,4}})?) ?(?P<unit>{alternatives(UNITS['m'])}))?\.?",
+    re.IGNORECASE,
+)
+
+
+def subgoal_forms() -> tuple[str, ...]:
+    """How subgoals are written, one form a verb."""
+    return tuple(verb.form for verb in VERBS.values())
+
+
+def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
+    """The subgoal in a line. Raises ArgumentError with the forms or names that exist."""
+    match = _SUBGOAL.fullmatch(" ".join(text.split())) if len(text) <= LONGEST else None
+    verb = VERBS.get(match["verb"].lower()) if match else None
+    where = f"subgoal {text.strip()[:_SHOWN]!r} of {agent_name(agent)}"
+    if match is None or verb is None:
+        raise ArgumentError(f"cannot read {where}; forms: {', '.join(subgoal_forms())}")
+    said = {part: match[part] for part in PARTS if match[part] is not None}
+    if missing := [part for part in verb.needs if part not in said]:
+        raise ArgumentError(f"{where} lacks {' and '.join(missing)}")
+    if strange := sorted(set(said).difference(verb.needs, verb.may_have)):
+        raise ArgumentError(
+            f"{where} has {' and '.join(strange)}, which {verb.name} has no use for; "
+            f"forms: {', '.join(subgoal_forms())}"
+        )
+    height_m = None
+    if "height_m" in said:
+        height_m = quantity("m", said.pop("height_m"), match["unit"].casefold())
+        if height_m >= HIGHEST_M:
+            raise ArgumentError(f"{where} is by {height_m:g} m; expected less than {HIGHEST_M:g} m")
+    subgoal = Subgoal(agent, verb.name, height_m=height_m, **said)
+    _check_names(subgoal, where, vocabulary)
+    return subgoal
+
+
+def _check_names(subgoal: Subgoal, where: str, vocabulary: Vocabulary) -> None:
+    if subgoal.object is not None and subgoal.object not in vocabulary.points:
+        raise ArgumentError(
+            f"no object {subgoal.object!r} in {where}; available: {', '.join(sorted(vocabulary.points))}"
+        )
+    for name, point in ((subgoal.object, subgoal.point), (subgoal.target, subgoal.target_point)):
+        points = vocabulary.points.get(name or "")
+        if points is not None and point is not None and point not in points:
+            available = ", ".join(sorted(points)) or "none"
+            raise ArgumentError(f"{name} has no interaction point {point!r}; available: {available}")
+    if subgoal.object is not None and subgoal.point is not None:
+        points, verb = vocabulary.points[subgoal.object], VERBS[subgoal.verb]
+        fitting = [name for name, kind in points.items() if kind == verb.meets]
+        if subgoal.point not in fitting:
+            raise ArgumentError(
+                f"{where}: the point {subgoal.point} is to {points[subgoal.point]}; points of "
+                f"{subgoal.object} to {subgoal.verb} {'with' if verb.meets == 'tool' else 'at'}: "
+                f"{', '.join(fitting) or 'none'}"
+            )

@@ -4,7 +4,7 @@ One table for plans, for the reading of subgoals and of sentences, and for the p
 else is added with `add_verb`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -50,7 +50,7 @@ class Verb:
     narrow: tuple[Narrow, ...] = ()
 
     def __post_init__(self) -> None:
-        for said in self._said:
+        for said in (*self.words, *(each.word for each in self.narrow)):
             if len(said.split()) != 5:
                 raise ArgumentError(
                     f"verb {self.name!r}: {said!r} has {len(said.split())} forms; expected base, third "
@@ -73,39 +73,28 @@ class Verb:
         """When a word for it means it; None for one that always does."""
         return next((each for each in self.narrow if word in _forms(each.word)), None)
 
-    @property
-    def _said(self) -> tuple[str, ...]:
-        return (*self.words, *(each.word for each in self.narrow))
-
     @cached_property
-    def _forms(self) -> tuple[tuple[str, ...], ...]:
-        return tuple(map(_forms, self._said))
+    def forms(self) -> tuple[tuple[str, ...], ...]:
+        """The five forms of every word for it."""
+        return tuple(map(_forms, (*self.words, *(each.word for each in self.narrow))))
+
+    @property
+    def said(self) -> list[str]:
+        """Every form of every word for it."""
+        return [form for forms in self.forms for form in forms]
+
+    @property
+    def finite(self) -> list[str]:
+        """Every word for it but the -ing forms."""
+        return [form for forms in self.forms for form in forms[:4]]
 
     @property
     def third_person(self) -> str:
-        return self._forms[0][1]
+        return self.forms[0][1]
 
     @property
     def gerund(self) -> str:
-        return self._forms[0][4]
-
-    @property
-    def finite(self) -> Iterator[str]:
-        """Every word for it but the -ing forms."""
-        return (form for forms in self._forms for form in dict.fromkeys(forms[:4]))
-
-    @property
-    def present(self) -> Iterator[str]:
-        """Base form and third person of every word for it."""
-        return (form for forms in self._forms for form in dict.fromkeys(forms[:2]))
-
-    @property
-    def participles(self) -> Iterator[str]:
-        return (forms[3] for forms in self._forms)
-
-    @property
-    def gerunds(self) -> Iterator[str]:
-        return (forms[4] for forms in self._forms)
+        return self.forms[0][4]
 
 
 def _forms(said: str) -> tuple[str, ...]:
@@ -120,8 +109,8 @@ VERBS: Mapping[str, Verb] = MappingProxyType(_VERBS)
 
 def add_verb(verb: Verb) -> None:
     """Make a verb known. Raises ArgumentError where its name, or a word for it, means another one."""
-    taken = {word: known.name for known in _VERBS.values() for word in (*known.finite, *known.gerunds)}
-    for word in (verb.name, *verb.finite, *verb.gerunds):
+    taken = {word: known.name for known in _VERBS.values() for word in known.said}
+    for word in (verb.name, *verb.said):
         if word in taken or word in _VERBS:
             raise ArgumentError(
                 f"verb {verb.name!r}: {word!r} is a word for {taken.get(word, word)!r} already"
