@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rf_exp.constraints.check import Check, Evidence, compiled, violation
 from rf_exp.constraints.checks import (
     AvoidAgentsCheck,
     AvoidObjectsCheck,
@@ -18,8 +19,6 @@ from rf_exp.constraints.checks import (
     SpeedLimitCheck,
     TogetherCheck,
 )
-from rf_exp.constraints.compiler import compiled
-from rf_exp.constraints.evidence import Check, Evidence, violation
 from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential

@@ -6,10 +6,9 @@ from typing import Unpack
 
 import numpy as np
 
-from rf_exp.constraints.checks import TRAILS_STEPS, AvoidAgentsCheck
-from rf_exp.constraints.evidence import Check, Evidence, violation
+from rf_exp.constraints.check import Check, Evidence, violation
+from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgentsCheck, touching
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.touching import touching
 from rf_exp.findings import About, Cause, CheckName, Finding, Violation
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, Scene, Segment, arm_of, doing
@@ -131,13 +130,4 @@ def _seen(scene: Scene, finding: Finding, value: float, bound: float, **about: U
     """What the watch has found in a measured scene."""
     check, cause, unit = _WATCHED[finding]
     facts: About = {"measured": True, **about}
-    return Violation(
-        check=check,
-        cause=cause,
-        finding=finding,
-        value=value,
-        bound=bound,
-        unit=unit,
-        time_s=scene.time_s,
-        **facts,
-    )
+    return Violation(finding, value, bound, unit, check=check, cause=cause, time_s=scene.time_s, **facts)

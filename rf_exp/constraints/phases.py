@@ -6,7 +6,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Check
+from rf_exp.constraints.check import Check
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.stl import CLOCK_S, VOID, Execution, Signal, condition, named
 from rf_exp.coordination import Demands, subgoal_runs

@@ -286,7 +286,7 @@ def test_robustness_is_the_least_margin(text, expected):
 
 
 def test_without_rtamt_it_is_said_what_to_install(monkeypatch):
-    monkeypatch.setattr("rf_exp.constraints.stl.robustness.find_spec", lambda name: None)
+    monkeypatch.setattr("rf_exp.constraints.stl.find_spec", lambda name: None)
     with pytest.raises(ArgumentError, match=r"pip install 'rf_exp\[stl\]'"):
         evaluated("always(x <= 1)", {"x": [0.0, 0.0]})
 

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import Evidence, Plans
 from rf_exp.constraints.phases import TimedCheck, about, steps_within, times_s, unfinished
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import CLOCK_S, Signal, Specification, always, of_schedule
+from rf_exp.constraints.stl import CLOCK_S, Signal, Specification, always
 from rf_exp.coordination import Demands
 from rf_exp.findings import Finding, names
 from rf_exp.statements import Deadline, Step
@@ -49,4 +48,4 @@ class DeadlineCheck(TimedCheck):
         clock = Signal("clock", "s", "since the plan began", lambda execution: execution.clock_s)
         going_on = unfinished(self.step)
         formula = always([f"clock <= {self.within_s + CLOCK_S!r}"], "s", going_on)
-        return of_schedule((formula,), clock, going_on)
+        return Specification((formula,), (clock, going_on), measured=False)

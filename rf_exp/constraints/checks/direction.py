@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.contact import Contact, contact_now, last_contact, nearest_point, no_contact
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck, Plans
+from rf_exp.constraints.checks.interaction import (
+    Contact,
+    contact_now,
+    last_contact,
+    nearest_point,
+    no_contact,
+)
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named

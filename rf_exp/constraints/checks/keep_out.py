@@ -6,11 +6,10 @@ from functools import lru_cache
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import Evidence, OneAgentCheck, Plans
 from rf_exp.constraints.phases import span, step_parts
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.stl import Specification, bounded, named
+from rf_exp.constraints.stl import Specification, named
 from rf_exp.coordination import Closing
 from rf_exp.findings import About, CheckName, Doing, Finding, agent_name
 from rf_exp.geometry import Mask, Nearest, Piece, PlanningScene, Swept, closer_than, nearest, overlap
@@ -140,7 +139,7 @@ class KeepOutCheck(OneAgentCheck):
         elif self.until is not None:
             zone = named(zone, "until", *step_parts(self.until))
         how = f"from {agent_name(self.agent)}, measured, with what it holds, to the zone; negative: inside"
-        return bounded(self, (f"outside_{zone}", how), ">", 0.0, (f"closed_{zone}", "the zone is closed"))
+        return self.bounded((f"outside_{zone}", how), ">", 0.0, (f"closed_{zone}", "the zone is closed"))
 
 
 @lru_cache(maxsize=64)  # asked for at every control step

@@ -5,9 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import BoundedCheck, Evidence, Plans
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named

@@ -1,21 +1,23 @@
-"""The gripper of an agent is not too fast."""
+"""The gripper of an agent is not too fast: its path is made slow, and checked."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.slowing import speeds_m_s
-from rf_exp.constraints.stl import Specification, bounded, named
+from rf_exp.constraints.stl import Specification, named
 from rf_exp.findings import About, CheckName, Finding, agent_name
+from rf_exp.robots import Arm
 from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory, arm_of, gripper_of
 
 MEASURED_SPEED = 1.25  # an arm that catches up with its command is faster than it
+SPARE = 1.02  # straight lines between positions in joint space are none of the gripper
 _ROUNDING = 1 + 1e-9
 
 
@@ -30,10 +32,6 @@ class SpeedLimitCheck(OneAgentCheck):
 
     at_most_m_s: float
     text: str = ""
-
-    @classmethod
-    def compiled(cls, stated: SpeedLimit, plans: Plans) -> "SpeedLimitCheck":
-        return cls(stated.agent, stated.at_most_m_s, stated.sentence)
 
     def __repr__(self) -> str:
         return f"VS({agent_name(self.agent)}, at most {self.at_most_m_s:g} m/s)"
@@ -59,4 +57,61 @@ class SpeedLimitCheck(OneAgentCheck):
     def stl(self, task: Task) -> Specification:
         how = f"of the gripper of {agent_name(self.agent)}, by measured joint positions and velocities"
         bound = self.at_most_m_s * MEASURED_SPEED * _ROUNDING
-        return bounded(self, (named("speed", self.agent), how), "<=", bound)
+        return self.bounded((named("speed", self.agent), how), "<=", bound)
+
+
+def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P - 1,) of the tool centre point between path positions (P, dof or more) a control step apart."""
+    return np.linalg.norm(np.diff(arm.tcp(path)[:, :3, 3], axis=0), axis=1) / CONTROL_DT_S
+
+
+def slowed(
+    trajectories: Sequence[Trajectory], arms: Sequence[Arm], limits_m_s: Mapping[int, float]
+) -> tuple[Trajectory, ...]:
+    """The same paths, with every segment of an agent so slow that its gripper keeps to the agent's limit.
+
+    Segments that several agents make together stay together. Without limits they are returned as they are.
+    """
+    if not limits_m_s:
+        return tuple(trajectories)
+    factors = {  # (agent, index of the segment) -> how much longer it takes
+        (trajectory.agent, index): factor
+        for trajectory in trajectories
+        for index, factor in enumerate(_factors(trajectory, arms, limits_m_s.get(trajectory.agent, np.inf)))
+    }
+    joined: dict[str, float] = {}
+    for trajectory in trajectories:
+        for index, segment in enumerate(trajectory.segments):
+            if segment.joined is not None:
+                factor = factors[trajectory.agent, index]
+                joined[segment.joined] = max(factor, joined.get(segment.joined, 1.0))
+    found = []
+    for trajectory in trajectories:
+        segments, last = [], trajectory.path()[0]
+        for index, segment in enumerate(trajectory.segments):
+            factor = joined.get(segment.joined or "", factors[trajectory.agent, index])
+            segments.append(_stretched(segment, last, factor))
+            last = np.append(segment.qpos[-1], segment.gripper[-1])
+        found.append(replace(trajectory, segments=tuple(segments)))
+    return tuple(found)
+
+
+def _factors(trajectory: Trajectory, arms: Sequence[Arm], limit_m_s: float) -> list[float]:
+    path, factors = trajectory.path(), []
+    for _, start, end in trajectory.intervals:
+        speeds = speeds_m_s(arms[trajectory.agent - 1], path[start : end + 1])
+        fastest = float(speeds.max())
+        factors.append(fastest / limit_m_s * SPARE if fastest > limit_m_s else 1.0)
+    return factors
+
+
+def _stretched(segment: Segment, before: NDArray[np.float64], factor: float) -> Segment:
+    """A segment on a grid of so many times its steps, straight between its positions."""
+    if factor <= 1.0:
+        return segment
+    path = np.vstack([before, np.column_stack([segment.qpos, segment.gripper])])
+    steps = int(np.ceil(len(segment) * factor))
+    at = np.arange(1, steps + 1) * len(segment) / steps
+    rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+    rows[:, -1] = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # commands do not blend
+    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows))
