@@ -12,13 +12,10 @@ from typing import Any
 import numpy as np
 
 from rf_exp.constraints.check import Check, Evidence, compiled, violation
-from rf_exp.constraints.checks import (
-    AvoidAgentsCheck,
-    AvoidObjectsCheck,
-    BeforeCheck,
-    SpeedLimitCheck,
-    TogetherCheck,
-)
+from rf_exp.constraints.checks.avoidance import AvoidAgentsCheck, AvoidObjectsCheck
+from rf_exp.constraints.checks.before import BeforeCheck
+from rf_exp.constraints.checks.speed_limit import SpeedLimitCheck
+from rf_exp.constraints.checks.together import TogetherCheck
 from rf_exp.constraints.monitor import Monitor
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential

@@ -8,7 +8,7 @@ has several formulas, and holds when all of them do.
 
 A condition ("while Agent_1 holds lid") is VOID where it is true and -VOID where not: more than any margin, so
 the robustness of `always (condition implies margin)` is the least margin, or VOID where nothing was judged.
-Every check has its form (`Check.stl`). rtamt is an extra: nothing imports it before something is to be judged.
+Every check has its form (`Check.stl`). rtamt is an extra: it is imported once something is to be judged.
 """
 
 import io

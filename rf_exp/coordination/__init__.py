@@ -5,7 +5,7 @@ violation why there is none; `sequential` lets agents take turns.
 """
 
 from rf_exp.coordination.demands import Closing, Delays, Demands, Rule
-from rf_exp.coordination.scheduling import actions, alike, intended, schedule, sequential, subgoal_runs
+from rf_exp.coordination.scheduling import actions, alike, intended, schedule, sequential
 
 __all__ = [
     "Closing",
@@ -17,5 +17,4 @@ __all__ = [
     "intended",
     "schedule",
     "sequential",
-    "subgoal_runs",
 ]

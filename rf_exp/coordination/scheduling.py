@@ -20,7 +20,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Doing, Finding, Violation
 from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
-from rf_exp.types import CONTROL_DT_S, Schedule, Segment, Subgoal, Trajectory, arm_of, doing
+from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory, arm_of, doing
 
 
 def schedule(
@@ -125,15 +125,22 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
     _agents(trajectories)
     # Who moves without being named in the plan yields to those who are: that comes first.
     turns = [(each.agent, len(each)) for each in trajectories if not proposal.of(each.agent)]  # agent, steps
-    waiting = {each.agent: subgoal_runs(each) for each in trajectories if proposal.of(each.agent)}
+    waiting = {  # agent -> subgoals and the steps of each
+        each.agent: [
+            (subgoal, sum(map(len, run)))
+            for subgoal, run in groupby(each.segments, key=lambda segment: segment.subgoal)
+        ]
+        for each in trajectories
+        if proposal.of(each.agent)
+    }
     for subgoal in proposal.subgoals:
         runs = waiting.get(subgoal.agent, [])
         if runs and runs[0][0] == subgoal:
-            turns.append((subgoal.agent, sum(map(len, runs.pop(0)[1]))))
+            turns.append((subgoal.agent, runs.pop(0)[1]))
         while runs and runs[0][0] not in proposal.subgoals:  # what the planner has added belongs to it
-            turns.append((subgoal.agent, sum(map(len, runs.pop(0)[1]))))
+            turns.append((subgoal.agent, runs.pop(0)[1]))
     for agent, runs in waiting.items():  # what the plan does not name comes last
-        turns += [(agent, sum(map(len, segments))) for _, segments in runs]
+        turns += [(agent, steps) for _, steps in runs]
     position = np.zeros(len(trajectories), dtype=np.int64)
     rows = [position.copy()]
     for agent, steps in turns:
@@ -141,13 +148,6 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
             position[agent - 1] += 1
             rows.append(position.copy())
     return Schedule(np.array(rows), max(map(len, trajectories)))
-
-
-def subgoal_runs(trajectory: Trajectory) -> list[tuple[Subgoal, list[Segment]]]:
-    """The segments of each subgoal, in order."""
-    return [
-        (goal, list(run)) for goal, run in groupby(trajectory.segments, key=lambda segment: segment.subgoal)
-    ]
 
 
 def alike(paths: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:

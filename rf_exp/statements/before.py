@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Event, LiesOn, Names, Statement, Step, Words, agent_name
+from rf_exp.statements.language.base import Event, LiesOn, Statement, Step, Words, agent_name
 from rf_exp.statements.language.notation import number
 
 _DOES = r"{does then} {object then}"
@@ -38,10 +38,6 @@ class Before(Statement):
     def agents(self) -> tuple[int, ...]:
         first = (self.first.agent,) if isinstance(self.first, Step) else ()
         return (*first, self.then.agent)
-
-    @property
-    def names(self) -> Names:
-        return *self.first.names, *self.then.names
 
     @property
     def sentence(self) -> str:

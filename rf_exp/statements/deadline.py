@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Names, Statement, Step, Words, agent_name
+from rf_exp.statements.language.base import Statement, Step, Words, agent_name
 from rf_exp.statements.language.notation import number
 
 
@@ -22,10 +22,6 @@ class Deadline(Statement):
     @property
     def agents(self) -> tuple[int, ...]:
         return (self.step.agent,)
-
-    @property
-    def names(self) -> Names:
-        return self.step.names
 
     @property
     def sentence(self) -> str:

@@ -40,8 +40,7 @@ class KeepOut(OfAgent):
 
     @property
     def names(self) -> Names:
-        occupied = ((self.occupied_by, None),) if isinstance(self.occupied_by, str) else ()
-        return *occupied, *(self.until.names if self.until else ())
+        return *(((self.occupied_by, None),) if isinstance(self.occupied_by, str) else ()), *super().names
 
     @property
     def sentence(self) -> str:

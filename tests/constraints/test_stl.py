@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import Check, Paths, Plan, RoboChecker, checked_kinds, compiled
-from rf_exp.constraints.checks import AvoidObjectsCheck
+from rf_exp.constraints.checks.avoidance import AvoidObjectsCheck
 from rf_exp.constraints.checks.direction import ANGLE_MEASURED_DEG
 from rf_exp.constraints.checks.interaction import POSITION_MEASURED_M
 from rf_exp.constraints.checks.keep_level import MEASURED_DEG

@@ -73,13 +73,15 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
         if self.phase is not None:
             return self._throughout(plan, self.phase)
         contact = last_contact(plan, self.agent, self.object)
-        if contact is None and self._is_target(plan):
-            return self.idle(plan, ANGLE_DEG)
         if contact is None:
+            segments = plan.trajectory(self.agent).segments
+            if any(each.subgoal.target == self.object for each in segments):  # with something in its hand
+                return self.idle(plan, ANGLE_DEG)
             missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
             return no_contact(self, plan, self.object, *missed)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
-        return self._turned(contact.tcp(plan), pose, point, plan.time_s(self.agent, contact.end))
+        off_rad = self._off_rad(contact.tcp(plan), pose, point)
+        return self._turned(off_rad, plan.time_s(self.agent, contact.end))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         point = None
@@ -92,8 +94,8 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
             if contact is None:
                 return None
             point = self._point(plan, contact)
-        tcp, pose = plan.tcp(self.agent, scene), scene.poses[self.object]
-        return self._turned(tcp, pose, point, scene.time_s, measured=True)
+        off_rad = self._off_rad(plan.tcp(self.agent, scene), scene.poses[self.object], point)
+        return self._turned(off_rad, scene.time_s, measured=True)
 
     def _throughout(self, plan: Plan, phase: Step) -> Evidence:
         """The worst moment of a phase."""
@@ -102,13 +104,9 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
         if part is None:
             return self.idle(plan, ANGLE_DEG)
         tcp = plan.arm(self.agent).tcp(trajectory.path()[part[0] : part[1] + 1])
-        pose = plan.scene.poses[self.object]
-        worst = self.worst(np.array([self._off_deg(each, pose, None) for each in tcp]))
-        return self._turned(tcp[worst], pose, None, plan.time_s(self.agent, part[0] + worst))
-
-    def _is_target(self, plan: Plan) -> bool:
-        """Whether the agent goes to the object with something in its hand."""
-        return any(each.subgoal.target == self.object for each in plan.trajectory(self.agent).segments)
+        off_rad = np.array([self._off_rad(each, plan.scene.poses[self.object], None) for each in tcp])
+        worst = self.worst(np.degrees(off_rad))
+        return self._turned(off_rad[worst], plan.time_s(self.agent, part[0] + worst))
 
     def _point(self, plan: Plan, contact: Contact) -> InteractionPoint | None:
         points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
@@ -116,16 +114,11 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
             return points[named]
         return nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
 
-    def _turned(
-        self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, time_s: float, measured: bool = False
-    ) -> Evidence:
+    def _turned(self, off_rad: float, time_s: float, measured: bool = False) -> Evidence:
         about: About = {"measured": measured, "object": self.object, "aspect": ORIENTATIONS[self.orientation]}
-        return self.judged(self._off_deg(tcp, pose, point), time_s, **about)
+        return self.judged(float(np.degrees(off_rad)), time_s, **about)
 
-    def _off_deg(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
-        return float(np.degrees(self._error_rad(tcp, pose, point)))
-
-    def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
+    def _off_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
         approach, fingers = tcp[:3, 2], tcp[:3, 1]
         if self.orientation == "vertical":
             return np.pi - angle_between_rad(approach, UP)

@@ -14,7 +14,6 @@ from rf_exp.statements.language.notation import (
     Quantity,
     Vector,
     canonical,
-    compiled,
     object_name,
     quantity,
 )
@@ -137,12 +136,14 @@ Event = Step | LiesOn
 
 
 class Words:
-    """The parts of a matched sentence, looked up in the vocabulary of a task."""
+    """The parts of a matched sentence, looked up in the vocabulary of a task.
+
+    `filed` are the agents under which an answer lists it. Its parts are those groups of the pattern that it has.
+    """
 
     def __init__(
         self, parts: Mapping[str, str], text: str, vocabulary: Vocabulary, filed: tuple[int, ...] = ()
     ):
-        """`filed` are the agents under which an answer lists the sentence."""
         self._parts, self.text, self.vocabulary, self._filed = parts, text, vocabulary, filed
         self._where = f"constraint {text!r}"
 
@@ -150,7 +151,6 @@ class Words:
         return part in self._parts
 
     def __getitem__(self, part: str) -> str:
-        """The words of a named group of the pattern."""
         return self._parts[part]
 
     def agent(self, key: str = "") -> int:
@@ -158,10 +158,8 @@ class Words:
 
     def agents(self) -> tuple[int, ...]:
         """The agents of the sentence; where it names none those it is filed under, or else all."""
-        said = self._parts.get("agents")
-        named = re.findall(AGENT, said) if said else [f"agent_{agent}" for agent in self._filed]
-        agents = tuple(dict.fromkeys(map(self._known, named))) or self.vocabulary.agents
-        return self.several(agents)
+        named = re.findall(AGENT, self["agents"]) if "agents" in self else map("agent_{}".format, self._filed)
+        return self.several(tuple(dict.fromkeys(map(self._known, named))) or self.vocabulary.agents)
 
     def pair(self) -> tuple[int, int]:
         """The two agents of a sentence that is about one and another one."""
@@ -179,9 +177,6 @@ class Words:
 
     def point(self, name: str) -> str:
         return self.vocabulary.point(name, self["point"], self._where)
-
-    def kind(self, name: str, point: str) -> str:
-        return self.vocabulary.points[name][point]
 
     def verb(self, key: str = "", contact: bool = False) -> str | None:
         """The verb of a subgoal that a word stands for; None where the sentence has none.
@@ -223,7 +218,7 @@ class Words:
     def quantity(
         self, part: Quantity, largest: float, default: float | None = None, smallest: float = 0.0
     ) -> float:
-        """A length in m, a time in s, an angle in deg or a speed in m/s; its default where none is said."""
+        """A length in m, a time in s, an angle in deg or a speed in m/s; the default where none is said."""
         if part not in self and default is not None:
             return default
         value = quantity(part, self[part], self["unit"])
@@ -260,10 +255,6 @@ class Form:
     notation: str
     build: Callable[[Words], "Statement"]
 
-    def match(self, sentence: str):
-        """The match of a whole normalised sentence, or None."""
-        return compiled(self.notation).fullmatch(sentence)
-
 
 _KINDS: list[type["Statement"]] = []
 
@@ -271,7 +262,7 @@ _KINDS: list[type["Statement"]] = []
 class Statement(ABC):
     """A constraint on a plan. Subclasses are frozen dataclasses; each becomes known by being defined.
 
-    `parse(statement.sentence)` gives the statement again: a law over all kinds.
+    `read(statement.sentence, ...)` gives the statement again: a law over all kinds.
     """
 
     kind: ClassVar[Kind]
@@ -295,8 +286,9 @@ class Statement(ABC):
     @property
     def names(self) -> Names:
         """The objects it speaks of, each with an interaction point where it names one."""
-        name = getattr(self, "object", None)
-        return ((name, None),) if name else ()
+        named, parts = getattr(self, "object", None), vars(self).values()
+        own = ((named, None),) if named else ()
+        return *own, *(name for part in parts if isinstance(part, Event) for name in part.names)
 
     @classmethod
     def forms(cls) -> tuple[Form, ...]:

@@ -23,9 +23,8 @@ from rf_exp.types import Kind, Subgoal
 MAX_LENGTH = 300  # characters; a constraint is one sentence
 _LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
 _WORD = re.compile(r"[^\W\d_]+")
-_WRITTEN = re.compile(
-    r"\(\?P<\w+>|([a-z]+)(\??)"
-)  # in a pattern: a word, or with and without its last letter
+# In a pattern: a word, or with and without its last letter.
+_WRITTEN = re.compile(r"\(\?P<\w+>|([a-z]+)(\??)")
 
 _AGENTS = r"(?:agents?|robots?|arms?)"
 _SEVERAL = re.compile(
@@ -34,11 +33,21 @@ _SEVERAL = re.compile(
 )
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
-# Words that people often use, and that no statement stands for.
-_STOP = re.compile(r"\b(?:stop(?:s|ped|ping)?|pauses?|halts?)\b")
-_ORDER = re.compile(r"\b(?:before|after|until|once|then|while|when|as soon as|waits?)\b")
-_EDGE = re.compile(r"\b(?:begin|start|finish|end|complete)(?:s|es|ed|ing)?\b|\b(?:began|begun|done)\b")
-_ADVERB = re.compile(r"\b(vertical|horizontal|perpendicular)(?:ly)?\b|\bfrom (?:above|the side)\b")
+# Words that people often use, and that no statement stands for, with what to say instead.
+_ADVICE = {
+    r"\b(?:stop(?:s|ped|ping)?|pauses?|halts?)\b": (
+        "no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
+    ),
+    r"(?=.*\b(?:before|after|until|once|then|while|when|as soon as|waits?)\b)"
+    r".*\b(?:(?:begin|start|finish|end|complete)(?:s|es|ed|ing)?|began|begun|done)\b": (
+        "an order is between what is over and what begins: say 'Agent_2 must complete its task before "
+        "Agent_1 begins.'"
+    ),
+    r"\b(?:vertical|horizontal|perpendicular)(?:ly)?\b|\bfrom (?:above|the side)\b": (
+        "of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be "
+        "vertical at lid when lifting it.'"
+    ),
+}
 _SHORT = {"mustn't": "must not", "shouldn't": "should not", "can't": "cannot", "mayn't": "may not"}
 
 
@@ -119,40 +128,22 @@ def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[Form, dict[str,
     """The form that reads all of these words, and their parts."""
     sentence = _normal(words, vocabulary)
     for form in _forms(tuple(kinds())):
-        if match := form.match(sentence):
+        if match := compiled(form.notation).fullmatch(sentence):
             return form, found(match)
     return None
 
 
 def _not_understood(text: str, words: Sequence[str], vocabulary: Vocabulary) -> ArgumentError:
-    """Names the words in the way, the nearest that is understood, and what this task has to speak of."""
     nearest, in_the_way = _nearest(words, vocabulary)
     why = f"cannot read {in_the_way!r}" if in_the_way else "knows these words, but not in this order"
     if not words:
         why = "finds no words"
+    sentence = _normal(words, vocabulary)
+    instead = [advice for said, advice in _ADVICE.items() if re.search(said, sentence)]
     return ArgumentError(
         f"constraint {text!r} is not understood: the grammar {why}; the nearest that is: {nearest!r}; "
-        f"{vocabulary}{_advice(_normal(words, vocabulary))}"
+        f"{'; '.join([str(vocabulary), *instead[:1]])}"
     )
-
-
-def _advice(sentence: str) -> str:
-    """What to say instead of a normalised sentence, to end its message with; empty for none."""
-    if _STOP.search(sentence):
-        return (
-            "; no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
-        )
-    if _ORDER.search(sentence) and _EDGE.search(sentence):
-        return (
-            "; an order is between what is over and what begins: say 'Agent_2 must complete its task before "
-            "Agent_1 begins.'"
-        )
-    if _ADVERB.search(sentence):
-        return (
-            "; of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be "
-            "vertical at lid when lifting it.'"
-        )
-    return ""
 
 
 def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
@@ -162,10 +153,9 @@ def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
     runs = [(k, k + length) for length in range(1, _LONGEST_RUN + 1) for k in range(count - length, -1, -1)]
     for start, end in (*tails, *runs):
         matched = _read([*words[:start], *words[end:]], vocabulary)
-        if matched and all(
-            vocabulary.named(object_name(part)) for key, part in matched[1].items() if "object" in key
-        ):
-            form, parts = matched
+        form, parts = matched or (None, {})
+        things = (part for key, part in parts.items() if "object" in key)
+        if form and all(vocabulary.named(object_name(thing)) for thing in things):
             try:
                 statement = form.build(Words(parts, "", vocabulary)).known_in(vocabulary)
             except ArgumentError:
@@ -232,11 +222,6 @@ def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
         if height_m >= HIGHEST_M:
             raise ArgumentError(f"{where} is by {height_m:g} m; expected less than {HIGHEST_M:g} m")
     subgoal = Subgoal(agent, verb.name, height_m=height_m, **said)
-    _check_names(subgoal, where, vocabulary)
-    return subgoal
-
-
-def _check_names(subgoal: Subgoal, where: str, vocabulary: Vocabulary) -> None:
     if subgoal.object is not None and subgoal.object not in vocabulary.points:
         raise ArgumentError(
             f"no object {subgoal.object!r} in {where}; available: {', '.join(sorted(vocabulary.points))}"
@@ -247,7 +232,7 @@ def _check_names(subgoal: Subgoal, where: str, vocabulary: Vocabulary) -> None:
             available = ", ".join(sorted(points)) or "none"
             raise ArgumentError(f"{name} has no interaction point {point!r}; available: {available}")
     if subgoal.object is not None and subgoal.point is not None:
-        points, verb = vocabulary.points[subgoal.object], VERBS[subgoal.verb]
+        points = vocabulary.points[subgoal.object]
         fitting = [name for name, kind in points.items() if kind == verb.meets]
         if subgoal.point not in fitting:
             raise ArgumentError(
@@ -255,3 +240,4 @@ def _check_names(subgoal: Subgoal, where: str, vocabulary: Vocabulary) -> None:
                 f"{subgoal.object} to {subgoal.verb} {'with' if verb.meets == 'tool' else 'at'}: "
                 f"{', '.join(fitting) or 'none'}"
             )
+    return subgoal
