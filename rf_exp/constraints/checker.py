@@ -5,7 +5,7 @@ functions; it holds when all of them hold. What a row of the ablation switches o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -21,7 +21,7 @@ from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import Violation
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
-from rf_exp.statements import Proposal, Statement, Step
+from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory
 
@@ -102,10 +102,8 @@ class RoboChecker:
     def __init__(self, task: Task, proposal: Proposal, constraint_set: ConstraintSet) -> None:
         self._task, self._constraint_set, self._proposal = task, constraint_set, proposal
         self.code = compile(proposal.constraints, task, proposal)
-        self.checks = (
-            *self.code.of(constraint_set),
-            *(_implied(task, self.code) if constraint_set.spatial else ()),
-        )
+        implied = _implied(task, self.code.checks) if constraint_set.spatial else ()
+        self.checks = *self.code.of(constraint_set), *implied
 
     def rules(self, paths: Paths) -> tuple[Rule, ...]:
         """What the active constraints demand of a schedule, those about time first."""
@@ -134,7 +132,7 @@ class RoboChecker:
     def order(self) -> tuple[tuple[Part, Part], ...]:
         """(first, then) of the sequences that are active in this row."""
         orders = [check.steps for check in self.checks if isinstance(check, BeforeCheck)]
-        return tuple((_part(first), _part(then)) for first, then in orders)
+        return tuple((astuple(first), astuple(then)) for first, then in orders)
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""
@@ -166,18 +164,11 @@ class RoboChecker:
         return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
 
 
-def _part(step: Step) -> Part:
-    return step.agent, step.verb, step.object
-
-
-def _implied(task: Task, code: CheckCode) -> tuple[Check, ...]:
+def _implied(task: Task, checks: Sequence[Check]) -> tuple[Check, ...]:
     """Clearance checks for what the code is silent about."""
-    about_agents = [check for check in code.checks if isinstance(check, AvoidAgentsCheck)]
-    about_objects = [check for check in code.checks if isinstance(check, AvoidObjectsCheck)]
-    pairs = {pair for check in about_agents for pair in check.pairs(task)}
-    missing = [pair for pair in combinations(task.agents, 2) if pair not in pairs]
-    watched = {agent for check in about_objects for agent in check.agents}
+    pairs = {pair for check in checks if isinstance(check, AvoidAgentsCheck) for pair in check.pairs(task)}
+    watched = {agent for check in checks if isinstance(check, AvoidObjectsCheck) for agent in check.agents}
     silent = tuple(agent for agent in task.agents if agent not in watched)
     text = "implied: nothing was said about it"
-    agents: list[Check] = [AvoidAgentsCheck(pair, text) for pair in missing]
+    agents = (AvoidAgentsCheck(pair, text) for pair in combinations(task.agents, 2) if pair not in pairs)
     return (*agents, *((AvoidObjectsCheck(silent, text),) if silent else ()))

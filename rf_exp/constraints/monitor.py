@@ -6,7 +6,7 @@ from typing import Unpack
 
 import numpy as np
 
-from rf_exp.constraints.check import Check, Evidence, violation
+from rf_exp.constraints.check import Check, violation
 from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgentsCheck, touching
 from rf_exp.constraints.plan import Plan
 from rf_exp.findings import About, Cause, CheckName, Finding, Violation
@@ -33,16 +33,15 @@ class Monitor:
     def __call__(self, scene: Scene) -> Violation | None:
         """All checks on the real state at one control step."""
         plan = self._plan
-        touched: dict[tuple[int, ...], Evidence | None] = {}
+        touched: set[tuple[int, ...]] = set()
         for check in self._checks:
             if isinstance(check, AvoidAgentsCheck):  # one pair is often named by several constraints
                 key = check.agents if len(check.agents) > 1 else plan.task.agents
                 if key in touched:
                     continue
+                touched.add(key)
                 check = AvoidAgentsCheck(key, check.text)
-                evidence = touched[key] = check.measured(scene, plan)
-            else:
-                evidence = check.measured(scene, plan)
+            evidence = check.measured(scene, plan)
             if evidence is not None and not evidence.ok:
                 return violation(check, evidence)
         return self._struck(scene) or self._dropped(scene) or self._strayed(scene)
@@ -55,21 +54,15 @@ class Monitor:
             return plan.segment_at(agent, plan.position_now(agent, scene))
 
         reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
-        hits: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
-            (force_n, (a, b), ())
-            for a, b, force_n in scene.arm_contacts
-            if force_n > min(reflex_n[a], reflex_n[b])
+        forces: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
+            (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
         ]
         for (agent, name), force in scene.finger_forces.items():
-            force_n = float(np.linalg.norm(force))
-            if force_n > reflex_n[agent] and ((segment := now(agent)) is None or name not in segment.about):
-                hits.append((force_n, (agent,), (name,)))
-        for who, name, force_n in scene.clutter_contacts:
-            hits += [
-                (force_n, (agent,), (name,))
-                for agent in plan.task.agents
-                if who == f"agent{agent}" and force_n > reflex_n[agent]
-            ]
+            if (segment := now(agent)) is None or name not in segment.about:
+                forces.append((float(np.linalg.norm(force)), (agent,), (name,)))
+        numbers = {f"agent{agent}": agent for agent in plan.task.agents}
+        forces += [(n, (numbers[who],), (name,)) for who, name, n in scene.clutter_contacts if who in numbers]
+        hits = [each for each in forces if each[0] > min(reflex_n[agent] for agent in each[1])]
         if not hits:
             return None
         force_n, agents, things = max(hits)

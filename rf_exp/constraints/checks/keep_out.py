@@ -44,13 +44,10 @@ class KeepOutCheck(OneAgentCheck):
         return cls(stated.agent, *where, occupied_by=stated.occupied_by, until=until)
 
     def __repr__(self) -> str:
-        when = "" if self.occupied_by is None else f", while {self._occupant}"
+        inside = self.occupied_by
+        when = f", while {agent_name(inside) if isinstance(inside, int) else inside}" if inside else ""
         when += f", until {self.until.text}" if self.until else ""
         return f"VSO({agent_name(self.agent)}, zone {self.low_m} to {self.high_m}{when})"
-
-    @property
-    def _occupant(self) -> str:
-        return agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else str(self.occupied_by)
 
     def _zone(self) -> Swept:
         return _box(self.low_m, self.high_m)
@@ -68,17 +65,13 @@ class KeepOutCheck(OneAgentCheck):
             return other, np.arange(len(paths.trajectory(other)) + 1) < ends
         if isinstance(self.occupied_by, int):
             return self.occupied_by, self._inside(paths, self.occupied_by)
-        if self.occupied_by is not None:
-            return self._with_thing(paths, self.occupied_by)
-        return self.agent, np.ones(len(paths.trajectory(self.agent)) + 1, dtype=bool)
-
-    def _with_thing(self, paths: Paths, name: str) -> tuple[int, Mask]:
-        """As `_closed`, by an object: who moves it decides, or nobody."""
-        for agent, body in zip(paths.task.agents, paths.swept, strict=True):
-            if name in body.objects:
-                return agent, closer_than(body.only(name), self._zone(), 0.0)[:, 0]
-        standing = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
-        return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, standing)
+        closed, name = True, self.occupied_by
+        if name is not None:  # who moves a thing decides, or nobody
+            for agent, body in zip(paths.task.agents, paths.swept, strict=True):
+                if name in body.objects:
+                    return agent, closer_than(body.only(name), self._zone(), 0.0)[:, 0]
+            closed = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
+        return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, closed)
 
     def rule(self, paths: Paths) -> Closing | None:
         other, closed = self._closed(paths)
@@ -89,9 +82,9 @@ class KeepOutCheck(OneAgentCheck):
         return Closing((i, j), mask if i == self.agent else mask.T)
 
     def planned(self, plan: Plan) -> Evidence:
-        body, other = plan.paths.swept[self.agent - 1], self._closed(plan.paths)
-        own = plan.positions(self.agent)
-        steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
+        body, own = plan.paths.swept[self.agent - 1], plan.positions(self.agent)
+        other, closed = self._closed(plan.paths)
+        steps = np.flatnonzero(closed[plan.positions(other)])  # at which the zone is closed
         if not len(steps):
             return self.idle(plan, 0.0, np.inf)
         hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
@@ -120,8 +113,7 @@ class KeepOutCheck(OneAgentCheck):
 
     def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
         """From a measured arm, with what it holds, to the zone."""
-        held = scene.held[agent - 1]
-        arm = PlanningScene(plan.task, scene).measured(agent, attached=held, touches=())
+        arm = PlanningScene(plan.task, scene).measured(agent, attached=scene.held[agent - 1], touches=())
         gap = nearest(arm, self._zone())
         assert gap is not None
         return gap

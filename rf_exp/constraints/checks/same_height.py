@@ -1,6 +1,7 @@
 """The direction check of agents that carry one thing (paper, section 3.2): they keep it level."""
 
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,11 +72,8 @@ class SameHeightCheck(BoundedCheck):
 
     def _together(self, plan: Plan) -> list[str]:
         """The things that all of them carry in this plan."""
-        carried = [
-            {segment.attached for segment in plan.trajectory(agent).segments if segment.attached}
-            for agent in self.agents
-        ]
-        return sorted(set.intersection(*carried))
+        carried = ({each.attached for each in plan.trajectory(agent).segments} for agent in self.agents)
+        return sorted(filter(None, set.intersection(*carried)))
 
     def _span(self, plan: Plan, agent: int, name: str) -> tuple[int, int]:
         """Path positions between which an agent carries a thing and has to keep level with the others."""
@@ -102,11 +100,6 @@ class SameHeightCheck(BoundedCheck):
 
 def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
     """Path positions between which an agent carries a thing, for the first time."""
-    begin = end = None
-    for segment, start, stop in plan.trajectory(agent).intervals:
-        if segment.attached == name:
-            begin, end = start if begin is None else begin, stop
-        elif begin is not None:
-            break
-    assert begin is not None and end is not None  # asked of what is carried only
-    return begin, end
+    runs = groupby(plan.trajectory(agent).intervals, key=lambda part: part[0].attached == name)
+    parts = next(list(run) for carries, run in runs if carries)
+    return parts[0][1], parts[-1][2]

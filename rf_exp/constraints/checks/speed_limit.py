@@ -74,42 +74,36 @@ def slowed(
     """
     if not limits_m_s:
         return tuple(trajectories)
-    factors = {  # (agent, index of the segment) -> how much longer it takes
-        (trajectory.agent, index): factor
-        for trajectory in trajectories
-        for index, factor in enumerate(_factors(trajectory, arms, limits_m_s.get(trajectory.agent, np.inf)))
-    }
-    joined: dict[str, float] = {}
-    for trajectory in trajectories:
-        for index, segment in enumerate(trajectory.segments):
-            if segment.joined is not None:
-                factor = factors[trajectory.agent, index]
-                joined[segment.joined] = max(factor, joined.get(segment.joined, 1.0))
+    factors = [
+        _factors(each, arms[each.agent - 1], limits_m_s.get(each.agent, np.inf)) for each in trajectories
+    ]
+    joined: dict[str | None, float] = {}
+    for trajectory, own in zip(trajectories, factors, strict=True):
+        for segment, factor in zip(trajectory.segments, own, strict=True):
+            joined[segment.joined] = max(factor, joined.get(segment.joined, 1.0))
     found = []
-    for trajectory in trajectories:
-        segments, last = [], trajectory.path()[0]
-        for index, segment in enumerate(trajectory.segments):
-            factor = joined.get(segment.joined or "", factors[trajectory.agent, index])
-            segments.append(_stretched(segment, last, factor))
-            last = np.append(segment.qpos[-1], segment.gripper[-1])
+    for trajectory, own in zip(trajectories, factors, strict=True):
+        segments, path = [], trajectory.path()
+        for (segment, start, end), factor in zip(trajectory.intervals, own, strict=True):
+            slower = factor if segment.joined is None else joined[segment.joined]
+            segments.append(_stretched(segment, path[start : end + 1], slower))
         found.append(replace(trajectory, segments=tuple(segments)))
     return tuple(found)
 
 
-def _factors(trajectory: Trajectory, arms: Sequence[Arm], limit_m_s: float) -> list[float]:
+def _factors(trajectory: Trajectory, arm: Arm, limit_m_s: float) -> list[float]:
+    """How much longer each segment takes."""
     path, factors = trajectory.path(), []
     for _, start, end in trajectory.intervals:
-        speeds = speeds_m_s(arms[trajectory.agent - 1], path[start : end + 1])
-        fastest = float(speeds.max())
+        fastest = float(speeds_m_s(arm, path[start : end + 1]).max())
         factors.append(fastest / limit_m_s * SPARE if fastest > limit_m_s else 1.0)
     return factors
 
 
-def _stretched(segment: Segment, before: NDArray[np.float64], factor: float) -> Segment:
-    """A segment on a grid of so many times its steps, straight between its positions."""
+def _stretched(segment: Segment, path: NDArray[np.float64], factor: float) -> Segment:
+    """A segment on a grid of so many times its steps, straight between the positions of its path."""
     if factor <= 1.0:
         return segment
-    path = np.vstack([before, np.column_stack([segment.qpos, segment.gripper])])
     steps = int(np.ceil(len(segment) * factor))
     at = np.arange(1, steps + 1) * len(segment) / steps
     rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])

@@ -138,7 +138,7 @@ Event = Step | LiesOn
 class Words:
     """The parts of a matched sentence, looked up in the vocabulary of a task.
 
-    `filed` are the agents under which an answer lists it. Its parts are those groups of the pattern that it has.
+    `filed` are the agents under which an answer lists it. Its parts are the groups of the pattern.
     """
 
     def __init__(
