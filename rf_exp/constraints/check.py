@@ -24,11 +24,7 @@ _CAUSES: Mapping[Kind, Cause] = {
     "temporal": Cause.TIME,
     "spatial": Cause.SPACE,
 }
-_COMPARED: Mapping[Comparison, Callable[[float, float], bool]] = {
-    "<=": operator.le,
-    ">=": operator.ge,
-    ">": operator.gt,
-}
+_COMPARED: Mapping[str, Callable[..., bool]] = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
 _CHECKS: dict[type[Statement], type["Check"]] = {}  # of each kind of statement
 
 
@@ -96,26 +92,6 @@ class Check(ABC):
         """What it answers where nothing in a plan is about it: it holds."""
         return self.found(True, Finding.IDLE, value, bound, plan.begins_s)
 
-    def bounded(
-        self, signal: tuple[str, str], comparison: Comparison, bound: float, when: tuple[str, str] = ("", "")
-    ) -> Specification:
-        """Its form where what is measured has a bound, at every step or `when` it says something.
-
-        `signal` and `when` are each a name and what it means.
-        """
-
-        def value(execution: Execution) -> NDArray[np.float64]:
-            return np.array([0.0 if each is None else each.value for each in execution.measured(self)])
-
-        def judged(execution: Execution) -> NDArray[np.float64]:
-            return condition(each is not None for each in execution.measured(self))
-
-        name, how = signal
-        gates = (Signal(when[0], "", when[1], judged),) if when[0] else ()
-        number = Signal(name, self.unit, f"{how}; 0 at other steps" if gates else how, value)
-        formula = always([f"{name} {comparison} {bound!r}"], self.unit, *gates, strict=comparison == ">")
-        return Specification((formula,), (number, *gates))
-
 
 class BoundedCheck(Check):
     """A check of a number that keeps to one side of its bound, which is another one where it is measured."""
@@ -123,6 +99,7 @@ class BoundedCheck(Check):
     finding: ClassVar[Finding]  # that it makes
     comparison: Comparison = "<="  # of the number with its bound
     bounds: tuple[float, float]  # of the number as planned, and as measured
+    rounding: ClassVar[float] = 1.0  # by which the bound may be passed
 
     def worst(self, values: NDArray[np.float64]) -> int:
         """Where numbers (T,) come nearest to their bound, or are farthest beyond it; the first such place."""
@@ -131,12 +108,23 @@ class BoundedCheck(Check):
     def judged(self, value: float, time_s: float, **about: Unpack[About]) -> Evidence:
         """Evidence of one number, planned unless it is said to be measured."""
         bound = self.bounds[about.get("measured", False)]
-        ok = bool(_COMPARED[self.comparison](value, bound))
+        ok = bool(_COMPARED[self.comparison](value, bound * self.rounding))
         return self.found(ok, self.finding, float(value), bound, time_s, **about)
 
     def formula(self, name: str, how: str, when: tuple[str, str] = ("", "")) -> Specification:
         """Its form: a signal of what is measured, and `when` that speaks; each a name and its meaning."""
-        return self.bounded((name, how), self.comparison, self.bounds[True], when)
+
+        def value(execution: Execution) -> NDArray[np.float64]:
+            return np.array([0.0 if each is None else each.value for each in execution.measured(self)])
+
+        def judged(execution: Execution) -> NDArray[np.float64]:
+            return condition(each is not None for each in execution.measured(self))
+
+        gates = (Signal(when[0], "", when[1], judged),) if when[0] else ()
+        number = Signal(name, self.unit, f"{how}; 0 at other steps" if gates else how, value)
+        margin = f"{name} {self.comparison} {self.bounds[True] * self.rounding!r}"
+        formula = always([margin], self.unit, *gates, strict=self.comparison == ">")
+        return Specification((formula,), (number, *gates))
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,10 @@ def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
 
 
 class TimedCheck(Check):
-    """A check of when parts of plans begin and end, by the commands given. Value and bound in seconds."""
+    """A check of when parts of plans begin and end, by the commands given. Value and bound in seconds.
+
+    Paper: Trajectory Scheduling Validation.
+    """
 
     name, unit = CheckName.SCHEDULING, "s"
 

@@ -211,46 +211,37 @@ def hesitates(
     forbidden = {pair: demands.cells.get(pair, False) | mask for pair, mask in diagrams.items()}
     forbidden = {**demands.cells, **forbidden}
     found = np.zeros(positions.shape, dtype=bool)
+
+    def free_from(agent: int, start: int, end: int, knot: int) -> int:
+        """The first step of a stay (start, end) from which on an agent could have gone on to its next knot.
+
+        As the others are then, and up to `slack` steps earlier or later. It waits at that knot until the
+        schedule has it there.
+        """
+        own = positions[:, agent - 1]
+        until = int(np.searchsorted(own, knot))  # the step at which the schedule has it there
+        others = [(mask, j) for (i, j), mask in forbidden.items() if i == agent]
+        others += [(mask.T, i) for (i, j), mask in forbidden.items() if j == agent]
+        for leaves in range(end - 1, start - 1, -1):
+            steps = np.arange(leaves, until + 1)
+            goes = np.minimum(own[start] + steps - leaves, knot)
+            for cells, other in others:
+                for late in range(-slack, slack + 1):
+                    there = positions[np.clip(steps + late, 0, len(positions) - 1), other - 1]
+                    if cells[goes, there].any():
+                        return leaves + 1
+        return start
+
     for trajectory in demands.trajectories:
-        k = trajectory.agent - 1
-        arrived = np.flatnonzero(np.diff(positions[:, k], prepend=-1))
+        agent, own = trajectory.agent, positions[:, trajectory.agent - 1]
+        arrived = np.flatnonzero(np.diff(own, prepend=-1))
         left = [*(arrived[1:] - 1), len(positions) - 1]
         for start, end in zip(arrived.tolist(), left, strict=True):
-            position = int(positions[start, k])
-            stays = end > start and position < len(trajectory)  # not at the end of its path
-            if stays and (trajectory.agent, position) not in asked:
-                first = _free_from(positions, k, start, end, trajectory.knots, forbidden, slack)
-                found[first + 1 : end + 1, k] = True
+            # At the end of its path none follows.
+            following = [knot for knot in trajectory.knots if knot > own[start]]
+            if end > start and following and (agent, int(own[start])) not in asked:
+                found[free_from(agent, start, end, following[0]) + 1 : end + 1, agent - 1] = True
     return found
-
-
-def _free_from(
-    positions: NDArray[np.int64],
-    k: int,
-    start: int,
-    end: int,
-    knots: Sequence[int],
-    forbidden: Mapping[tuple[int, int], Mask],
-    slack: int,
-) -> int:
-    """The first step of a stay (start, end) from which on agent k + 1 could have gone on to its next knot.
-
-    As the others are then, and up to `slack` steps earlier or later. It waits at that knot until the schedule
-    has it there.
-    """
-    knot = min(each for each in knots if each > positions[start, k])
-    until = int(np.searchsorted(positions[:, k], knot))  # the step at which the schedule has it there
-    others = [(mask, j) for (i, j), mask in forbidden.items() if i == k + 1]
-    others += [(mask.T, i) for (i, j), mask in forbidden.items() if j == k + 1]
-    for leaves in range(end - 1, start - 1, -1):
-        steps = np.arange(leaves, until + 1)
-        own = np.minimum(positions[start, k] + steps - leaves, knot)
-        for cells, other in others:
-            for late in range(-slack, slack + 1):
-                there = positions[np.clip(steps + late, 0, len(positions) - 1), other - 1]
-                if cells[own, there].any():
-                    return leaves + 1
-    return start
 
 
 @dataclass(frozen=True, eq=False)

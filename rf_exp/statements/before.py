@@ -1,5 +1,3 @@
-"""Temporal: one thing is over before another begins (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import Event, LiesOn, Statement, Step, Words, agent_name
@@ -10,7 +8,7 @@ _DOES = r"{does then} {object then}"
 
 @dataclass(frozen=True)
 class Before(Statement):
-    """Something is over before an agent begins something, with a pause of `wait_s` between."""
+    """Something is over before an agent begins something, with a pause of `wait_s` between (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

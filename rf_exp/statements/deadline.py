@@ -1,5 +1,3 @@
-"""Temporal: a part of a plan is over in time (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import Statement, Step, Words, agent_name
@@ -8,7 +6,7 @@ from rf_exp.statements.language.notation import number
 
 @dataclass(frozen=True)
 class Deadline(Statement):
-    """A part of an agent's plan is over in time, counted from the start of the plan."""
+    """A part of an agent's plan is over in time, from the start of the plan on (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

@@ -1,5 +1,3 @@
-"""Spatial: two grippers, or two arms, keep a distance."""
-
 from dataclasses import dataclass
 from typing import Literal
 

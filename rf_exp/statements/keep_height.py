@@ -1,5 +1,3 @@
-"""Spatial: a gripper stays below or above a height."""
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,5 +1,3 @@
-"""Logical: what is carried is kept level."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import Statement, Words, agent_name

@@ -1,5 +1,3 @@
-"""Spatial: an agent stays out of a zone (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import Event, Names, OfAgent, Statement, Step, Words, agent_name
@@ -16,7 +14,7 @@ _INSIDE = r"(?: still)? is (?:still )?(?:there|in it|in there|inside)"
 class KeepOut(OfAgent):
     """A keep-out zone: an agent, with what it carries, stays out of a box. Corners in metres, world frame.
 
-    Only while an agent or an object is in it, or until something is over, where one of them is given.
+    Paper, section 3.2. Only while an agent or an object is in it, or until something is over, where one of them is given.
     """
 
     kind = "spatial"

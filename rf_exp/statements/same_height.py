@@ -1,5 +1,3 @@
-"""Logical: agents that carry one thing raise it by the same height (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import OfAgents, Statement, Step, Words, listed
@@ -10,7 +8,7 @@ _WHEN = r"(?: (?:when|while) {doing} {object})?"
 
 @dataclass(frozen=True)
 class SameHeight(OfAgents):
-    """Agents that carry one thing together raise it by the same height; all the while or in one phase."""
+    """Agents that carry one thing together raise it by the same height (paper, section 3.2)."""
 
     kind = "logical"
     patterns = (

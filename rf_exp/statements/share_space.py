@@ -1,5 +1,3 @@
-"""Temporal: agents may use one space at different times (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import OfAgents, listed
@@ -7,7 +5,7 @@ from rf_exp.statements.language.base import OfAgents, listed
 
 @dataclass(frozen=True)
 class ShareSpace(OfAgents):
-    """Agents may use the same space at different times."""
+    """Agents may use the same space at different times (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

@@ -1,5 +1,3 @@
-"""Temporal: a gripper is not too fast."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name

@@ -1,5 +1,3 @@
-"""Temporal: agents begin a thing together (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.deadline import Deadline
@@ -21,7 +19,7 @@ SHORT_S = 2.0  # nothing is over so soon: `simultaneously within 2 s` is no dead
 
 @dataclass(frozen=True)
 class Together(OfAgents):
-    """Agents begin the same thing, or all that they do, at most `within_s` apart."""
+    """Agents begin the same thing, or all that they do, at most `within_s` apart (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

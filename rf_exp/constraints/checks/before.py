@@ -1,5 +1,3 @@
-"""One part of a plan is over before another begins (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 
 import numpy as np

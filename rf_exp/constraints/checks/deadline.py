@@ -1,5 +1,3 @@
-"""A part of a plan is over in time (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,14 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck, Plans
-from rf_exp.constraints.checks.interaction import (
-    Contact,
-    contact_now,
-    last_contact,
-    nearest_point,
-    no_contact,
-)
+from rf_exp.constraints.check import Evidence, Plans
+from rf_exp.constraints.checks.interaction import Contact, ContactCheck, offset_m
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named
@@ -39,7 +33,7 @@ ORIENTATIONS = {
 
 
 @dataclass(frozen=True)
-class DirectionCheck(OneAgentCheck, BoundedCheck):
+class DirectionCheck(ContactCheck):
     """The gripper has the required orientation at contact. Value and bound in degrees.
 
     `perpendicular` asks for the annotated direction of the interaction point: both the approach
@@ -49,7 +43,6 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
     states, name, unit = Direction, CheckName.DIRECTION, "deg"
     finding, bounds = Finding.OFF_DIRECTION, (ANGLE_DEG, ANGLE_MEASURED_DEG)
 
-    object: str
     orientation: str  # one of ORIENTATIONS
     text: str = ""
     phase: Step | None = None  # in which it has to hold; at contact unless given
@@ -72,13 +65,12 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
     def planned(self, plan: Plan) -> Evidence:
         if self.phase is not None:
             return self._throughout(plan, self.phase)
-        contact = last_contact(plan, self.agent, self.object)
+        contact = self.contact(plan)
         if contact is None:
             segments = plan.trajectory(self.agent).segments
             if any(each.subgoal.target == self.object for each in segments):  # with something in its hand
                 return self.idle(plan, ANGLE_DEG)
-            missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
-            return no_contact(self, plan, self.object, *missed)
+            return self.no_contact(plan, Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
         off_rad = self._off_rad(contact.tcp(plan), pose, point)
         return self._turned(off_rad, plan.time_s(self.agent, contact.end))
@@ -90,7 +82,7 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
             if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
                 return None
         else:
-            contact = contact_now(plan, self.agent, self.object, scene)
+            contact = self.contact_now(plan, scene)
             if contact is None:
                 return None
             point = self._point(plan, contact)
@@ -112,7 +104,9 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
         points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
         if named is not None and named in points:
             return points[named]
-        return nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
+        tcp, pose = contact.tcp(plan), contact.object_pose(plan, self.object)
+        met = [point for point in points.values() if point.kind in ("grasp", "press")]
+        return min(met, key=lambda point: offset_m(tcp, pose @ point.object_from_tcp), default=None)
 
     def _turned(self, off_rad: float, time_s: float, measured: bool = False) -> Evidence:
         about: About = {"measured": measured, "object": self.object, "aspect": ORIENTATIONS[self.orientation]}

@@ -14,7 +14,6 @@ from rf_exp.constraints.stl import Execution, Signal, Specification, always, con
 from rf_exp.findings import About, CheckName, Finding, agent_name
 from rf_exp.statements import ContactAt, PlaceAt
 from rf_exp.tasks import Task
-from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix
 from rf_exp.types import Scene, Segment
 
@@ -48,54 +47,49 @@ class Contact:
         return min(poses, key=lambda pose: offset_m(tcp, pose @ at))
 
 
-def last_contact(plan: Plan, agent: int, name: str) -> Contact | None:
-    """The last contact that the plan of an agent makes with an object."""
-    parts, found = list(plan.trajectory(agent).intervals), None
-    for index, (segment, _, end) in enumerate(parts):
-        if segment.primitive in CONTACT and segment.subgoal.object == name:
-            closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
-            found = Contact(segment, end, closed[0] if closed else end)
-    return found
-
-
 def offset_m(a: Matrix, b: Matrix) -> float:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
 
 
-def no_contact(
-    check: OneAgentCheck, plan: Plan, name: str, missed: Finding, aspect: str, value: float, bound: float
-) -> Evidence:
-    """What it means that an agent makes no contact: it holds the object already, or misses the demand."""
-    holds = plan.scene.held[check.agent - 1] == name
-    moving = tuple(dict.fromkeys(each.subgoal.text for each in plan.trajectory(check.agent).segments))
-    finding, value = (Finding.HOLDS_IT, 0.0) if holds else (missed, value)
-    return check.found(
-        holds, finding, value, bound, plan.begins_s, object=name, aspect=aspect, subgoals=moving
-    )
+@dataclass(frozen=True)
+class ContactCheck(OneAgentCheck, BoundedCheck):
+    """A check of how an agent meets an object."""
 
+    object: str
 
-def nearest_point(plan: Plan, name: str, tcp: Matrix, pose: Matrix) -> InteractionPoint | None:
-    points = [point for point in plan.task.asset(name).points.values() if point.kind in ("grasp", "press")]
-    return min(points, key=lambda point: offset_m(tcp, pose @ point.object_from_tcp), default=None)
+    def contact(self, plan: Plan) -> Contact | None:
+        """The last one that the plan of the agent makes with the object."""
+        parts, found = list(plan.trajectory(self.agent).intervals), None
+        for index, (segment, _, end) in enumerate(parts):
+            if segment.primitive in CONTACT and segment.subgoal.object == self.object:
+                closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
+                found = Contact(segment, end, closed[0] if closed else end)
+        return found
 
+    def contact_now(self, plan: Plan, scene: Scene) -> Contact | None:
+        """The same, in the control step in which the fingers have closed."""
+        contact = self.contact(plan)
+        if contact is None:
+            return None
+        settles = int(np.searchsorted(plan.positions(self.agent), contact.settled))
+        return contact if scene.step - plan.scene.step == settles else None
 
-def contact_now(plan: Plan, agent: int, name: str, scene: Scene) -> Contact | None:
-    """The last contact of an agent with an object, in the control step in which its fingers have closed."""
-    contact = last_contact(plan, agent, name)
-    if contact is None:
-        return None
-    settles = int(np.searchsorted(plan.positions(agent), contact.settled))
-    return contact if scene.step - plan.scene.step == settles else None
+    def no_contact(self, plan: Plan, missed: Finding, aspect: str, value: float) -> Evidence:
+        """What it means that there is none: the agent holds the object already, or misses the demand."""
+        holds = plan.scene.held[self.agent - 1] == self.object
+        moving = tuple(dict.fromkeys(each.subgoal.text for each in plan.trajectory(self.agent).segments))
+        about: About = {"object": self.object, "aspect": aspect, "subgoals": moving}
+        finding, value = (Finding.HOLDS_IT, 0.0) if holds else (missed, value)
+        return self.found(holds, finding, value, self.bounds[False], plan.begins_s, **about)
 
 
 @dataclass(frozen=True)
-class ContactAtCheck(OneAgentCheck, BoundedCheck):
+class ContactAtCheck(ContactCheck):
     """The agent meets the object at the annotated point. Value and bound in metres."""
 
     states, name, unit = ContactAt, CheckName.INTERACTION, "m"
     finding, bounds = Finding.BESIDE_POINT, (POSITION_M, POSITION_MEASURED_M)
 
-    object: str
     point: str
     text: str = ""
 
@@ -113,15 +107,16 @@ class ContactAtCheck(OneAgentCheck, BoundedCheck):
         return f"VI({agent_name(self.agent)}, {self.object}, {self.point})"
 
     def planned(self, plan: Plan) -> Evidence:
-        contact = last_contact(plan, self.agent, self.object)
+        contact = self.contact(plan)
         if contact is None:
-            nearest_m = self._nearest_m(plan)
-            return no_contact(self, plan, self.object, Finding.NO_CONTACT, self.point, nearest_m, POSITION_M)
+            point_m = self._goal(plan, plan.scene.poses[self.object])[:3, 3]
+            nearest_m = float(np.linalg.norm(plan.paths.grippers_m(self.agent) - point_m, axis=1).min())
+            return self.no_contact(plan, Finding.NO_CONTACT, self.point, nearest_m)
         pose, time_s = contact.object_pose(plan, self.object), plan.time_s(self.agent, contact.end)
         return self._beside(plan, contact.tcp(plan), pose, time_s)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        if contact_now(plan, self.agent, self.object, scene) is None:
+        if self.contact_now(plan, scene) is None:
             return None
         tcp, pose = plan.tcp(self.agent, scene), scene.poses[self.object]
         return self._beside(plan, tcp, pose, scene.time_s, measured=True)
@@ -135,11 +130,6 @@ class ContactAtCheck(OneAgentCheck, BoundedCheck):
     def _goal(self, plan: Plan, pose: Matrix) -> Matrix:
         """world_from_tcp at the point of the object at a pose."""
         return pose @ plan.task.asset(self.object).points[self.point].object_from_tcp
-
-    def _nearest_m(self, plan: Plan) -> float:
-        """How near the TCP comes to the point where it is now."""
-        point_m = self._goal(plan, plan.scene.poses[self.object])[:3, 3]
-        return float(np.linalg.norm(plan.paths.grippers_m(self.agent) - point_m, axis=1).min())
 
     def stl(self, task: Task) -> Specification:
         about, who = (self.agent, self.object, self.point), agent_name(self.agent)

@@ -1,5 +1,3 @@
-"""Two grippers, or two arms, keep a distance."""
-
 from dataclasses import dataclass
 
 import numpy as np

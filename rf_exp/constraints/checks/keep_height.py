@@ -1,5 +1,3 @@
-"""The gripper of an agent stays below or above a height."""
-
 from dataclasses import dataclass
 
 from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck

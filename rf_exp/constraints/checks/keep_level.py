@@ -1,5 +1,3 @@
-"""What agents carry is kept level."""
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,12 +1,10 @@
-"""Keep-out zones: an agent stays out of a box, always or while something closes it."""
-
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.check import Evidence, OneAgentCheck, Plans
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck, Plans
 from rf_exp.constraints.phases import span, step_parts
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.stl import Specification, named
@@ -20,14 +18,15 @@ from rf_exp.types import Scene
 
 
 @dataclass(frozen=True)
-class KeepOutCheck(OneAgentCheck):
-    """An agent, with what it carries, stays out of a box. Value and bound in metres.
+class KeepOutCheck(OneAgentCheck, BoundedCheck):
+    """An agent, with what it carries, stays out of a zone, a box. Value and bound in metres.
 
     Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
     can keep the agent out (`rule`).
     """
 
     states, name, unit = KeepOut, CheckName.OCCUPANCY, "m"
+    finding, comparison, bounds = Finding.IN_ZONE, ">", (0.0, 0.0)
 
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
@@ -120,7 +119,7 @@ class KeepOutCheck(OneAgentCheck):
 
     def _beside(self, gap: Nearest, ok: bool, time_s: float, does: tuple[Doing | None, ...] = ()) -> Evidence:
         """`does`: what the agent is about, as planned; empty as measured."""
-        finding, zone = Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE, f"zone {self.low_m} to {self.high_m}"
+        finding, zone = Finding.OUT_OF_ZONE if ok else self.finding, f"zone {self.low_m} to {self.high_m}"
         about: About = {"measured": not does, "obstacles": (zone,), "doing": does, "parts": (gap.a,)}
         return self.found(ok, finding, gap.distance_m, 0.0, time_s, **about)
 
@@ -131,7 +130,7 @@ class KeepOutCheck(OneAgentCheck):
         elif self.until is not None:
             zone = named(zone, "until", *step_parts(self.until))
         how = f"from {agent_name(self.agent)}, measured, with what it holds, to the zone; negative: inside"
-        return self.bounded((f"outside_{zone}", how), ">", 0.0, (f"closed_{zone}", "the zone is closed"))
+        return self.formula(f"outside_{zone}", how, (f"closed_{zone}", "the zone is closed"))
 
 
 @lru_cache(maxsize=64)  # asked for at every control step

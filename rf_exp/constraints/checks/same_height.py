@@ -1,5 +1,3 @@
-"""The direction check of agents that carry one thing (paper, section 3.2): they keep it level."""
-
 from dataclasses import dataclass
 from itertools import groupby
 

@@ -1,5 +1,3 @@
-"""Agents may use one space at different times (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 from math import inf
 

@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.check import Evidence, OneAgentCheck
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named
-from rf_exp.findings import About, CheckName, Finding, agent_name
+from rf_exp.findings import CheckName, Finding, agent_name
 from rf_exp.robots import Arm
 from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
@@ -18,17 +17,17 @@ from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory, arm_of, gripp
 
 MEASURED_SPEED = 1.25  # an arm that catches up with its command is faster than it
 SPARE = 1.02  # straight lines between positions in joint space are none of the gripper
-_ROUNDING = 1 + 1e-9
 
 
 @dataclass(frozen=True)
-class SpeedLimitCheck(OneAgentCheck):
+class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
     """The gripper of an agent is not too fast. Value and bound in metres a second.
 
     Paths are made that slow (`slowed`), whatever their schedule, so it has no rule for timing.
     """
 
     states, name, unit = SpeedLimit, CheckName.SCHEDULING, "m/s"
+    finding, rounding = Finding.TOO_FAST, 1 + 1e-9
 
     at_most_m_s: float
     text: str = ""
@@ -36,28 +35,27 @@ class SpeedLimitCheck(OneAgentCheck):
     def __repr__(self) -> str:
         return f"VS({agent_name(self.agent)}, at most {self.at_most_m_s:g} m/s)"
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        return self.at_most_m_s, self.at_most_m_s * MEASURED_SPEED
+
     def planned(self, plan: Plan) -> Evidence:
         speeds = speeds_m_s(plan.arm(self.agent), plan.trajectory(self.agent).path())
         if not len(speeds):
             return self.idle(plan, self.at_most_m_s)
-        fastest = int(speeds.argmax())
-        time_s, does = plan.time_s(self.agent, fastest + 1), plan.doing(self.agents, [fastest + 1])
-        return self._moves(speeds[fastest], self.at_most_m_s, time_s, doing=does)
+        fastest = self.worst(speeds)
+        does = plan.doing(self.agents, [fastest + 1])
+        return self.judged(speeds[fastest], plan.time_s(self.agent, fastest + 1), doing=does)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         qpos, qvel = scene.qpos[self.agent - 1], scene.qvel[self.agent - 1]
         path = np.stack([qpos, qpos + qvel * CONTROL_DT_S])
         speed = speeds_m_s(plan.arm(self.agent), path)[0]
-        return self._moves(speed, self.at_most_m_s * MEASURED_SPEED, scene.time_s, measured=True)
-
-    def _moves(self, value: float, bound: float, time_s: float, **about: Unpack[About]) -> Evidence:
-        ok = bool(value <= bound * _ROUNDING)
-        return self.found(ok, Finding.TOO_FAST, float(value), bound, time_s, **about)
+        return self.judged(speed, scene.time_s, measured=True)
 
     def stl(self, task: Task) -> Specification:
         how = f"of the gripper of {agent_name(self.agent)}, by measured joint positions and velocities"
-        bound = self.at_most_m_s * MEASURED_SPEED * _ROUNDING
-        return self.bounded((named("speed", self.agent), how), "<=", bound)
+        return self.formula(named("speed", self.agent), how)
 
 
 def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -74,9 +72,8 @@ def slowed(
     """
     if not limits_m_s:
         return tuple(trajectories)
-    factors = [
-        _factors(each, arms[each.agent - 1], limits_m_s.get(each.agent, np.inf)) for each in trajectories
-    ]
+    limits = {trajectory.agent: limits_m_s.get(trajectory.agent, np.inf) for trajectory in trajectories}
+    factors = [_factors(each, arms[each.agent - 1], limits[each.agent]) for each in trajectories]
     joined: dict[str | None, float] = {}
     for trajectory, own in zip(trajectories, factors, strict=True):
         for segment, factor in zip(trajectory.segments, own, strict=True):

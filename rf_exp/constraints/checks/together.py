@@ -1,5 +1,3 @@
-"""Several agents begin the same part together (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 from itertools import combinations
 
