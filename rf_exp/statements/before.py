@@ -8,7 +8,7 @@ _DOES = r"{does then} {object then}"
 
 @dataclass(frozen=True)
 class Before(Statement):
-    """Something is over before an agent begins something, with a pause of `wait_s` between (paper, section 3.2)."""
+    """Something is over before an agent begins something, and `wait_s` pass (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

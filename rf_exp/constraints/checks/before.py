@@ -26,10 +26,10 @@ class BeforeCheck(TimedCheck):
 
     @classmethod
     def compiled(cls, stated: Before, plans: Plans) -> "BeforeCheck":
-        first, then = plans.step(stated.first), plans.step(stated.then)
-        if first.agent == then.agent:
-            raise plans.refused(f"needs two different agents; it names {agent_name(then.agent)}")
-        return cls(first, then, stated.wait_s, stated.sentence)
+        check = super().compiled(stated, plans)
+        if check.first.agent == check.then.agent:
+            raise plans.refused(f"needs two different agents; it names {agent_name(check.then.agent)}")
+        return check
 
     @property
     def steps(self) -> tuple[Step, Step]:

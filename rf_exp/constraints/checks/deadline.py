@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.check import Evidence, Plans
+from rf_exp.constraints.check import Evidence
 from rf_exp.constraints.phases import TimedCheck, about, step_parts, steps_within, times_s
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import CLOCK_S, Execution, Signal, Specification, always, condition, named
@@ -22,10 +22,6 @@ class DeadlineCheck(TimedCheck):
     step: Step
     within_s: float
     text: str = ""
-
-    @classmethod
-    def compiled(cls, stated: Deadline, plans: Plans) -> "DeadlineCheck":
-        return cls(plans.step(stated.step), stated.within_s, stated.sentence)
 
     @property
     def steps(self) -> tuple[Step]:

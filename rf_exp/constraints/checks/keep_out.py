@@ -36,11 +36,10 @@ class KeepOutCheck(OneAgentCheck, BoundedCheck):
 
     @classmethod
     def compiled(cls, stated: KeepOut, plans: Plans) -> "KeepOutCheck":
-        until = None if stated.until is None else plans.step(stated.until)
-        if until is not None and until.agent == stated.agent:
-            raise plans.refused(f"waits for {agent_name(stated.agent)} itself")
-        where = stated.low_m, stated.high_m, stated.sentence
-        return cls(stated.agent, *where, occupied_by=stated.occupied_by, until=until)
+        check = super().compiled(stated, plans)
+        if check.until is not None and check.until.agent == check.agent:
+            raise plans.refused(f"waits for {agent_name(check.agent)} itself")
+        return check
 
     def __repr__(self) -> str:
         inside = self.occupied_by

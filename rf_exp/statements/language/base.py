@@ -13,7 +13,6 @@ from rf_exp.statements.language.notation import (
     NUMBER,
     Quantity,
     Vector,
-    canonical,
     object_name,
     quantity,
 )
@@ -186,7 +185,7 @@ class Words:
         """
         if (word := self._parts.get(f"{key}_verb" if key else "verb")) is None:
             return None
-        verb = VERBS[canonical(word)]
+        verb = next(verb for verb in VERBS.values() if word in verb.said)
         if narrow := verb.narrowed(word):
             name = self.object(key)
             if name.lower().rpartition("_")[2] != narrow.of and not (contact and narrow.contact):

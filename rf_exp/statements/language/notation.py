@@ -179,11 +179,6 @@ def found(match: re.Match[str]) -> dict[str, str]:
     return {name.partition("__")[0]: value for name, value in match.groupdict().items() if value is not None}
 
 
-def canonical(word: str) -> str:
-    """The verb of a subgoal that a word stands for."""
-    return next(verb.name for verb in VERBS.values() if word in verb.said)
-
-
 def object_name(words: str) -> str:
     """The name that words for an object stand for."""
     return re.sub(r"^(?:the|an?|its) ", "", words).replace(" ", "_")

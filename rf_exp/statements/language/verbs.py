@@ -13,9 +13,7 @@ from typing import Literal
 from rf_exp.errors import ArgumentError
 
 Part = Literal["object", "point", "target", "target_point", "height_m"]
-PARTS: tuple[Part, ...] = ("object", "point", "target", "target_point", "height_m")
-
-_WRITTEN: Mapping[Part, str] = {  # how a part stands in the form of a subgoal
+PARTS: Mapping[Part, str] = {  # with how each stands in the form of a subgoal
     "object": "OBJECT",
     "point": "at POINT",
     "target": "to TARGET",
@@ -60,9 +58,10 @@ class Verb:
     @property
     def form(self) -> str:
         """How a subgoal with it is written, e.g. `carry OBJECT to TARGET [at POINT] [by H m]`."""
-        has = {part: _WRITTEN[part] for part in PARTS if part in self.needs}
-        has |= {part: f"[{_WRITTEN[part]}]" for part in PARTS if part in self.may_have}
-        return " ".join([self.name, *(has[part] for part in PARTS if part in has)])
+        has = {part: said for part, said in PARTS.items() if part in (*self.needs, *self.may_have)}
+        return " ".join(
+            [self.name, *(f"[{has[part]}]" if part in self.may_have else has[part] for part in has)]
+        )
 
     @property
     def is_contact(self) -> bool:
