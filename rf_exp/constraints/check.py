@@ -64,7 +64,7 @@ class Check(ABC):
         make: Callable[..., Self] = cls
         shared = {each: getattr(stated, each) for each in signature(cls).parameters if hasattr(stated, each)}
         steps = {each: plans.step(event) for each, event in shared.items() if isinstance(event, Event)}
-        return make(**{**shared, **steps}, text=stated.sentence)
+        return make(**{**shared, **steps, "text": stated.sentence})
 
     @abstractmethod
     def planned(self, plan: Plan) -> Evidence:

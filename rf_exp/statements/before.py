@@ -33,11 +33,6 @@ class Before(Statement):
     wait_s: float = 0.0
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        first = (self.first.agent,) if isinstance(self.first, Step) else ()
-        return (*first, self.then.agent)
-
-    @property
     def sentence(self) -> str:
         first, then, who = self.first, self.then, agent_name(self.then.agent)
         if self.wait_s:

@@ -18,10 +18,6 @@ class Deadline(Statement):
     within_s: float
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.step.agent,)
-
-    @property
     def sentence(self) -> str:
         what = self.step.does("finish")
         return f"{agent_name(self.step.agent)} must {what} within {number(self.within_s)} s."

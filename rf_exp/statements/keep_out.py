@@ -33,9 +33,8 @@ class KeepOut(OfAgent):
 
     @property
     def agents(self) -> tuple[int, ...]:
-        others = [self.occupied_by] if isinstance(self.occupied_by, int) else []
-        others += [self.until.agent] if isinstance(self.until, Step) else []
-        return (self.agent, *others)
+        inside = (self.occupied_by,) if isinstance(self.occupied_by, int) else ()
+        return (*super().agents, *inside)
 
     @property
     def names(self) -> Names:

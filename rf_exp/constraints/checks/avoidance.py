@@ -196,8 +196,9 @@ class AvoidObjectsCheck(Check):
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
             if gap is not None and gap.distance_m < least.value:
-                numbers, things = (gap.distance_m, OBJECT_MARGIN_M, plan.time_s(agent, gap.at[0])), (gap.b,)
-                least = self.found(True, Finding.CLEAR_OF_THING, *numbers, agents=(agent,), obstacles=things)
+                about: About = {"agents": (agent,), "obstacles": (gap.b,)}
+                numbers = gap.distance_m, OBJECT_MARGIN_M, plan.time_s(agent, gap.at[0])
+                least = self.found(True, Finding.CLEAR_OF_THING, *numbers, **about)
         return least
 
     def _hit(self, plan: Plan, agent: int, position: int, body: Swept, still: Swept) -> Evidence:
@@ -208,10 +209,8 @@ class AvoidObjectsCheck(Check):
         part, thing, value = "arm", "the table", low_m
         if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
             part, thing, value = gap.a, gap.b, gap.distance_m
-        numbers, does = (
-            (value, OBJECT_MARGIN_M, plan.time_s(agent, position)),
-            plan.doing((agent,), (position,)),
-        )
+        numbers = value, OBJECT_MARGIN_M, plan.time_s(agent, position)
+        does = plan.doing((agent,), (position,))
         about: About = {"agents": (agent,), "obstacles": (thing,), "parts": (part,), "doing": does}
         return self.found(False, Finding.CLOSE_TO_THING, *numbers, **about)
 

@@ -274,9 +274,9 @@ class Statement(ABC):
             _KINDS.append(cls)
 
     @property
-    @abstractmethod
     def agents(self) -> tuple[int, ...]:
         """Those it is about, in the order of the sentence."""
+        return tuple(part.agent for part in vars(self).values() if isinstance(part, Step))
 
     @property
     @abstractmethod
@@ -319,7 +319,7 @@ class OfAgent(Statement):
 
     @property
     def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
+        return (self.agent, *super().agents)
 
     @classmethod
     def reading(cls, words: Words) -> Statement:

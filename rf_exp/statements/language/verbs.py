@@ -58,10 +58,9 @@ class Verb:
     @property
     def form(self) -> str:
         """How a subgoal with it is written, e.g. `carry OBJECT to TARGET [at POINT] [by H m]`."""
-        has = {part: said for part, said in PARTS.items() if part in (*self.needs, *self.may_have)}
-        return " ".join(
-            [self.name, *(f"[{has[part]}]" if part in self.may_have else has[part] for part in has)]
-        )
+        has = [part for part in PARTS if part in (*self.needs, *self.may_have)]
+        parts = (f"[{PARTS[part]}]" if part in self.may_have else PARTS[part] for part in has)
+        return " ".join([self.name, *parts])
 
     @property
     def is_contact(self) -> bool:
