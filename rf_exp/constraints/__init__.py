@@ -14,10 +14,9 @@ from rf_exp.constraints.check import (
     checked_kinds,
     compiled,
 )
-from rf_exp.constraints.checker import CheckCode, CheckedPlan, RoboChecker, compile
+from rf_exp.constraints.checker import CheckCode, CheckedPlan, Monitor, PolicyMonitor, RoboChecker, compile
 from rf_exp.constraints.checks.avoidance import CONTACT_N, AvoidAgentsCheck, overlapping, pressing, touching
 from rf_exp.constraints.checks.speed_limit import slowed
-from rf_exp.constraints.monitor import Monitor, PolicyMonitor
 from rf_exp.constraints.plan import Paths, Plan
 
 __all__ = [
