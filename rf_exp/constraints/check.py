@@ -19,11 +19,7 @@ from rf_exp.statements import TABLE, VERBS, Event, LiesOn, Proposal, Statement, 
 from rf_exp.tasks import Task
 from rf_exp.types import Kind, Scene, Subgoal
 
-_CAUSES: Mapping[Kind, Cause] = {
-    "logical": Cause.INTERACTION,
-    "temporal": Cause.TIME,
-    "spatial": Cause.SPACE,
-}
+_CAUSES: Mapping[Kind, Cause] = {"logical": Cause.INTERACTION, "temporal": Cause.TIME, "spatial": Cause.SPACE}
 _COMPARED: Mapping[str, Callable[..., bool]] = {"<=": operator.le, ">=": operator.ge, ">": operator.gt}
 _CHECKS: dict[type[Statement], type["Check"]] = {}  # of each kind of statement
 

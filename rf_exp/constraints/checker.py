@@ -22,17 +22,7 @@ from rf_exp.findings import About, Cause, CheckName, Finding, Violation
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
-from rf_exp.types import (
-    CONTROL_DT_S,
-    ConstraintSet,
-    Scene,
-    Schedule,
-    Segment,
-    Subgoal,
-    Trajectory,
-    arm_of,
-    doing,
-)
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory, arm_of
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
 
@@ -92,16 +82,14 @@ class Monitor:
     def _struck(self, scene: Scene) -> Violation | None:
         """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
         plan = self._plan
-
-        def now(agent: int) -> Segment | None:
-            return plan.segment_at(agent, plan.position_now(agent, scene))
-
+        now = {agent: plan.position_now(agent, scene) for agent in plan.task.agents}
         reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
         forces: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
             (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
         ]
         for (agent, name), force in scene.finger_forces.items():
-            if (segment := now(agent)) is None or name not in segment.about:
+            segment = plan.segment_at(agent, now[agent])
+            if segment is None or name not in segment.about:
                 forces.append((float(np.linalg.norm(force)), (agent,), (name,)))
         numbers = {f"agent{agent}": agent for agent in plan.task.agents}
         forces += [(n, (numbers[who],), (name,)) for who, name, n in scene.clutter_contacts if who in numbers]
@@ -110,14 +98,13 @@ class Monitor:
             return None
         force_n, agents, things = max(hits)
         finding, bound_n = Finding.PUSHES if things else Finding.HIT, min(reflex_n[agent] for agent in agents)
-        does = tuple(doing(now(agent)) for agent in agents)
+        does = plan.doing(agents, [now[agent] for agent in agents])
         return _seen(scene, finding, force_n, bound_n, agents=agents, obstacles=things, doing=does)
 
     def _dropped(self, scene: Scene) -> Violation | None:
         """An agent no longer holds what it should carry."""
         plan = self._plan
-        for trajectory in plan.trajectories:
-            agent = trajectory.agent
+        for agent in plan.task.agents:
             position = plan.position_now(agent, scene)
             segment = plan.segment_at(agent, position) if position > 0 else None
             carried = segment.attached if segment is not None else None
@@ -125,8 +112,8 @@ class Monitor:
             self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
             if self._lost[agent] >= LOST_STEPS and segment is not None:
                 numbers = self._lost[agent] * CONTROL_DT_S, LOST_STEPS * CONTROL_DT_S
-                about: About = {"agents": (agent,), "object": carried, "doing": (doing(segment),)}
-                return _seen(scene, Finding.DROPPED, *numbers, **about)
+                does = plan.doing((agent,), (position,))
+                return _seen(scene, Finding.DROPPED, *numbers, agents=(agent,), object=carried, doing=does)
         return None
 
     def _strayed(self, scene: Scene) -> Violation | None:

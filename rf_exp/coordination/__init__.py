@@ -16,14 +16,4 @@ from rf_exp.coordination.scheduling import (
     sequential,
 )
 
-__all__ = [
-    "Closing",
-    "Delays",
-    "Demands",
-    "Rule",
-    "actions",
-    "alike",
-    "intended",
-    "schedule",
-    "sequential",
-]
+__all__ = ["Closing", "Delays", "Demands", "Rule", "actions", "alike", "intended", "schedule", "sequential"]

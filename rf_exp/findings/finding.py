@@ -1,7 +1,7 @@
 """What checks find, as values: who, when, how much, what was in the way. Sentences are written from them.
 
-Agents are numbered from 1. There is one clock: `time_s` is in seconds since the start of the episode. A finding
-has the form of its sentence, which names facts in braces. Nothing reads such a sentence.
+Agents are numbered from 1. There is one clock: `time_s` is in seconds since the start of the episode. A
+finding has the form of its sentence, which names facts in braces. Nothing reads such a sentence.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,15 +1,7 @@
 from dataclasses import dataclass
 
 from rf_exp.statements.deadline import Deadline
-from rf_exp.statements.language.base import (
-    MAX_WAIT_S,
-    TOGETHER_S,
-    OfAgents,
-    Statement,
-    Step,
-    Words,
-    listed,
-)
+from rf_exp.statements.language.base import MAX_WAIT_S, TOGETHER_S, OfAgents, Statement, Step, Words, listed
 from rf_exp.statements.language.notation import number
 
 LARGEST_TOLERANCE_S = 10.0  # between beginnings that are called simultaneous

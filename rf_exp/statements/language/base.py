@@ -8,14 +8,7 @@ from typing import ClassVar, Self
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import agent_name
-from rf_exp.statements.language.notation import (
-    AGENT,
-    NUMBER,
-    Quantity,
-    Vector,
-    object_name,
-    quantity,
-)
+from rf_exp.statements.language.notation import AGENT, NUMBER, Quantity, Vector, object_name, quantity
 from rf_exp.statements.language.verbs import VERBS
 from rf_exp.types import Kind, Subgoal
 

@@ -195,10 +195,7 @@ for _verb in (
         "press",
         needs=("object", "point"),
         meets="press",
-        words=(
-            "press presses pressed pressed pressing",
-            "click clicks clicked clicked clicking",
-        ),
+        words=("press presses pressed pressed pressing", "click clicks clicked clicked clicking"),
         narrow=(Narrow("push pushes pushed pushed pushing", _PUSHED, contact=True),),
     ),
     Verb(
