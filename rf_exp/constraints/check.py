@@ -200,7 +200,6 @@ class Plans:
 
 
 def checked_kinds() -> Mapping[type[Statement], type[Check]]:
-    """The check of every kind of statement that has one."""
     return dict(_CHECKS)
 
 

@@ -64,7 +64,6 @@ class Monitor:
         self._lost: dict[int, int] = {}  # agent -> control steps for which it has not held what it should
 
     def __call__(self, scene: Scene) -> Violation | None:
-        """All checks on the real state at one control step."""
         plan = self._plan
         touched: set[tuple[int, ...]] = set()
         for check in self._checks:
@@ -150,7 +149,6 @@ class PolicyMonitor:
 
 
 def _seen(scene: Scene, finding: Finding, value: float, bound: float, **about: Unpack[About]) -> Violation:
-    """What the watch has found in a measured scene."""
     check, cause, unit = _WATCHED[finding]
     facts: About = {"measured": True, **about}
     return Violation(finding, value, bound, unit, check=check, cause=cause, time_s=scene.time_s, **facts)
@@ -172,7 +170,6 @@ class CheckedPlan:
         return sorted(failed, key=lambda each: each.time_s)
 
     def monitor(self) -> Monitor:
-        """Watches one execution of the plan."""
         return Monitor(self.plan, self.checks)
 
     def certificate(self) -> dict[str, Any]:

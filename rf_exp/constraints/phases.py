@@ -85,8 +85,6 @@ def since(step: Step, edge: Literal["begin", "end"]) -> Signal:
 
 
 def begun(step: Step) -> Signal:
-    """The condition that a part has begun."""
-
     def has_begun(execution: Execution) -> NDArray[np.float64]:
         begins_s, _ = times_s(step, execution.plan) or (np.inf, np.inf)
         return condition(execution.clock_s >= begins_s - CLOCK_S)
@@ -101,5 +99,4 @@ def step_parts(step: Step) -> tuple[object, ...]:
 
 
 def about(step: Step) -> str:
-    """The step as check code says it."""
     return f", {step.does('')}" if step.verb else ""

@@ -127,7 +127,6 @@ class Plan:
 
     @property
     def scene(self) -> Scene:
-        """From which it begins."""
         return self.paths.scene
 
     @property

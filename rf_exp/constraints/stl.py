@@ -146,7 +146,6 @@ def judged(execution: Execution, check: "Check") -> tuple[Robust, ...]:
 
 
 def installed() -> bool:
-    """Whether rtamt is there."""
     return find_spec("rtamt") is not None
 
 

@@ -169,7 +169,6 @@ class _Starts:
         self._ends = [(parts[-1][0], parts[-1][2] - parts[-1][1]) for parts in paths.parts if parts]
 
     def makespan(self, starts: NDArray[np.int64]) -> int:
-        """Steps until everybody is at the end."""
         return max((int(starts[segment]) + steps for segment, steps in self._ends), default=0)
 
     def positions(self, starts: NDArray[np.int64], makespan: int) -> NDArray[np.int64]:

@@ -133,7 +133,6 @@ class Account:
 
     @property
     def reason(self) -> str:
-        """Why it failed, in one line."""
         return "; ".join(self.parts)
 
     @property

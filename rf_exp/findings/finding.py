@@ -283,7 +283,6 @@ def _is(now: Doing | None) -> str:
 
 
 def _everyone(found: Found) -> str:
-    """Each agent and what it does, where that is known."""
     if not found.doing:
         return names(found.agents)
     each = zip(found.agents, found.doing, strict=True)

@@ -90,7 +90,6 @@ class DirectionCheck(ContactCheck):
         return self._turned(off_rad, scene.time_s, measured=True)
 
     def _throughout(self, plan: Plan, phase: Step) -> Evidence:
-        """The worst moment of a phase."""
         trajectory = plan.trajectory(self.agent)
         part = span(phase, trajectory)
         if part is None:

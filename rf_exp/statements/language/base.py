@@ -89,7 +89,6 @@ class Step:
 
     @property
     def names(self) -> Names:
-        """The objects that it speaks of, as `Statement.names` has them."""
         return ((self.object, None),) if self.object else ()
 
     def does(self, otherwise: str) -> str:
@@ -116,7 +115,6 @@ class LiesOn:
 
     @property
     def names(self) -> Names:
-        """The objects that it speaks of, as `Statement.names` has them."""
         return tuple((name, None) for name in (self.object, self.surface) if name != TABLE)
 
     @property
@@ -335,7 +333,6 @@ class OfAgents(Statement):
 
 
 def kinds() -> Iterator[type[Statement]]:
-    """All kinds of statements that are known."""
     return iter(_KINDS)
 
 

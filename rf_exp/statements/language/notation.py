@@ -175,7 +175,6 @@ def _any_verb(words: Iterable[str]) -> str:
 
 
 def found(match: re.Match[str]) -> dict[str, str]:
-    """What the parts of a pattern matched."""
     return {name.partition("__")[0]: value for name, value in match.groupdict().items() if value is not None}
 
 

@@ -110,7 +110,6 @@ def _forms(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
 
 
 def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
-    """A sentence in lower case with one name for each agent."""
     sentence = " ".join(words).lower().replace("\u2019", "'")
     for short, long in _SHORT.items():
         sentence = re.sub(rf"\b{short}\b", long, sentence)
@@ -125,7 +124,6 @@ def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
 
 
 def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[Form, dict[str, str]] | None:
-    """The form that reads all of these words, and their parts."""
     sentence = _normal(words, vocabulary)
     for form in _forms(tuple(kinds())):
         if match := compiled(form.notation).fullmatch(sentence):
@@ -197,7 +195,6 @@ _SUBGOAL = re.compile(
 
 
 def subgoal_forms() -> tuple[str, ...]:
-    """How subgoals are written, one form a verb."""
     return tuple(verb.form for verb in VERBS.values())
 
 
