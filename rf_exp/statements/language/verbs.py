@@ -58,9 +58,8 @@ class Verb:
     @property
     def form(self) -> str:
         """How a subgoal with it is written, e.g. `carry OBJECT to TARGET [at POINT] [by H m]`."""
-        has = [part for part in PARTS if part in (*self.needs, *self.may_have)]
-        parts = (f"[{PARTS[part]}]" if part in self.may_have else PARTS[part] for part in has)
-        return " ".join([self.name, *parts])
+        said = {part: f"[{said}]" if part in self.may_have else said for part, said in PARTS.items()}
+        return " ".join([self.name, *(said[part] for part in PARTS if part in (*self.needs, *self.may_have))])
 
     @property
     def is_contact(self) -> bool:
