@@ -5,15 +5,19 @@ logic.
 """
 
 from rf_exp.constraints import stl
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.checker import CheckCode, CheckedPlan, RoboChecker, compile
-from rf_exp.constraints.checks import AvoidAgentsCheck
-from rf_exp.constraints.compiler import Plans, compiled
-from rf_exp.constraints.evidence import Check, Evidence, OneAgentCheck, checked_kinds
-from rf_exp.constraints.monitor import Monitor, PolicyMonitor
+from rf_exp.constraints.check import (
+    BoundedCheck,
+    Check,
+    Evidence,
+    OneAgentCheck,
+    Plans,
+    checked_kinds,
+    compiled,
+)
+from rf_exp.constraints.checker import CheckCode, CheckedPlan, Monitor, PolicyMonitor, RoboChecker, compile
+from rf_exp.constraints.checks.avoidance import CONTACT_N, AvoidAgentsCheck, overlapping, pressing, touching
+from rf_exp.constraints.checks.speed_limit import slowed
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.slowing import slowed
-from rf_exp.constraints.touching import CONTACT_N, overlapping, pressing, touching
 
 __all__ = [
     "CONTACT_N",

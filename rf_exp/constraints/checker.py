@@ -1,35 +1,40 @@
-"""RoboChecker: from textual constraints to check code, schedules, verdicts and a monitor.
+"""RoboChecker: from textual constraints to check code, schedules, verdicts and monitors.
 
 Paper, section 3.1 and supplementary A. The check code is a typed composition of the four validation
 functions; it holds when all of them hold. What a row of the ablation switches off is not checked.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from rf_exp.constraints.checks import (
-    AvoidAgentsCheck,
-    AvoidObjectsCheck,
-    BeforeCheck,
-    SpeedLimitCheck,
-    TogetherCheck,
-)
-from rf_exp.constraints.compiler import compiled
-from rf_exp.constraints.evidence import Check, Evidence, violation
-from rf_exp.constraints.monitor import Monitor
+from rf_exp.constraints.check import Check, Evidence, compiled, violation
+from rf_exp.constraints.checks.avoidance import TRAILS_STEPS, AvoidAgentsCheck, AvoidObjectsCheck, touching
+from rf_exp.constraints.checks.before import BeforeCheck
+from rf_exp.constraints.checks.speed_limit import SpeedLimitCheck
+from rf_exp.constraints.checks.together import TogetherCheck
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential
-from rf_exp.findings import Violation
+from rf_exp.findings import About, Cause, CheckName, Finding, Violation
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
-from rf_exp.statements import Proposal, Statement, Step
+from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory
+from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory, arm_of
 
 Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
+
+
+TRACKING_RAD = 0.15  # beyond the lag
+LOST_STEPS = 4  # control steps without grip before something counts as lost
+_WATCHED: Mapping[Finding, tuple[CheckName, Cause, str]] = {  # who finds it, what it is about, the unit
+    Finding.PUSHES: (CheckName.COLLISION, Cause.CONTACT, "N"),
+    Finding.HIT: (CheckName.COLLISION, Cause.CONTACT, "N"),
+    Finding.DROPPED: (CheckName.INTERACTION, Cause.GRIP, "s"),
+    Finding.STRAYED: (CheckName.TRACKING, Cause.TRACKING, "rad"),
+}
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,104 @@ def compile(constraints: Sequence[Statement], task: Task, proposal: Proposal) ->
     return CheckCode(tuple(compiled(stated, task, proposal) for stated in constraints))
 
 
+class Monitor:
+    """Watches one execution of a plan."""
+
+    def __init__(self, plan: Plan, checks: Sequence[Check]) -> None:
+        self._plan, self._checks = plan, checks
+        self._lost: dict[int, int] = {}  # agent -> control steps for which it has not held what it should
+
+    def __call__(self, scene: Scene) -> Violation | None:
+        plan = self._plan
+        touched: set[tuple[int, ...]] = set()
+        for check in self._checks:
+            if isinstance(check, AvoidAgentsCheck):  # one pair is often named by several constraints
+                key = check.agents if len(check.agents) > 1 else plan.task.agents
+                if key in touched:
+                    continue
+                touched.add(key)
+                check = AvoidAgentsCheck(key, check.text)
+            evidence = check.measured(scene, plan)
+            if evidence is not None and not evidence.ok:
+                return violation(check, evidence)
+        return self._struck(scene) or self._dropped(scene) or self._strayed(scene)
+
+    def _struck(self, scene: Scene) -> Violation | None:
+        """Arms push each other, or one a thing that it is not about, so hard that a real one would stop."""
+        plan = self._plan
+        now = {agent: plan.position_now(agent, scene) for agent in plan.task.agents}
+        reflex_n = {agent: arm.robot.reflex_n for agent, arm in plan.task.arms.items()}
+        forces: list[tuple[float, tuple[int, ...], tuple[str, ...]]] = [
+            (force_n, (a, b), ()) for a, b, force_n in scene.arm_contacts
+        ]
+        for (agent, name), force in scene.finger_forces.items():
+            segment = plan.segment_at(agent, now[agent])
+            if segment is None or name not in segment.about:
+                forces.append((float(np.linalg.norm(force)), (agent,), (name,)))
+        numbers = {f"agent{agent}": agent for agent in plan.task.agents}
+        forces += [(n, (numbers[who],), (name,)) for who, name, n in scene.clutter_contacts if who in numbers]
+        hits = [each for each in forces if each[0] > min(reflex_n[agent] for agent in each[1])]
+        if not hits:
+            return None
+        force_n, agents, things = max(hits)
+        finding, bound_n = Finding.PUSHES if things else Finding.HIT, min(reflex_n[agent] for agent in agents)
+        does = plan.doing(agents, [now[agent] for agent in agents])
+        return _seen(scene, finding, force_n, bound_n, agents=agents, obstacles=things, doing=does)
+
+    def _dropped(self, scene: Scene) -> Violation | None:
+        """An agent no longer holds what it should carry."""
+        plan = self._plan
+        for agent in plan.task.agents:
+            position = plan.position_now(agent, scene)
+            segment = plan.segment_at(agent, position) if position > 0 else None
+            carried = segment.attached if segment is not None else None
+            holds = carried is None or scene.held[agent - 1] == carried
+            self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
+            if self._lost[agent] >= LOST_STEPS and segment is not None:
+                numbers = self._lost[agent] * CONTROL_DT_S, LOST_STEPS * CONTROL_DT_S
+                does = plan.doing((agent,), (position,))
+                return _seen(scene, Finding.DROPPED, *numbers, agents=(agent,), object=carried, doing=does)
+        return None
+
+    def _strayed(self, scene: Scene) -> Violation | None:
+        """A measured arm is not where any of its recent commands sent it."""
+        plan = self._plan
+        for trajectory in plan.trajectories:
+            agent = trajectory.agent
+            recent = plan.recent(agent, scene, TRAILS_STEPS)
+            path = arm_of(trajectory.path())
+            targets = path[recent.min() : recent.max() + 1]
+            error = float(np.abs(targets - scene.qpos[agent - 1, : path.shape[1]]).max(axis=1).min())
+            if error > TRACKING_RAD:
+                does = plan.doing((agent,), recent[-1:])
+                return _seen(scene, Finding.STRAYED, error, TRACKING_RAD, agents=(agent,), doing=does)
+        return None
+
+
+class PolicyMonitor:
+    """Watches a policy act: arms that touch or overlap, nothing else. For counting, not for stopping.
+
+    What a policy is about is unknown, so a gripper, or what it holds, may meet what another one holds.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._pairs = tuple(combinations(task.agents, 2))
+        self._may_touch = dict.fromkeys(task.agents, frozenset(task.objects))
+
+    def __call__(self, scene: Scene) -> Violation | None:
+        found = touching(self._task, scene, self._pairs, self._may_touch)
+        if found is None:
+            return None
+        return violation(AvoidAgentsCheck(found.agents), found)
+
+
+def _seen(scene: Scene, finding: Finding, value: float, bound: float, **about: Unpack[About]) -> Violation:
+    check, cause, unit = _WATCHED[finding]
+    facts: About = {"measured": True, **about}
+    return Violation(finding, value, bound, unit, check=check, cause=cause, time_s=scene.time_s, **facts)
+
+
 @dataclass(frozen=True, eq=False)
 class CheckedPlan:
     """A plan, the checks of its row, and what each found before anything moves."""
@@ -67,7 +170,6 @@ class CheckedPlan:
         return sorted(failed, key=lambda each: each.time_s)
 
     def monitor(self) -> Monitor:
-        """Watches one execution of the plan."""
         return Monitor(self.plan, self.checks)
 
     def certificate(self) -> dict[str, Any]:
@@ -106,10 +208,8 @@ class RoboChecker:
     def __init__(self, task: Task, proposal: Proposal, constraint_set: ConstraintSet) -> None:
         self._task, self._constraint_set, self._proposal = task, constraint_set, proposal
         self.code = compile(proposal.constraints, task, proposal)
-        self.checks = (
-            *self.code.of(constraint_set),
-            *(_implied(task, self.code) if constraint_set.spatial else ()),
-        )
+        implied = _implied(task, self.code.checks) if constraint_set.spatial else ()
+        self.checks = *self.code.of(constraint_set), *implied
 
     def rules(self, paths: Paths) -> tuple[Rule, ...]:
         """What the active constraints demand of a schedule, those about time first."""
@@ -138,7 +238,7 @@ class RoboChecker:
     def order(self) -> tuple[tuple[Part, Part], ...]:
         """(first, then) of the sequences that are active in this row."""
         orders = [check.steps for check in self.checks if isinstance(check, BeforeCheck)]
-        return tuple((_part(first), _part(then)) for first, then in orders)
+        return tuple((astuple(first), astuple(then)) for first, then in orders)
 
     def paths(self, trajectories: Sequence[Trajectory], scene: Scene) -> Paths:
         """The trajectories of all agents from `scene` on, to be scheduled and checked."""
@@ -170,18 +270,11 @@ class RoboChecker:
         return CheckedPlan(plan, self.checks, tuple(check.planned(plan) for check in self.checks))
 
 
-def _part(step: Step) -> Part:
-    return step.agent, step.verb, step.object
-
-
-def _implied(task: Task, code: CheckCode) -> tuple[Check, ...]:
+def _implied(task: Task, checks: Sequence[Check]) -> tuple[Check, ...]:
     """Clearance checks for what the code is silent about."""
-    about_agents = [check for check in code.checks if isinstance(check, AvoidAgentsCheck)]
-    about_objects = [check for check in code.checks if isinstance(check, AvoidObjectsCheck)]
-    pairs = {pair for check in about_agents for pair in check.pairs(task)}
-    missing = [pair for pair in combinations(task.agents, 2) if pair not in pairs]
-    watched = {agent for check in about_objects for agent in check.agents}
+    pairs = {pair for check in checks if isinstance(check, AvoidAgentsCheck) for pair in check.pairs(task)}
+    watched = {agent for check in checks if isinstance(check, AvoidObjectsCheck) for agent in check.agents}
     silent = tuple(agent for agent in task.agents if agent not in watched)
     text = "implied: nothing was said about it"
-    agents: list[Check] = [AvoidAgentsCheck(pair, text) for pair in missing]
+    agents = (AvoidAgentsCheck(pair, text) for pair in combinations(task.agents, 2) if pair not in pairs)
     return (*agents, *((AvoidObjectsCheck(silent, text),) if silent else ()))

@@ -6,10 +6,10 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.evidence import Check
+from rf_exp.constraints.check import Check
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.constraints.stl import CLOCK_S, VOID, Execution, Signal, condition, named
-from rf_exp.coordination import Demands, subgoal_runs
+from rf_exp.coordination import Demands
 from rf_exp.findings import CheckName
 from rf_exp.statements import Step
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Trajectory
@@ -18,28 +18,26 @@ from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, Trajectory
 def span(step: Step, trajectory: Trajectory) -> tuple[int, int] | None:
     """First and last path position of a part of a plan; None when the trajectory has no such part."""
     found: list[int] = []
-    start = 0
-    for subgoal, segments in subgoal_runs(trajectory):
-        end = start + sum(map(len, segments))
-        if step.verb is None or (subgoal.verb, subgoal.object) == (step.verb, step.object):
+    for segment, start, end in trajectory.intervals:
+        if step.verb is None or (segment.subgoal.verb, segment.subgoal.object) == (step.verb, step.object):
             found += [start, end]
-        start = end
     return (found[0], found[-1]) if found else None
 
 
 def times_s(step: Step, plan: Plan) -> tuple[float, float] | None:
     """When a part makes its first step and when it has made its last, since the start of the plan."""
-    positions_of = span(step, plan.trajectory(step.agent))
-    if positions_of is None:
+    part, positions = span(step, plan.trajectory(step.agent)), plan.positions(step.agent)
+    if part is None:
         return None
-    positions = plan.positions(step.agent)
-    begins = int(np.searchsorted(positions, positions_of[0], "right"))
-    ends = int(np.searchsorted(positions, positions_of[1]))
-    return begins * CONTROL_DT_S, ends * CONTROL_DT_S
+    begins, ends = np.searchsorted(positions, part[0], "right"), np.searchsorted(positions, part[1])
+    return int(begins) * CONTROL_DT_S, int(ends) * CONTROL_DT_S
 
 
 class TimedCheck(Check):
-    """A check of when parts of plans begin and end, by the commands given. Value and bound in seconds."""
+    """A check of when parts of plans begin and end, by the commands given. Value and bound in seconds.
+
+    Paper: Trajectory Scheduling Validation.
+    """
 
     name, unit = CheckName.SCHEDULING, "s"
 
@@ -87,25 +85,12 @@ def since(step: Step, edge: Literal["begin", "end"]) -> Signal:
 
 
 def begun(step: Step) -> Signal:
-    """The condition that a part has begun."""
-
     def has_begun(execution: Execution) -> NDArray[np.float64]:
-        times = times_s(step, execution.plan)
-        return condition(execution.clock_s >= (np.inf if times is None else times[0] - CLOCK_S))
+        begins_s, _ = times_s(step, execution.plan) or (np.inf, np.inf)
+        return condition(execution.clock_s >= begins_s - CLOCK_S)
 
     name, how = named("begun", *step_parts(step)), f"{step.text} has begun, by the commands given"
     return Signal(name, "", how, has_begun)
-
-
-def unfinished(step: Step) -> Signal:
-    """The condition that a part is not over before a control step."""
-
-    def goes_on(execution: Execution) -> NDArray[np.float64]:
-        times = times_s(step, execution.plan)
-        return condition(execution.clock_s <= (-np.inf if times is None else times[1] + CLOCK_S))
-
-    how = f"{step.text} is not over before this control step, by the commands given"
-    return Signal(named("unfinished", *step_parts(step)), "", how, goes_on)
 
 
 def step_parts(step: Step) -> tuple[object, ...]:
@@ -114,5 +99,4 @@ def step_parts(step: Step) -> tuple[object, ...]:
 
 
 def about(step: Step) -> str:
-    """The step as check code says it."""
-    return f", {step.verb} {step.object}" if step.verb else ""
+    return f", {step.does('')}" if step.verb else ""

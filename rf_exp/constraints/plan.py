@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,12 +51,9 @@ class Paths:
     @cached_property
     def diagrams(self) -> Mapping[tuple[int, int], Mask]:
         """Coordination diagrams (P_i, P_j) of all pairs of agents i < j: True = too close."""
-        agents = self.task.agents
         return {
             (i, j): closer_than(self.swept[i - 1], self.swept[j - 1], AGENT_MARGIN_M)
-            for i in agents
-            for j in agents
-            if i < j
+            for i, j in combinations(self.task.agents, 2)
         }
 
     @cached_property
@@ -129,7 +127,6 @@ class Plan:
 
     @property
     def scene(self) -> Scene:
-        """From which it begins."""
         return self.paths.scene
 
     @property
@@ -145,7 +142,6 @@ class Plan:
 
     @property
     def begins_s(self) -> float:
-        """When the plan begins, on the clock of the episode."""
         return self.paths.begins_s
 
     def arm(self, agent: int) -> Arm:
@@ -188,7 +184,6 @@ class Plan:
         return self.step_s(int(np.searchsorted(self.positions(agent), position)))
 
     def segment_at(self, agent: int, position: int) -> Segment | None:
-        """`Trajectory.segment_at` of an agent."""
         return self.paths.trajectory(agent).segment_at(position)
 
     def doing(self, agents: Iterable[int], positions: Iterable[int]) -> tuple[Doing | None, ...]:

@@ -4,18 +4,16 @@
 violation why there is none; `sequential` lets agents take turns.
 """
 
-from rf_exp.coordination.demands import Closing, Delays, Demands, Rule
-from rf_exp.coordination.scheduling import actions, alike, intended, schedule, sequential, subgoal_runs
+from rf_exp.coordination.scheduling import (
+    Closing,
+    Delays,
+    Demands,
+    Rule,
+    actions,
+    alike,
+    intended,
+    schedule,
+    sequential,
+)
 
-__all__ = [
-    "Closing",
-    "Delays",
-    "Demands",
-    "Rule",
-    "actions",
-    "alike",
-    "intended",
-    "schedule",
-    "sequential",
-    "subgoal_runs",
-]
+__all__ = ["Closing", "Delays", "Demands", "Rule", "actions", "alike", "intended", "schedule", "sequential"]

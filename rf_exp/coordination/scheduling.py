@@ -1,26 +1,115 @@
-"""From rest-to-rest trajectories to a schedule: who is where at which control step.
+"""From rest-to-rest trajectories to a schedule: who is where at which control step, or why there is none.
 
-All constraints on time become cells of coordination diagrams (`Demands`), which one exact search
-serves (`search.solve`). Agents wait only at knots, where they stand still anyway, so the motion of
+What is asked of it becomes cells of coordination diagrams, dwells and deadlines (`Demands`), which one exact
+search serves (`search.solve`). Agents wait only at knots, where they stand still anyway, so the motion of
 a schedule has the accelerations of its trajectories.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import combinations, groupby
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.coordination import search
-from rf_exp.coordination.demands import Delays, Demands, Rule, joint_runs
-from rf_exp.coordination.hesitation import hesitates
-from rf_exp.coordination.unscheduled import Unscheduled
+from rf_exp.coordination.search import UNREACHABLE, blocked_region, remaining
 from rf_exp.errors import ArgumentError
-from rf_exp.findings import Violation
+from rf_exp.findings import Cause, CheckName, Doing, Finding, Violation
 from rf_exp.geometry import Mask
 from rf_exp.statements import Proposal
-from rf_exp.types import Schedule, Segment, Subgoal, Trajectory, arm_of
+from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory, arm_of, doing
+
+
+class Rule(Protocol):
+    """A constraint on time that knows what it asks of a schedule."""
+
+    def demand(self, demands: "Demands") -> None:
+        """Add what this constraint forbids."""
+        ...
+
+
+@dataclass(frozen=True)
+class Closing:
+    """A rule of a schedule: an agent stays out of a zone while another one, or its progress, closes it."""
+
+    pair: tuple[int, int]  # (i, j), i < j
+    cells: Mask  # (P_i, P_j) path positions that may not be at the same time
+
+    def demand(self, demands: "Demands") -> None:
+        demands.apart(*self.pair, self.cells)
+
+
+class Demands:
+    """What the rules ask of a schedule of trajectories. Agents from 1; positions on their paths."""
+
+    def __init__(self, trajectories: Sequence[Trajectory]) -> None:
+        self.trajectories = tuple(trajectories)
+        self.cells: dict[tuple[int, int], Mask] = {}
+        self.dwells: dict[tuple[int, int], int] = {}  # (agent, position) -> steps to stay there
+        self.after_dwell: list[tuple[int, int, int, int, bool]] = []
+        self.deadlines: list[tuple[int, int, int]] = []  # (agent, position, steps) reached at the latest then
+
+    def trajectory(self, agent: int) -> Trajectory:
+        return self.trajectories[agent - 1]
+
+    def shape(self, i: int, j: int) -> tuple[int, int]:
+        """(P_i, P_j) of the diagram of two agents."""
+        return len(self.trajectory(i)) + 1, len(self.trajectory(j)) + 1
+
+    def forbid(self, a: int, rows: slice, b: int, columns: slice) -> None:
+        """Agents a and b may not be at these positions at the same time."""
+        i, j = sorted((a, b))
+        mask = self.cells.setdefault((i, j), np.zeros(self.shape(i, j), dtype=bool))
+        (mask if a < b else mask.T)[rows, columns] = True
+
+    def apart(self, i: int, j: int, mask: Mask) -> None:
+        """Agents i < j may not be at the pairs of positions (P_i, P_j) of a mask at the same time."""
+        self.cells[i, j] = mask | self.cells.get((i, j), np.zeros_like(mask))
+
+    def before(self, a: int, end: int, b: int, start: int) -> None:
+        """b leaves position `start` only once a has reached `end`."""
+        self.forbid(a, slice(0, end), b, slice(start + 1, None))
+
+    def together(self, a: int, start_a: int, b: int, start_b: int, within_steps: int) -> None:
+        """a and b leave their positions at most `within_steps` apart.
+
+        Counted in positions, so the bound is cut to the length of the first segments: there nobody waits.
+        """
+        for first, start, other, other_start in ((a, start_a, b, start_b), (b, start_b, a, start_a)):
+            knots = self.trajectory(first).knots
+            run = min((knot for knot in knots if knot > start), default=start + 1) - start
+            apart = max(0, min(within_steps, run - 1))
+            self.forbid(first, slice(start + apart + 1, None), other, slice(0, other_start + 1))
+
+    def lockstep(self, a: int, start_a: int, b: int, start_b: int, steps: int) -> None:
+        """a and b run `steps` positions side by side, never one ahead of the other."""
+        i, j = sorted((a, b))
+        start = {a: start_a, b: start_b}
+        done_i, done_j = (
+            np.clip(np.arange(len(self.trajectory(agent)) + 1) - start[agent], 0, steps) for agent in (i, j)
+        )
+        self.apart(i, j, done_i[:, None] != done_j[None, :])
+
+    def delay(self, a: int, end: int, b: int, start: int, steps: int) -> None:
+        """b leaves `start` at the earliest `steps` after a has reached `end`.
+
+        The time is spent as a dwell: of a, where its path ends there anyway, otherwise of b.
+        """
+        at_end = end == len(self.trajectory(a))
+        agent, position = (a, end) if at_end else (b, start)
+        self.dwells[agent, position] = max(steps, self.dwells.get((agent, position), 0))
+        self.after_dwell.append((a, end, b, start, at_end))
+
+
+@dataclass(frozen=True)
+class Delays:
+    """How much a schedule forgives, and how much later than the shortest it is on purpose."""
+
+    slack_steps: int  # by which any one agent may be late without meeting another
+    pauses: Mapping[tuple[int, int], int]  # (agent, knot) -> steps it stays there at least
 
 
 def schedule(
@@ -42,21 +131,23 @@ def schedule(
     _agents(trajectories)
     diagrams = diagrams or {}
     _shapes(trajectories, diagrams)
-    demands, unscheduled = Demands(trajectories), Unscheduled(trajectories, diagrams, begins_s)
+    demands, unscheduled = Demands(trajectories), _Unscheduled(trajectories, diagrams, begins_s)
     for rule in rules:
         rule.demand(demands)
-    for label, runs in joint_runs(trajectories):
+    for label, runs in _joint_runs(trajectories):
         for (a, start_a, length_a), (b, start_b, length_b) in combinations(runs, 2):
             if length_a != length_b:
-                return unscheduled.unequal(a, b, label, abs(length_a - length_b))
+                longer_s, who = abs(length_a - length_b) * CONTROL_DT_S, (a, b)
+                return unscheduled.found(Finding.UNEQUAL, longer_s, unit="s", agents=who, subgoals=(label,))
             demands.lockstep(a, start_a, b, start_b, length_a)
     asked = {*demands.dwells}
-    apart: dict[tuple[int, int], Mask] = {}
+    hard, apart = diagrams, {}
     if delays is not None:
-        apart = {pair: diagram & ~_joined(demands, pair) for pair, diagram in diagrams.items()}
+        joined = {pair: _joined(demands, pair) for pair in diagrams}
+        hard = {pair: diagram & joined[pair] for pair, diagram in diagrams.items()}
+        apart = {pair: diagram & ~joined[pair] for pair, diagram in diagrams.items()}
         for key, steps in delays.pauses.items():
             demands.dwells[key] = max(steps, demands.dwells.get(key, 0))
-    hard = {pair: diagram & ~apart[pair] if pair in apart else diagram for pair, diagram in diagrams.items()}
     problem, real = _problem(demands, hard, apart, delays.slack_steps if delays is not None else 0)
     answer = search.solve(problem, budget)
     if isinstance(answer, search.Impossible):
@@ -68,11 +159,24 @@ def schedule(
     return replace(found, hesitates=hesitates(found.positions, demands, diagrams, asked, delays.slack_steps))
 
 
+def _joint_runs(trajectories: Sequence[Trajectory]) -> list[tuple[str, list[tuple[int, int, int]]]]:
+    """Label of joined segments -> (agent, first position, length) of each agent that has it."""
+    found: dict[str, list[tuple[int, int, int]]] = {}
+    for trajectory in trajectories:
+        start = 0
+        for label, run in groupby(trajectory.segments, key=lambda segment: segment.joined):
+            length = sum(map(len, run))
+            if label is not None:
+                found.setdefault(label, []).append((trajectory.agent, start, length))
+            start += length
+    return sorted(found.items())
+
+
 def _joined(demands: Demands, pair: tuple[int, int]) -> Mask:
     """Positions at which two agents carry one thing: neither can be late alone."""
     i, j = pair
-    found = np.zeros((len(demands.trajectory(i)) + 1, len(demands.trajectory(j)) + 1), dtype=bool)
-    for _, runs in joint_runs(demands.trajectories):
+    found = np.zeros(demands.shape(i, j), dtype=bool)
+    for _, runs in _joint_runs(demands.trajectories):
         of = {agent: slice(start, start + length + 1) for agent, start, length in runs}
         if i in of and j in of:
             found[of[i], of[j]] = True
@@ -86,8 +190,7 @@ def _problem(
     slack: int,
 ) -> tuple[search.Problem, tuple[NDArray[np.int64], ...]]:
     """The search problem, in which dwells are extra positions, and the real position of each of them."""
-    real: list[NDArray[np.int64]] = []
-    knots: list[frozenset[int]] = []
+    real, knots = [], []
     for trajectory in demands.trajectories:
         repeats = np.ones(len(trajectory) + 1, dtype=int)
         for (agent, position), steps in demands.dwells.items():
@@ -99,26 +202,23 @@ def _problem(
         knots.append(frozenset(int(at) for knot in trajectory.knots for at in (first[knot], last[knot])))
     forbidden: dict[tuple[int, int], Mask] = {}
     for i, j in {*diagrams, *demands.cells}:
-        rows, columns = real[i - 1], real[j - 1]
-        mask = np.zeros((len(rows), len(columns)), dtype=bool)
-        for source in (diagrams, demands.cells):
-            if (i, j) in source:
-                mask |= source[i, j][rows][:, columns]
-        forbidden[i - 1, j - 1] = mask
+        nothing = np.zeros(demands.shape(i, j), dtype=bool)
+        mask = diagrams.get((i, j), nothing) | demands.cells.get((i, j), nothing)
+        forbidden[i - 1, j - 1] = mask[np.ix_(real[i - 1], real[j - 1])]
     for a, end, b, start, at_end in demands.after_dwell:
         i, j = sorted((a, b))
         shape = len(real[i - 1]), len(real[j - 1])
         mask = forbidden.setdefault((i - 1, j - 1), np.zeros(shape, dtype=bool))
         side = "right" if at_end else "left"
         until = int(np.searchsorted(real[a - 1], end, side)) - at_end
-        begin = int(np.searchsorted(real[b - 1], start, "right" if at_end else "left")) - at_end
+        begin = int(np.searchsorted(real[b - 1], start, side)) - at_end
         (mask if a < b else mask.T)[:until, begin + 1 :] = True
     deadlines = tuple(
         (agent - 1, int(np.searchsorted(real[agent - 1], position)), steps)
         for agent, position, steps in demands.deadlines
     )
     lengths = tuple(len(each) - 1 for each in real)
-    passed = {(i - 1, j - 1): mask[real[i - 1]][:, real[j - 1]] for (i, j), mask in apart.items()}
+    passed = {(i - 1, j - 1): mask[np.ix_(real[i - 1], real[j - 1])] for (i, j), mask in apart.items()}
     return search.Problem(tuple(knots), lengths, forbidden, deadlines, passed, slack), tuple(real)
 
 
@@ -127,15 +227,22 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
     _agents(trajectories)
     # Who moves without being named in the plan yields to those who are: that comes first.
     turns = [(each.agent, len(each)) for each in trajectories if not proposal.of(each.agent)]  # agent, steps
-    waiting = {each.agent: subgoal_runs(each) for each in trajectories if proposal.of(each.agent)}
+    waiting = {  # agent -> subgoals and the steps of each
+        each.agent: [
+            (subgoal, sum(map(len, run)))
+            for subgoal, run in groupby(each.segments, key=lambda segment: segment.subgoal)
+        ]
+        for each in trajectories
+        if proposal.of(each.agent)
+    }
     for subgoal in proposal.subgoals:
         runs = waiting.get(subgoal.agent, [])
         if runs and runs[0][0] == subgoal:
-            turns.append((subgoal.agent, len_of(runs.pop(0)[1])))
+            turns.append((subgoal.agent, runs.pop(0)[1]))
         while runs and runs[0][0] not in proposal.subgoals:  # what the planner has added belongs to it
-            turns.append((subgoal.agent, len_of(runs.pop(0)[1])))
+            turns.append((subgoal.agent, runs.pop(0)[1]))
     for agent, runs in waiting.items():  # what the plan does not name comes last
-        turns += [(agent, len_of(segments)) for _, segments in runs]
+        turns += [(agent, steps) for _, steps in runs]
     position = np.zeros(len(trajectories), dtype=np.int64)
     rows = [position.copy()]
     for agent, steps in turns:
@@ -143,18 +250,6 @@ def sequential(trajectories: Sequence[Trajectory], proposal: Proposal) -> Schedu
             position[agent - 1] += 1
             rows.append(position.copy())
     return Schedule(np.array(rows), max(map(len, trajectories)))
-
-
-def subgoal_runs(trajectory: Trajectory) -> list[tuple[Subgoal, list[Segment]]]:
-    """The segments of each subgoal, in order."""
-    return [
-        (goal, list(run)) for goal, run in groupby(trajectory.segments, key=lambda segment: segment.subgoal)
-    ]
-
-
-def len_of(segments: Iterable[Segment]) -> int:
-    """Control steps of some segments."""
-    return sum(map(len, segments))
 
 
 def alike(paths: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
@@ -205,3 +300,127 @@ def _shapes(trajectories: Sequence[Trajectory], diagrams: Mapping[tuple[int, int
         expected = len(trajectories[i - 1]) + 1, len(trajectories[j - 1]) + 1
         if diagram.shape != expected:
             raise ArgumentError(f"diagram of agents {(i, j)} has shape {diagram.shape}; expected {expected}")
+
+
+def hesitates(
+    positions: NDArray[np.int64],
+    demands: Demands,
+    diagrams: Mapping[tuple[int, int], Mask],
+    asked: Collection[tuple[int, int]],
+    slack: int,
+) -> NDArray[np.bool_]:
+    """(T + 1, N) who stays though it could go on, but for dwells that were asked for."""
+    forbidden = {pair: demands.cells.get(pair, False) | mask for pair, mask in diagrams.items()}
+    forbidden = {**demands.cells, **forbidden}
+    found = np.zeros(positions.shape, dtype=bool)
+
+    def free_from(agent: int, start: int, end: int, knot: int) -> int:
+        """The first step of a stay (start, end) from which on an agent could have gone on to its next knot.
+
+        As the others are then, and up to `slack` steps earlier or later. It waits at that knot until the
+        schedule has it there.
+        """
+        own = positions[:, agent - 1]
+        until = int(np.searchsorted(own, knot))  # the step at which the schedule has it there
+        others = [(mask, j) for (i, j), mask in forbidden.items() if i == agent]
+        others += [(mask.T, i) for (i, j), mask in forbidden.items() if j == agent]
+        for leaves in range(end - 1, start - 1, -1):
+            steps = np.arange(leaves, until + 1)
+            goes = np.minimum(own[start] + steps - leaves, knot)
+            for cells, other in others:
+                for late in range(-slack, slack + 1):
+                    there = positions[np.clip(steps + late, 0, len(positions) - 1), other - 1]
+                    if cells[goes, there].any():
+                        return leaves + 1
+        return start
+
+    for trajectory in demands.trajectories:
+        agent, own = trajectory.agent, positions[:, trajectory.agent - 1]
+        arrived = np.flatnonzero(np.diff(own, prepend=-1))
+        left = [*(arrived[1:] - 1), len(positions) - 1]
+        for start, end in zip(arrived.tolist(), left, strict=True):
+            # At the end of its path none follows.
+            following = [knot for knot in trajectory.knots if knot > own[start]]
+            if end > start and following and (agent, int(own[start])) not in asked:
+                found[free_from(agent, start, end, following[0]) + 1 : end + 1, agent - 1] = True
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Unscheduled:
+    """Why there is no schedule, and what would help. Agents from 1; masks over positions on their paths."""
+
+    trajectories: Sequence[Trajectory]
+    diagrams: Mapping[tuple[int, int], Mask]  # which pairs of positions are too close
+    begins_s: float  # when the schedule would begin, since the start of the episode
+
+    def why(
+        self, answer: search.Impossible, problem: search.Problem, real: tuple[NDArray[np.int64], ...]
+    ) -> Violation:
+        """`real`: the position on its path of each position of the problem, by agent."""
+        everyone = tuple(trajectory.agent for trajectory in self.trajectories)
+        if not answer.proven:
+            return self.found(Finding.NO_SCHEDULE, agents=everyone)
+        if answer.pair is not None:
+            return self._pair(answer.pair, problem, real)
+        return self._late(problem) or self.found(Finding.NOT_ALL, agents=everyone)
+
+    def _pair(
+        self, pair: tuple[int, int], problem: search.Problem, real: tuple[NDArray[np.int64], ...]
+    ) -> Violation:
+        """Two that cannot pass each other: for room, or for the orders that are demanded."""
+        i, j = pair[0] + 1, pair[1] + 1
+        a, b = self.trajectories[i - 1], self.trajectories[j - 1]
+        collision = self.diagrams.get((i, j))
+        found = None if collision is None else _collision(a, b, collision)
+        if collision is not None and found is not None:
+            share = float(collision.mean())  # of the pairs that are too close
+            return self.found(found[0], share, cause=Cause.SPACE, agents=(i, j), doing=found[1])
+        knots_a, knots_b = (sorted(problem.knots[agent]) for agent in pair)
+        row, column = blocked_region(problem.diagrams[pair], knots_a, knots_b)
+        ways = collision is not None and collision.any()
+        doing = _at(a, int(real[i - 1][row])), _at(b, int(real[j - 1][column]))
+        return self.found(Finding.ORDERS_OR_WAYS if ways else Finding.ORDERS, agents=(i, j), doing=doing)
+
+    def _late(self, problem: search.Problem) -> Violation | None:
+        """The deadline that is missed by most; None where deadlines are not what is in the way."""
+        free = search.solve(search.Problem(problem.knots, problem.lengths, problem.diagrams))
+        if not problem.deadlines or not isinstance(free, search.Found):
+            return None
+        late = []
+        for agent, position, latest in problem.deadlines:
+            reached = int(np.searchsorted(free.positions[:, agent], position))
+            late.append((reached - latest, agent + 1, reached * CONTROL_DT_S, latest * CONTROL_DT_S))
+        _, agent, needed_s, allowed_s = max(late)
+        time_s = self.begins_s + needed_s
+        return self.found(Finding.DEADLINE, needed_s, allowed_s, "s", time_s=time_s, agents=(agent,))
+
+    @cached_property
+    def found(self) -> partial[Violation]:
+        return partial(Violation, check=CheckName.SCHEDULING, cause=Cause.TIME, time_s=self.begins_s)
+
+
+def _collision(
+    a: Trajectory, b: Trajectory, collision: Mask
+) -> tuple[Finding, tuple[Doing | None, ...]] | None:
+    """Why collisions alone leave no way, and where both are then; None when they do leave one."""
+    if remaining(collision, frozenset(a.knots), frozenset(b.knots))[0, 0] < UNREACHABLE:
+        return None
+    if collision[0, 0]:
+        return Finding.CLOSE_AT_FIRST, ()
+    if collision[-1, -1]:
+        return Finding.CLOSE_AT_LAST, (_at(a, len(a)), _at(b, len(b)))
+    for moving, diagram in ((a, collision), (b, collision.T)):
+        walls = np.flatnonzero(diagram.all(axis=1))
+        if not len(walls):
+            walls = np.flatnonzero(diagram[:, 0] & diagram[:, -1])
+        if len(walls):  # the other one stands
+            blocked = _at(moving, int(walls[0]))
+            return Finding.PARKED, (blocked, None) if moving is a else (None, blocked)
+    row, column = blocked_region(collision, a.knots, b.knots)
+    return Finding.BLOCKED_BOTH, (_at(a, row), _at(b, column))
+
+
+def _at(trajectory: Trajectory, position: int) -> Doing | None:
+    """Where on its path an agent is; None: where it stands."""
+    return doing(trajectory.segment_at(position), position * CONTROL_DT_S)

@@ -7,22 +7,24 @@ one comes, or the other way round. Each way is a bound on the difference of two 
 closed under addition (longest paths), a choice with one way left becomes a bound, and what is still open
 is tried both ways. A makespan that is refuted raises the proven bound, one that is met is a schedule:
 halving what lies between ends with the shortest schedule (Brucker, Jurisch and Sievers 1994, A branch and
-bound algorithm for the job-shop scheduling problem, is the same idea for machines).
+bound algorithm for the job-shop scheduling problem, is the same idea for machines). Coordination diagrams:
+O'Donnell and Lozano-Perez 1989, Deadlock-free and collision-free coordination of two robot manipulators.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.coordination.diagrams import UNREACHABLE, Diagram, Pair, remaining
-
+Pair = tuple[int, int]
+Diagram = NDArray[np.bool_]  # (P_i, P_j) True = forbidden
 Bound = tuple[int, int, int]  # x, y, c: start x is at least c steps after start y
 Choice = tuple[Bound, Bound]  # one of the two holds
 
 BUDGET = 1_000  # choices that may be tried
+UNREACHABLE = np.iinfo(np.int32).max // 4  # steps
 UNBOUNDED = -(10**7)  # steps: less than any difference of two starts
 NEVER: Bound = (0, 0, 1)
 
@@ -63,10 +65,8 @@ def solve(problem: Problem, budget: int = BUDGET) -> Found | Impossible:
     steps, settled = starts.within(longest, budget)
     if steps is None:
         for i, j in combinations(range(len(problem.lengths)), 2):
-            diagram = problem.diagrams.get((i, j))
-            if diagram is not None and (
-                remaining(diagram, problem.knots[i], problem.knots[j])[0, 0] >= UNREACHABLE
-            ):
+            diagram, knots = problem.diagrams.get((i, j)), (problem.knots[i], problem.knots[j])
+            if diagram is not None and remaining(diagram, *knots)[0, 0] >= UNREACHABLE:
                 return Impossible((i, j), proven=True)
         return Impossible(None, proven=settled)
     bound = max(problem.lengths)
@@ -91,6 +91,10 @@ class _Paths:
         self.knots = [sorted(knots) for knots in problem.knots]
         first = np.cumsum([1, *(len(knots) - 1 for knots in self.knots)]).tolist()
         self.segments = [list(range(low, high)) for low, high in pairwise(first)]  # of each agent
+        self.parts = [  # of each agent: a segment, and the knots between which it runs
+            [(segment, *knots) for segment, knots in zip(segments, pairwise(ends), strict=True)]
+            for segments, ends in zip(self.segments, self.knots, strict=True)
+        ]
         self.count = first[-1]
 
     def arrives(self, agent: int, knot: int) -> tuple[int, int]:
@@ -116,19 +120,18 @@ class _Paths:
 
     def _passing(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
         """Both move."""
-        for x, low, high in zip(self.segments[i], self.knots[i], self.knots[i][1:], strict=False):
-            for y, left, right in zip(self.segments[j], self.knots[j], self.knots[j][1:], strict=False):
-                rows, columns = np.nonzero(diagram[low : high + 1, left : right + 1])
-                ahead = np.zeros(high - low + right - left + 1, dtype=bool)
-                ahead[rows - columns + right - left] = True
-                for begin, end in _runs(ahead):  # y may not start so many steps after x, less right - left
-                    yield (y, x, end - right + left), (x, y, right - left - begin + 1)
+        for (x, low, high), (y, left, right) in product(self.parts[i], self.parts[j]):
+            rows, columns = np.nonzero(diagram[low : high + 1, left : right + 1])
+            ahead = np.zeros(high - low + right - left + 1, dtype=bool)
+            ahead[rows - columns + right - left] = True
+            for begin, end in _runs(ahead):  # y may not start so many steps after x, less right - left
+                yield (y, x, end - right + left), (x, y, right - left - begin + 1)
 
     def _standing(self, i: int, j: int, diagram: Diagram) -> Iterator[Choice]:
         """Agent i moves, agent j stands at a knot."""
         for knot, position in enumerate(self.knots[j]):
             segment, steps = self.arrives(j, knot)
-            for x, low, high in zip(self.segments[i], self.knots[i], self.knots[i][1:], strict=False):
+            for x, low, high in self.parts[i]:
                 for begin, end in _runs(diagram[low : high + 1, position]):
                     yield self.leaves_before(j, knot, x, begin), (segment, x, end - steps)
 
@@ -143,8 +146,10 @@ class _Starts:
 
     def __init__(self, problem: Problem) -> None:
         self._paths = paths = _Paths(problem)
-        choices = np.array(list(paths.choices(problem.diagrams)), dtype=np.int64).reshape(-1, 2, 3)
-        apart = np.array(list(paths.choices(problem.apart)), dtype=np.int64).reshape(-1, 2, 3)
+        choices, apart = (
+            np.array(list(paths.choices(diagrams)), dtype=np.int64).reshape(-1, 2, 3)
+            for diagrams in (problem.diagrams, problem.apart)
+        )
         choices = np.concatenate([choices, apart + np.array([0, 0, problem.slack])])
         self._x, self._y, self._c = choices[..., 0], choices[..., 1], choices[..., 2]  # (K, 2) each
         # (S, S): start of the column less start of the row is at least this
@@ -157,28 +162,21 @@ class _Starts:
         for agent, position, latest in problem.deadlines:
             if position > 0:
                 knot = int(np.searchsorted(paths.knots[agent], position)) - 1
-                self._no_later(paths.segments[agent][knot], latest - position + paths.knots[agent][knot])
+                segment, step = paths.segments[agent][knot], latest - position + paths.knots[agent][knot]
+                self._least[segment, 0] = max(self._least[segment, 0], -step)
         self._open = _closed(self._least) and self._forced(self._least)
-        self._ends = [  # last segment of each agent that moves, and its steps
-            (segments[-1], knots[-1] - knots[-2])
-            for knots, segments in zip(paths.knots, paths.segments, strict=True)
-            if segments
-        ]
+        # Last segment of each agent that moves, and its steps.
+        self._ends = [(parts[-1][0], parts[-1][2] - parts[-1][1]) for parts in paths.parts if parts]
 
     def makespan(self, starts: NDArray[np.int64]) -> int:
-        """Steps until everybody is at the end."""
         return max((int(starts[segment]) + steps for segment, steps in self._ends), default=0)
 
     def positions(self, starts: NDArray[np.int64], makespan: int) -> NDArray[np.int64]:
         """(makespan + 1, N) where everybody is."""
-        times = np.arange(makespan + 1)[:, None]
-        return np.stack(
-            [
-                np.clip(times - starts[segments], 0, np.diff(knots)).sum(axis=1)
-                for knots, segments in zip(self._paths.knots, self._paths.segments, strict=True)
-            ],
-            axis=1,
-        )
+        times, paths = np.arange(makespan + 1)[:, None], self._paths
+        agents = zip(paths.knots, paths.segments, strict=True)
+        columns = [np.clip(times - starts[own], 0, np.diff(knots)).sum(axis=1) for knots, own in agents]
+        return np.stack(columns, axis=1)
 
     def within(self, makespan: int, budget: int) -> tuple[NDArray[np.int64] | None, bool]:
         """The earliest starts (S,) of a schedule of at most so many steps, and whether the answer is settled.
@@ -204,9 +202,6 @@ class _Starts:
                 if self._chosen(tried, worst, way) and self._forced(tried):
                     todo.append(tried)
         return None, True
-
-    def _no_later(self, segment: int, step: int) -> None:
-        self._least[segment, 0] = max(self._least[segment, 0], -step)
 
     def _forced(self, least: NDArray[np.int64]) -> bool:
         """Turns every choice with one way left into a bound; False if one has none left."""
@@ -250,3 +245,48 @@ def _runs(mask: NDArray[np.bool_]) -> list[Pair]:
     edges = (np.flatnonzero(mask[1:] != mask[:-1]) + 1).tolist()
     edges = [*([0] if mask[0] else []), *edges, *([len(mask)] if mask[-1] else [])]
     return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def remaining(diagram: Diagram, knots_a: frozenset[int], knots_b: frozenset[int]) -> NDArray[np.int32]:
+    """(P, Q) fewest steps from each pair of positions to both ends; UNREACHABLE where there is no way.
+
+    Exact, by one backward pass: every step moves at least one agent on (both waiting gains nothing).
+    """
+    rows, columns = diagram.shape
+    waits_b = np.isin(np.arange(columns), list(knots_b))
+    steps = np.full((rows + 1, columns + 1), UNREACHABLE, dtype=np.int32)
+    offsets = np.arange(columns, dtype=np.int32)
+    for row in range(rows - 1, -1, -1):
+        below = steps[row + 1]
+        best = np.minimum(below[1:], np.where(waits_b, below[:-1], UNREACHABLE)) + 1
+        if row == rows - 1:
+            best[-1] = 0
+        best[diagram[row]] = UNREACHABLE
+        if row in knots_a:  # this agent may wait here while the other one moves on
+            start = 0
+            for stop in [*np.flatnonzero(diagram[row]).tolist(), columns]:
+                run = slice(start, stop)
+                ahead = (best[run] + offsets[run])[::-1]
+                best[run] = np.minimum.accumulate(ahead)[::-1] - offsets[run]
+                start = stop + 1
+        steps[row, :-1] = np.minimum(best, UNREACHABLE)
+    return steps[:-1, :-1]
+
+
+def blocked_region(diagram: Diagram, knots_a: Sequence[int], knots_b: Sequence[int]) -> Pair:
+    """How far two agents get together before they are stuck: the reachable state with the largest sum."""
+    rows, columns = diagram.shape
+    waits_a, waits_b = np.isin(np.arange(rows), knots_a), np.isin(np.arange(columns), knots_b)
+    reached = np.zeros((rows + 1, columns + 1), dtype=bool)  # a row and a column before the first
+    reached[0, 0] = True
+    farthest = (0, 0)
+    for row, free in enumerate(~diagram):
+        line = (reached[row, :-1] | reached[row, 1:] & waits_b) & free
+        if waits_a[row]:
+            for column in range(1, columns):
+                line[column] |= line[column - 1] & free[column]
+        reached[row + 1, 1:] = line
+        ends = np.flatnonzero(line)
+        if len(ends) and row + ends[-1] > sum(farthest):
+            farthest = (row, int(ends[-1]))
+    return farthest

@@ -1,9 +1,17 @@
 """What went wrong, as values: violations, and the account of an episode. Sentences are written from them."""
 
 from rf_exp.findings.account import NOTHING, Account, Closest, Knock, Lost, Touch, Unmet
-from rf_exp.findings.finding import Finding
-from rf_exp.findings.violation import About, Cause, CheckName, Doing, Found, Violation
-from rf_exp.findings.words import agent_name, names
+from rf_exp.findings.finding import (
+    About,
+    Cause,
+    CheckName,
+    Doing,
+    Finding,
+    Found,
+    Violation,
+    agent_name,
+    names,
+)
 
 __all__ = [
     "NOTHING",

@@ -8,7 +8,7 @@ All times are in seconds since the start of the episode.
 
 from dataclasses import dataclass
 
-from rf_exp.findings.violation import Violation
+from rf_exp.findings.finding import Violation
 
 TOO_SHORT = "all conditions held, but not for long"
 IDLE = "nothing was carried out"
@@ -133,7 +133,6 @@ class Account:
 
     @property
     def reason(self) -> str:
-        """Why it failed, in one line."""
         return "; ".join(self.parts)
 
     @property

@@ -1,183 +1,343 @@
-"""The findings there are, and the form of the sentence about each. Nothing reads such a sentence.
+"""What checks find, as values: who, when, how much, what was in the way. Sentences are written from them.
 
-What a form names in braces is a fact of `Found`, or written from them by `Words`.
+Agents are numbered from 1. There is one clock: `time_s` is in seconds since the start of the episode. A
+finding has the form of its sentence, which names facts in braces. Nothing reads such a sentence.
 """
 
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
+from typing import TypedDict
 
 
 class Finding(StrEnum):
-    """What was found, with the form of its sentence."""
+    """What was found, with the form of its sentence: here after the first colon."""
 
     form: str
 
-    def __new__(cls, code: str, form: str) -> "Finding":
+    def __new__(cls, said: str) -> "Finding":
+        code, _, form = said.partition(": ")
         found = str.__new__(cls, code)
         found._value_, found.form = code, form
         return found
 
     # Where and how an object is met.
     BESIDE_POINT = (
-        "meets it beside the point",
-        "{a} {meets} {object} {cm:.1f} cm from its {aspect} point (allowed {bound_cm:.1f} cm)",
+        "meets it beside the point: {a} {meets} {object} {cm:.1f} cm from its {aspect} point (allowed "
+        "{bound_cm:.1f} cm)"
     )
     PUT_BESIDE_POINT = (
-        "puts it beside the point",
-        "{a} would put {object} {cm:.1f} cm beside the {aspect} (allowed {bound_cm:.1f} cm)",
+        "puts it beside the point: {a} would put {object} {cm:.1f} cm beside the {aspect} (allowed "
+        "{bound_cm:.1f} cm)"
     )
     NO_CONTACT = (
-        "makes no contact",
-        "{a} must meet {object} at its {aspect} point, but {a} neither holds {object} nor makes contact with "
-        "it in this plan; its subgoals that move: {listed}",
+        "makes no contact: {a} must meet {object} at its {aspect} point, but {a} neither holds {object} nor "
+        "makes contact with it in this plan; its subgoals that move: {listed}"
     )
     NO_DIRECTION = (
-        "makes no contact that has a direction",
-        "the gripper of {a} must be {aspect} at {object}, but {a} neither holds {object} nor makes contact "
-        "with it in this plan; its subgoals that move: {listed}",
+        "makes no contact that has a direction: the gripper of {a} must be {aspect} at {object}, but {a} "
+        "neither holds {object} nor makes contact with it in this plan; its subgoals that move: {listed}"
     )
     OFF_DIRECTION = (
-        "comes from another direction",
-        "the gripper of {a} is {value:.0f} deg off {aspect} at {object} (allowed {bound:.0f} deg)",
+        "comes from another direction: the gripper of {a} is {value:.0f} deg off {aspect} at {object} "
+        "(allowed {bound:.0f} deg)"
     )
     UNEVEN = (
-        "heights drift apart",
-        "the gripper heights of {agents} drift {cm:.1f} cm apart (allowed {bound_cm:.1f} cm)",
+        "heights drift apart: the gripper heights of {agents} drift {cm:.1f} cm apart (allowed "
+        "{bound_cm:.1f} cm)"
     )
     TILTED = (
-        "tilts it",
-        "{at} {object}, held by {a} ({state}), is tilted by {value:.1f} deg (allowed {bound:g} deg)",
+        "tilts it: {at} {object}, held by {a} ({state}), is tilted by {value:.1f} deg (allowed {bound:g} deg)"
     )
-    HOLDS_IT = "holds it already", "{a} holds {object} already"
+    HOLDS_IT = "holds it already: {a} holds {object} already"
 
     # Order and time.
-    TOO_SOON = (
-        "begins too soon",
-        "{then} begins {value:.2f} s after {first} has ended (at least {bound:g} s)",
-    )
-    NOT_TOGETHER = (
-        "does not begin together",
-        "{agents} begin {first} {value:.2f} s apart (allowed {bound:g} s)",
-    )
-    TOO_LATE = (
-        "ends too late",
-        "{first} ends {value:.2f} s after the start of the plan (allowed {bound:g} s)",
-    )
+    TOO_SOON = "begins too soon: {then} begins {value:.2f} s after {first} has ended (at least {bound:g} s)"
+    NOT_TOGETHER = "does not begin together: {agents} begin {first} {value:.2f} s apart (allowed {bound:g} s)"
+    TOO_LATE = "ends too late: {first} ends {value:.2f} s after the start of the plan (allowed {bound:g} s)"
     TOO_FAST = (
-        "moves too fast",
-        "{at} the gripper of {a} ({state}) moves at {value:.2f} m/s (allowed {bound:.2f} m/s)",
+        "moves too fast: {at} the gripper of {a} ({state}) moves at {value:.2f} m/s (allowed {bound:.2f} m/s)"
     )
     SHARED = (
-        "shares space",
-        "{a} and {b} use the same space one after the other: closest in time {at}, when {b} comes to where "
-        "{a} has been until {value:.2f} s before",
+        "shares space: {a} and {b} use the same space one after the other: closest in time {at}, when {b} "
+        "comes to where {a} has been until {value:.2f} s before"
     )
-    NOT_SHARED = "shares no space", "{agents} use no space that another of them uses at any time"
+    NOT_SHARED = "shares no space: {agents} use no space that another of them uses at any time"
 
     # Room.
     CLOSE = (
-        "comes too close",
-        "{at} {a}, {a_does}, comes within {cm:.1f} cm of {b}, {b_does} ({parts[0]} near {parts[1]})",
+        "comes too close: {at} {a}, {a_does}, comes within {cm:.1f} cm of {b}, {b_does} ({parts[0]} near "
+        "{parts[1]})"
     )
     CLOSE_TO_THING = (
-        "comes too close to a thing",
-        "{at} {a}, {a_does}, comes within {cm:.1f} cm of {obstacle} ({parts[0]}), which it may not touch",
+        "comes too close to a thing: {at} {a}, {a_does}, comes within {cm:.1f} cm of {obstacle} "
+        "({parts[0]}), which it may not touch"
     )
-    TOUCHING = "touch", "{both} touch each other with {value:.0f} N"
-    OVERLAPPING = "overlap", "{both} overlap by {depth_mm:.0f} mm ({parts[0]} with {parts[1]})"
+    TOUCHING = "touch: {both} touch each other with {value:.0f} N"
+    OVERLAPPING = "overlap: {both} overlap by {depth_mm:.0f} mm ({parts[0]} with {parts[1]})"
     TOO_NEAR = (
-        "does not keep its distance",
-        "{at} the {aspect} of {everyone}, are {cm:.1f} cm apart (at least {bound_cm:.1f} cm)",
+        "does not keep its distance: {at} the {aspect} of {everyone}, are {cm:.1f} cm apart (at least "
+        "{bound_cm:.1f} cm)"
     )
     OFF_HEIGHT = (
-        "leaves its heights",
-        "{at} the gripper of {a} ({state}) is {cm:.1f} cm over the table (it has to stay {aspect} "
-        "{bound_cm:.1f} cm)",
+        "leaves its heights: {at} the gripper of {a} ({state}) is {cm:.1f} cm over the table (it has to stay"
+        " {aspect} {bound_cm:.1f} cm)"
     )
-    IN_ZONE = "enters a zone", "{a} {at} enters the keep-out {obstacle} ({parts[0]}, {state})"
-    OUT_OF_ZONE = "stays out of a zone", "{a} stays out of the keep-out {obstacle} ({parts[0]}, {state})"
-    CLEAR = "stays clear", "{both} stay {cm:.1f} cm apart"
-    CLEAR_OF_THING = "stays clear of a thing", "{a} stays {cm:.1f} cm clear of {obstacle}"
+    IN_ZONE = "enters a zone: {a} {at} enters the keep-out {obstacle} ({parts[0]}, {state})"
+    OUT_OF_ZONE = "stays out of a zone: {a} stays out of the keep-out {obstacle} ({parts[0]}, {state})"
+    CLEAR = "stays clear: {both} stay {cm:.1f} cm apart"
+    CLEAR_OF_THING = "stays clear of a thing: {a} stays {cm:.1f} cm clear of {obstacle}"
 
     # Schedules: why there is none.
     UNEQUAL = (
-        "plans of other lengths",
-        "{both} do {first!r} together but one of them plans {value:g} s more; plan it as one motion",
+        "plans of other lengths: {both} do {first!r} together but one of them plans {value:g} s more; plan "
+        "it as one motion"
     )
     NO_SCHEDULE = (
-        "no schedule within the budget",
-        "no schedule was found within the search budget; plan fewer subgoals at once or one after the other",
+        "no schedule within the budget: no schedule was found within the search budget; plan fewer subgoals "
+        "at once or one after the other"
     )
     CLOSE_AT_FIRST = (
-        "stand too close",
-        "{both} already stand too close to each other; move one of them away first",
+        "stand too close: {both} already stand too close to each other; move one of them away first"
     )
     CLOSE_AT_LAST = (
-        "would end too close",
-        "{both} would end too close to each other ({a} {a_is}, {b} {b_is}); timing cannot help, choose "
-        "another end or retreat",
+        "would end too close: {both} would end too close to each other ({a} {a_is}, {b} {b_is}); timing "
+        "cannot help, choose another end or retreat"
     )
     PARKED = (
-        "stands in the way",
-        "where {parked} stands before and after its motion blocks {blocked} {blocked_is}; timing cannot "
-        "help, {blocked} needs another path or {parked} must yield",
+        "stands in the way: where {parked} stands before and after its motion blocks {blocked} {blocked_is};"
+        " timing cannot help, {blocked} needs another path or {parked} must yield"
     )
     BLOCKED_BOTH = (
-        "block each other",
-        "{both} block each other: they get no further than {a} {a_is} and {b} {b_is}; one of them needs "
-        "another path or a place to wait",
+        "block each other: {both} block each other: they get no further than {a} {a_is} and {b} {b_is}; one "
+        "of them needs another path or a place to wait"
     )
     ORDERS = (
-        "orders that contradict one another",
-        "the constraints on the order of {both} contradict one another: they get no further than {a} {a_is} "
-        "and {b} {b_is}; drop or change one of them",
+        "orders that contradict one another: the constraints on the order of {both} contradict one another: "
+        "they get no further than {a} {a_is} and {b} {b_is}; drop or change one of them"
     )
     ORDERS_OR_WAYS = (
-        "orders that contradict one another, or the way past each other",
-        "the constraints on the order of {both} contradict one another or their way past each other: they "
-        "get no further than {a} {a_is} and {b} {b_is}; drop or change one of them",
+        "orders that contradict one another, or the way past each other: the constraints on the order of "
+        "{both} contradict one another or their way past each other: they get no further than {a} {a_is} and"
+        " {b} {b_is}; drop or change one of them"
     )
     DEADLINE = (
-        "cannot be done in time",
-        "{a} cannot be done within {bound:g} s; the shortest schedule needs {value:g} s",
+        "cannot be done in time: {a} cannot be done within {bound:g} s; the shortest schedule needs "
+        "{value:g} s"
     )
     NOT_ALL = (
-        "cannot pass all together",
-        "every pair of agents could pass, but not all together; let some of them finish first",
+        "cannot pass all together: every pair of agents could pass, but not all together; let some of them "
+        "finish first"
     )
 
     # Motion: why there is none.
-    BLOCKED = "is blocked", "{a} cannot {first}: {in_the_way}{how_near}"
+    BLOCKED = "is blocked: {a} cannot {first}: {in_the_way}{how_near}"
     TAKEN = (
-        "place is taken",
-        "{a} cannot {first}: {object} would overlap {obstacle} there by {depth_mm:.0f} mm; move one of them",
+        "place is taken: {a} cannot {first}: {object} would overlap {obstacle} there by {depth_mm:.0f} mm; "
+        "move one of them"
     )
-    NO_PATH = "finds no free path", "{a} cannot {first}: no free path{how_near}"
-    OUT_OF_REACH = "is out of reach", "{a} cannot {first}: out of reach"
-    TOO_HIGH = "does not reach that high", "{a} cannot {first}: the arm does not reach that high"
-    NO_RETREAT = "cannot retreat", "{a} cannot retreat after letting go of {object}"
-    HOLDS_OTHER = "holds something", "{a} already holds {object}"
-    HOLDS_NOT = "does not hold it", "{a} cannot {first}: it does not hold {object}"
-    NO_TARGET = "no such place", "there is no place or object {aspect!r}; available: {names}"
-    NO_POINT = "no such point", "{object} has no place point {aspect!r}; available: {names}"
-    NO_PLACE = "no place", "{object} has no place point: nothing can be put there"
+    NO_PATH = "finds no free path: {a} cannot {first}: no free path{how_near}"
+    OUT_OF_REACH = "is out of reach: {a} cannot {first}: out of reach"
+    TOO_HIGH = "does not reach that high: {a} cannot {first}: the arm does not reach that high"
+    NO_RETREAT = "cannot retreat: {a} cannot retreat after letting go of {object}"
+    HOLDS_OTHER = "holds something: {a} already holds {object}"
+    HOLDS_NOT = "does not hold it: {a} cannot {first}: it does not hold {object}"
+    NO_TARGET = "no such place: there is no place or object {aspect!r}; available: {names}"
+    NO_POINT = "no such point: {object} has no place point {aspect!r}; available: {names}"
+    NO_PLACE = "no place: {object} has no place point: nothing can be put there"
     CIRCLE = (
-        "subgoals that wait for one another",
-        "the subgoals wait for one another: their orders are in conflict ({listed})",
+        "subgoals that wait for one another: the subgoals wait for one another: their orders are in conflict"
+        " ({listed})"
     )
-    UNEVEN_LIFT = "lift by different heights", "agents lift {object} by different heights"
+    UNEVEN_LIFT = "lift by different heights: agents lift {object} by different heights"
 
     # Execution.
-    HIT = "hit each other", "{everyone}, hit each other with {value:.0f} N (arms stop at {bound:g} N)"
-    PUSHES = "pushes", "{everyone}, pushes {obstacle} with {value:.0f} N (arms stop at {bound:g} N)"
-    DROPPED = "no longer holds", "{everyone}, no longer holds {object}"
+    HIT = "hit each other: {everyone}, hit each other with {value:.0f} N (arms stop at {bound:g} N)"
+    PUSHES = "pushes: {everyone}, pushes {obstacle} with {value:.0f} N (arms stop at {bound:g} N)"
+    DROPPED = "no longer holds: {everyone}, no longer holds {object}"
     STRAYED = (
-        "off its path",
-        "{everyone}, is {value:.2f} rad off its path (allowed {bound:g} rad): something is in its way",
+        "off its path: {everyone}, is {value:.2f} rad off its path (allowed {bound:g} rad): something is in "
+        "its way"
     )
-    OBJECT_MOVED = "object_moved", "a disturbed arm has moved {object} by {mm:.0f} mm"
-    CLUTTER_MOVED = "clutter_moved", "an arm, or what it carries, has moved {object} by {mm:.0f} mm"
+    OBJECT_MOVED = "object_moved: a disturbed arm has moved {object} by {mm:.0f} mm"
+    CLUTTER_MOVED = "clutter_moved: an arm, or what it carries, has moved {object} by {mm:.0f} mm"
 
     # Whatever else.
-    REFUSED = "not understood", "{refusal}"
-    IDLE = "not in this plan", "nothing in this plan is about it"
-    CONSTRAINT = "breaks a constraint", "{at} {constraint!r}: {value:.4g} {unit} (bound {bound:g} {unit})"
+    REFUSED = "not understood: {refusal}"
+    IDLE = "not in this plan: nothing in this plan is about it"
+    CONSTRAINT = "breaks a constraint: {at} {constraint!r}: {value:.4g} {unit} (bound {bound:g} {unit})"
+
+
+class CheckName(StrEnum):
+    """Who found it: one of the paper's validation functions, the watch on execution, or the loop itself."""
+
+    INTERACTION = "ValidateInteraction"
+    DIRECTION = "ValidateDirection"
+    SCHEDULING = "ValidateScheduling"
+    OCCUPANCY = "ValidateSpatialOccupancy"
+    COLLISION = "Collision"  # arms that have hit something
+    TRACKING = "Tracking"  # an arm beside its path
+    OBJECT_MOTION = "ObjectMotion"  # a disturbed arm that has moved a thing it is not about
+    MOTION = "Motion"  # no motion was found for a proposal
+    CODE = "CheckCode"  # constraints that no check code can be made of
+    BRAIN = "RoboBrain"  # its answer is none
+
+
+class Cause(StrEnum):
+    """What a violation is about."""
+
+    CONTACT = "contact"  # arms that hit something
+    SPACE = "space"  # room for an arm
+    TIME = "time"  # order and time
+    REACH = "reach"  # what an arm can reach
+    INTERACTION = "interaction"  # where and how it takes hold
+    GRIP = "grip"  # what it holds
+    TRACKING = "tracking"  # whether it follows its path
+    ANSWER = "answer"  # the answer itself
+
+
+@dataclass(frozen=True)
+class Doing:
+    """What an agent is about at a moment of its plan."""
+
+    subgoal: str  # its text
+    primitive: str
+    along_s: float | None = None  # how long it has been on its own way, waiting left out, where that counts
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found. Each finding tells (`Finding`) which of the facts behind the numbers it has."""
+
+    finding: Finding = Finding.CONSTRAINT
+    value: float = 0.0  # what was found, in `unit`
+    bound: float = 0.0  # what is allowed, in `unit`
+    unit: str = ""  # empty for a share, and where there is no number
+    _: KW_ONLY
+    time_s: float  # since the start of the episode
+    agents: tuple[int, ...] = ()  # those it is about: two that are in each other's way, one that cannot reach
+    measured: bool = False  # on the real state; otherwise planned, before anything moves
+    obstacles: tuple[str, ...] = ()  # what was in the way: objects, agents, zones
+    object: str | None = None  # the one that it is about
+    aspect: str = ""  # of it, or of the agent: the point, direction, side or parts that are asked about
+    doing: tuple[Doing | None, ...] = ()  # of each agent then; None: it stands still
+    parts: tuple[str, ...] = ()  # the links and things that are nearest to one another
+    subgoals: tuple[str, ...] = ()  # those that it is about
+    known: tuple[str, ...] = ()  # what there is instead of what was named
+    refusal: str = ""  # what the reader of an answer said of it
+    constraint: str = ""  # as it was stated
+    tried: tuple[str, ...] = ()  # the paths that were tried, where there is more than one way to plan
+
+    @property
+    def sentence(self) -> str:
+        """One that a person and a model can act on."""
+        said = self.finding.form.format_map(_Words(self))
+        return f"{said}; paths were tried {', then '.join(self.tried)}" if self.tried else said
+
+
+class About(TypedDict, total=False):
+    """Facts of `Found` beside its numbers, for whoever passes them on."""
+
+    agents: tuple[int, ...]
+    measured: bool
+    obstacles: tuple[str, ...]
+    object: str | None
+    aspect: str
+    doing: tuple[Doing | None, ...]
+    parts: tuple[str, ...]
+    subgoals: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Violation(Found):
+    """A check that failed, with the evidence."""
+
+    check: CheckName
+    cause: Cause
+
+    @property
+    def kind(self) -> str:
+        """Without what differs from seed to seed: equal failures are equal texts."""
+        who = " and ".join(map(agent_name, self.agents))
+        about = self.obstacles or ((self.object,) if self.object else ())
+        return ": ".join(filter(None, (who, f"{self.finding} {', '.join(about)}".strip())))
+
+
+def agent_name(agent: int) -> str:
+    """`Agent_1`, as the paper writes it."""
+    return f"Agent_{agent}"
+
+
+def names(agents: tuple[int, ...]) -> str:
+    """`Agent_1` or `[Agent_1, Agent_2]`, as the paper prints check code."""
+    listed = ", ".join(map(agent_name, agents))
+    return listed if len(agents) == 1 else f"[{listed}]"
+
+
+def _does(now: Doing | None) -> str:
+    return "standing still" if now is None else f"to {now.subgoal} ({now.primitive})"
+
+
+def _is(now: Doing | None) -> str:
+    return "where it stands" if now is None else f"{now.along_s:.2f} s along its own way, {_does(now)}"
+
+
+def _everyone(found: Found) -> str:
+    if not found.doing:
+        return names(found.agents)
+    each = zip(found.agents, found.doing, strict=True)
+    return ", and ".join(f"{agent_name(agent)}, {_does(does)}" for agent, does in each)
+
+
+def _moves(found: Found) -> int:
+    """Which of two agents is on its way."""
+    return next((k for k, does in enumerate(found.doing) if does is not None), 0)
+
+
+def _how_near(found: Found) -> str:
+    """Which part comes how near to which part of what is in the way, where that is known."""
+    if not found.parts:
+        return ""
+    where = f"{found.aspect} " if found.aspect else ""
+    near = f"{found.value * 100:.1f} cm of {found.parts[1]}; at least {found.bound * 100:.1f} cm"
+    return f" ({where}its {found.parts[0]} comes within {near})"
+
+
+_WRITTEN: Mapping[str, Callable[[Found], object]] = {  # what forms name beside the facts as they are
+    "agents": lambda found: names(found.agents),
+    "a": lambda found: agent_name(found.agents[0]),
+    "b": lambda found: agent_name(found.agents[1]),
+    "both": lambda found: " and ".join(map(agent_name, found.agents[:2])),
+    "everyone": _everyone,
+    "a_does": lambda found: _does(found.doing[0]),
+    "b_does": lambda found: _does(found.doing[1]),
+    "a_is": lambda found: _is(found.doing[0]),
+    "b_is": lambda found: _is(found.doing[1]),
+    "state": lambda found: "as measured" if found.measured else _does(found.doing[0]),
+    "meets": lambda found: "meets" if found.measured else "would meet",
+    "blocked": lambda found: agent_name(found.agents[_moves(found)]),
+    "blocked_is": lambda found: _is(found.doing[_moves(found)]),
+    "parked": lambda found: agent_name(found.agents[1 - _moves(found)]),
+    "at": lambda found: f"at {found.time_s:.2f} s",
+    "cm": lambda found: found.value * 100,
+    "bound_cm": lambda found: found.bound * 100,
+    "mm": lambda found: found.value * 1000,
+    "depth_mm": lambda found: -found.value * 1000,
+    "first": lambda found: found.subgoals[0],
+    "then": lambda found: found.subgoals[1],
+    "listed": lambda found: "; ".join(found.subgoals) or "none",
+    "names": lambda found: ", ".join(found.known) or "none",
+    "obstacle": lambda found: found.obstacles[0],
+    "in_the_way": lambda found: ", ".join(f"{each} is in the way" for each in found.obstacles),
+    "how_near": _how_near,
+}
+
+
+class _Words:
+    """What a form names, once it is asked for."""
+
+    def __init__(self, found: Found) -> None:
+        self._found = found
+
+    def __getitem__(self, name: str) -> object:
+        return _WRITTEN[name](self._found) if name in _WRITTEN else getattr(self._found, name)

@@ -4,13 +4,32 @@ Each kind of statement has a file; `language` has the grammar of sentences. Plan
 statements. Sentences are for models and people: `Statement.sentence` writes one, `read` reads one.
 """
 
-from rf_exp.statements.language.base import Form, OfAgent, OfAgents, Proposal, Statement, kinds
-from rf_exp.statements.language.events import Event, LiesOn, Step
-from rf_exp.statements.language.notation import TOGETHER_S, Vector, Words
-from rf_exp.statements.language.reading import MAX_LENGTH, Unread, read, samples, understood
-from rf_exp.statements.language.subgoals import read_subgoal, subgoal_forms
-from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS, Narrow, Verb, add_verb
-from rf_exp.statements.language.vocabulary import TABLE, Vocabulary, agent_name
+from rf_exp.statements.language.base import (
+    TABLE,
+    TOGETHER_S,
+    Event,
+    Form,
+    LiesOn,
+    OfAgent,
+    OfAgents,
+    Proposal,
+    Statement,
+    Step,
+    Vocabulary,
+    Words,
+    agent_name,
+    kinds,
+)
+from rf_exp.statements.language.reading import (
+    MAX_LENGTH,
+    Unread,
+    read,
+    read_subgoal,
+    samples,
+    subgoal_forms,
+    understood,
+)
+from rf_exp.statements.language.verbs import VERBS, Narrow, Verb, add_verb
 
 # Kinds are shown in prompts, and sentences compared with them, in the order in which they are defined.
 # isort: off
@@ -18,7 +37,7 @@ from rf_exp.statements.keep_apart import KeepApart
 from rf_exp.statements.keep_level import KeepLevel
 from rf_exp.statements.keep_height import KeepHeight
 from rf_exp.statements.speed_limit import SpeedLimit
-from rf_exp.statements.interaction import WORK, ContactAt, PlaceAt
+from rf_exp.statements.interaction import ContactAt, PlaceAt
 from rf_exp.statements.direction import Direction, grasping
 from rf_exp.statements.same_height import SameHeight
 from rf_exp.statements.avoidance import AvoidAgents, AvoidObjects, keep_clear
@@ -30,12 +49,10 @@ from rf_exp.statements.share_space import ShareSpace
 # isort: on
 
 __all__ = [
-    "CONTACT_KINDS",
     "MAX_LENGTH",
     "TABLE",
     "TOGETHER_S",
     "VERBS",
-    "WORK",
     "AvoidAgents",
     "AvoidObjects",
     "Before",
@@ -61,7 +78,6 @@ __all__ = [
     "Step",
     "Together",
     "Unread",
-    "Vector",
     "Verb",
     "Vocabulary",
     "Words",

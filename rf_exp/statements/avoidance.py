@@ -3,9 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, OfAgents, Statement
-from rf_exp.statements.language.notation import Words
-from rf_exp.statements.language.vocabulary import agent_name, listed
+from rf_exp.statements.language.base import OfAgent, OfAgents, Statement, Words, agent_name, listed
 
 _KEEPS_OFF = r"(?:avoid {collisions} (?:between|of) {agent} (?:and|with)|{agent} {not} {collide with})"
 _EACH_OTHER = (

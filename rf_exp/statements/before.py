@@ -1,18 +1,14 @@
-"""Temporal: one thing is over before another begins (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Statement
-from rf_exp.statements.language.events import Event, LiesOn, Step
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.statements.language.base import Event, LiesOn, Statement, Step, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 _DOES = r"{does then} {object then}"
 
 
 @dataclass(frozen=True)
 class Before(Statement):
-    """Something is over before an agent begins something, with a pause of `wait_s` between."""
+    """Something is over before an agent begins something, and `wait_s` pass (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (
@@ -37,26 +33,16 @@ class Before(Statement):
     wait_s: float = 0.0
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        first = (self.first.agent,) if isinstance(self.first, Step) else ()
-        return (*first, self.then.agent)
-
-    @property
-    def names(self) -> Names:
-        return *self.first.names, *self.then.names
-
-    @property
     def sentence(self) -> str:
         first, then, who = self.first, self.then, agent_name(self.then.agent)
         if self.wait_s:
-            pause = f"{number(self.wait_s)} s"
-            if then.verb:
-                return f"{who} must {then.verb} {then.object} at least {pause} after {first.ended}."
-            return f"{who} must wait {pause} after {first.ended}."
+            what = f"{then.does('')} at least" if then.verb else "wait"
+            return f"{who} must {what} {number(self.wait_s)} s after {first.ended}."
         if isinstance(first, LiesOn):
-            what = f"{then.verb} {then.object} only after" if then.verb else "wait until"
+            what = f"{then.does('')} only after" if then.verb else "wait until"
             return f"{who} must {what} {first.ended}."
-        return f"{first.must} before {then.begins}."
+        begins = f"may {then.does('')}" if then.verb else "begins"
+        return f"{agent_name(first.agent)} must {first.does('complete its task')} before {who} {begins}."
 
     @classmethod
     def reading(cls, words: Words) -> Statement:

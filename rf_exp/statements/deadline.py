@@ -1,16 +1,12 @@
-"""Temporal: a part of a plan is over in time (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Statement
-from rf_exp.statements.language.events import Step
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.statements.language.base import Statement, Step, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 
 @dataclass(frozen=True)
 class Deadline(Statement):
-    """A part of an agent's plan is over in time, counted from the start of the plan."""
+    """A part of an agent's plan is over in time, from the start of the plan on (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (
@@ -22,16 +18,8 @@ class Deadline(Statement):
     within_s: float
 
     @property
-    def agents(self) -> tuple[int, ...]:
-        return (self.step.agent,)
-
-    @property
-    def names(self) -> Names:
-        return self.step.names
-
-    @property
     def sentence(self) -> str:
-        what = f"{self.step.verb} {self.step.object}" if self.step.verb else "finish"
+        what = self.step.does("finish")
         return f"{agent_name(self.step.agent)} must {what} within {number(self.within_s)} s."
 
     @classmethod

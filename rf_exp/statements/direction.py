@@ -4,10 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rf_exp.statements.interaction import ContactAt
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import Names, agent_name
 from rf_exp.types import Subgoal
 
 
@@ -28,10 +26,6 @@ class Direction(OfAgent):
     object: str
     direction: str = "perpendicular"  # perpendicular (as annotated) | vertical | horizontal | level
     verb: str | None = None  # what it does then; contact with the object unless given
-
-    @property
-    def names(self) -> Names:
-        return ((self.object, None),)
 
     @property
     def sentence(self) -> str:

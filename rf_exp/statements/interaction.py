@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.base import Names, OfAgent, Statement, Words, agent_name
 from rf_exp.statements.language.verbs import CONTACT_KINDS, VERBS
-from rf_exp.statements.language.vocabulary import Names, agent_name
 
 WORK = {"place": "what is put on it", "drop": "what is put into it", "tool": "the work of the tool"}
 
@@ -36,7 +34,7 @@ class ContactAt(OfAgent):
     def reading(cls, words: Words) -> Statement:
         agent, name, verb = words.agent(), words.object(), words.verb(contact=True) or ""
         point = words.point(name)
-        kind = words.kind(name, point)
+        kind = words.vocabulary.points[name][point]
         if kind not in CONTACT_KINDS:
             raise words.refused(f"is not possible: {point} of {name} is for {WORK[kind]}, not for a gripper")
         if VERBS[verb].meets != kind:
@@ -70,7 +68,7 @@ class PlaceAt(OfAgent):
         point = words.point(target)
         if words.verb() != "place":
             raise words.refused(f"is not possible: to {words.verb()} {name} is not to place it")
-        if (kind := words.kind(target, point)) in CONTACT_KINDS:
+        if (kind := words.vocabulary.points[target][point]) in CONTACT_KINDS:
             raise words.refused(f"is not possible: the {point} point of {target} is to {kind}")
         return cls(agent, name, target, point)
 

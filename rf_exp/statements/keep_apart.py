@@ -1,11 +1,8 @@
-"""Spatial: two grippers, or two arms, keep a distance."""
-
 from dataclasses import dataclass
 from typing import Literal
 
-from rf_exp.statements.language.base import OfAgents, Statement
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import listed
+from rf_exp.statements.language.base import OfAgents, Statement, Words, listed
+from rf_exp.statements.language.notation import number
 
 _PARTS = r"(?P<part>grippers|hands|arms)"
 

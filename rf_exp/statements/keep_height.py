@@ -1,11 +1,8 @@
-"""Spatial: a gripper stays below or above a height."""
-
 from dataclasses import dataclass
 from typing import Literal
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,7 @@
-"""Logical: what is carried is kept level."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import Statement
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.statements.language.base import Statement, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 LEVEL_DEG = 10.0  # what level means when no angle is given
 _LEVEL = r"(?:level|upright|horizontal)(?:,? (?:to )?within {deg})?"
@@ -27,10 +24,6 @@ class KeepLevel(Statement):
     @property
     def agents(self) -> tuple[int, ...]:
         return () if self.agent is None else (self.agent,)
-
-    @property
-    def names(self) -> Names:
-        return ((self.object, None),)
 
     @property
     def sentence(self) -> str:

@@ -1,11 +1,7 @@
-"""Spatial: an agent stays out of a zone (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.events import Event, Step
-from rf_exp.statements.language.notation import Vector, Words, vector
-from rf_exp.statements.language.vocabulary import Names, agent_name
+from rf_exp.statements.language.base import Event, Names, OfAgent, Statement, Step, Words, agent_name
+from rf_exp.statements.language.notation import Vector, vector
 
 _ZONE = (
     r"{agent} (?:(?:{must} )?(?:(?:stays?|keeps?) out of|avoids?)|{not} enters?)(?: the)? "
@@ -18,7 +14,8 @@ _INSIDE = r"(?: still)? is (?:still )?(?:there|in it|in there|inside)"
 class KeepOut(OfAgent):
     """A keep-out zone: an agent, with what it carries, stays out of a box. Corners in metres, world frame.
 
-    Only while an agent or an object is in it, or until something is over, where one of them is given.
+    Only while an agent or an object is in it, or until something is over, where one of them is given (paper,
+    section 3.2).
     """
 
     kind = "spatial"
@@ -36,14 +33,12 @@ class KeepOut(OfAgent):
 
     @property
     def agents(self) -> tuple[int, ...]:
-        others = [self.occupied_by] if isinstance(self.occupied_by, int) else []
-        others += [self.until.agent] if isinstance(self.until, Step) else []
-        return (self.agent, *others)
+        inside = (self.occupied_by,) if isinstance(self.occupied_by, int) else ()
+        return (*super().agents, *inside)
 
     @property
     def names(self) -> Names:
-        occupied = ((self.occupied_by, None),) if isinstance(self.occupied_by, str) else ()
-        return *occupied, *(self.until.names if self.until else ())
+        return *(((self.occupied_by, None),) if isinstance(self.occupied_by, str) else ()), *super().names
 
     @property
     def sentence(self) -> str:

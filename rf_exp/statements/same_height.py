@@ -1,19 +1,14 @@
-"""Logical: agents that carry one thing raise it by the same height (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgents, Statement
-from rf_exp.statements.language.events import Step
-from rf_exp.statements.language.notation import Words
+from rf_exp.statements.language.base import OfAgents, Statement, Step, Words, listed
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import Names, listed
 
 _WHEN = r"(?: (?:when|while) {doing} {object})?"
 
 
 @dataclass(frozen=True)
 class SameHeight(OfAgents):
-    """Agents that carry one thing together raise it by the same height; all the while or in one phase."""
+    """Agents that carry one thing together raise it by the same height (paper, section 3.2)."""
 
     kind = "logical"
     patterns = (
@@ -24,10 +19,6 @@ class SameHeight(OfAgents):
 
     verb: str | None = None
     object: str | None = None
-
-    @property
-    def names(self) -> Names:
-        return self.phase[0].names
 
     @property
     def sentence(self) -> str:

@@ -1,14 +1,11 @@
-"""Temporal: agents may use one space at different times (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgents
-from rf_exp.statements.language.vocabulary import listed
+from rf_exp.statements.language.base import OfAgents, listed
 
 
 @dataclass(frozen=True)
 class ShareSpace(OfAgents):
-    """Agents may use the same space at different times."""
+    """Agents may use the same space at different times (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (

@@ -1,10 +1,7 @@
-"""Temporal: a gripper is not too fast."""
-
 from dataclasses import dataclass
 
-from rf_exp.statements.language.base import OfAgent, Statement
-from rf_exp.statements.language.notation import Words, number
-from rf_exp.statements.language.vocabulary import agent_name
+from rf_exp.statements.language.base import OfAgent, Statement, Words, agent_name
+from rf_exp.statements.language.notation import number
 
 SLOWEST_M_S = 0.01  # a slower plan would take for ever
 

@@ -1,12 +1,8 @@
-"""Temporal: agents begin a thing together (paper, section 3.2)."""
-
 from dataclasses import dataclass
 
 from rf_exp.statements.deadline import Deadline
-from rf_exp.statements.language.base import OfAgents, Statement
-from rf_exp.statements.language.events import Step
-from rf_exp.statements.language.notation import MAX_WAIT_S, TOGETHER_S, Words, number
-from rf_exp.statements.language.vocabulary import Names, listed
+from rf_exp.statements.language.base import MAX_WAIT_S, TOGETHER_S, OfAgents, Statement, Step, Words, listed
+from rf_exp.statements.language.notation import number
 
 LARGEST_TOLERANCE_S = 10.0  # between beginnings that are called simultaneous
 _JOINS = ("put", "set", "lay", "stack", "bring")  # with `together`
@@ -15,7 +11,7 @@ SHORT_S = 2.0  # nothing is over so soon: `simultaneously within 2 s` is no dead
 
 @dataclass(frozen=True)
 class Together(OfAgents):
-    """Agents begin the same thing, or all that they do, at most `within_s` apart."""
+    """Agents begin the same thing, or all that they do, at most `within_s` apart (paper, section 3.2)."""
 
     kind = "temporal"
     patterns = (
@@ -29,12 +25,8 @@ class Together(OfAgents):
     within_s: float = TOGETHER_S
 
     @property
-    def names(self) -> Names:
-        return ((self.object, None),) if self.object else ()
-
-    @property
     def sentence(self) -> str:
-        what = f"{self.verb} {self.object}" if self.verb else "perform their tasks"
+        what = Step(self.who[0], self.verb, self.object).does("perform their tasks")
         apart = " of each other" if self.within_s > SHORT_S else ""
         return f"{listed(self.who)} must {what} simultaneously within {number(self.within_s)} s{apart}."
 

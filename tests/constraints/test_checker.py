@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import CheckCode, Monitor, RoboChecker, compile
-from rf_exp.constraints.monitor import LOST_STEPS, TRACKING_RAD
+from rf_exp.constraints.checker import LOST_STEPS, TRACKING_RAD
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Violation
 from rf_exp.robots import DEFAULT

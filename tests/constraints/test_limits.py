@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import CheckedPlan, Plan, RoboChecker, slowed
-from rf_exp.constraints.slowing import speeds_m_s
+from rf_exp.constraints.checks.speed_limit import speeds_m_s
 from rf_exp.coordination import sequential
 from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal, read

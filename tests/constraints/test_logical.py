@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import Paths, Plan
-from rf_exp.constraints.checks import ContactAtCheck, DirectionCheck, PlaceAtCheck, SameHeightCheck
-from rf_exp.constraints.checks.direction import ORIENTATIONS
-from rf_exp.constraints.checks.same_height import _carried
+from rf_exp.constraints.checks.direction import ORIENTATIONS, DirectionCheck
+from rf_exp.constraints.checks.interaction import ContactAtCheck, PlaceAtCheck
+from rf_exp.constraints.checks.same_height import SameHeightCheck, _carried
 from rf_exp.coordination import schedule
 from rf_exp.findings import Finding
 from rf_exp.transforms import transform

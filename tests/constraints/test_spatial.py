@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, PolicyMonitor, touching
-from rf_exp.constraints.checks import AvoidObjectsCheck, KeepOutCheck, ShareSpaceCheck
+from rf_exp.constraints.checks.avoidance import AvoidObjectsCheck
+from rf_exp.constraints.checks.keep_out import KeepOutCheck
+from rf_exp.constraints.checks.share_space import ShareSpaceCheck
 from rf_exp.coordination import schedule
 from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.transforms import inverse, transform

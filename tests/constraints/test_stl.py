@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rf_exp.constraints import Check, Paths, Plan, RoboChecker, checked_kinds, compiled
-from rf_exp.constraints.checks import AvoidObjectsCheck
+from rf_exp.constraints.checks.avoidance import AvoidObjectsCheck
 from rf_exp.constraints.checks.direction import ANGLE_MEASURED_DEG
 from rf_exp.constraints.checks.interaction import POSITION_MEASURED_M
 from rf_exp.constraints.checks.keep_level import MEASURED_DEG
@@ -286,7 +286,7 @@ def test_robustness_is_the_least_margin(text, expected):
 
 
 def test_without_rtamt_it_is_said_what_to_install(monkeypatch):
-    monkeypatch.setattr("rf_exp.constraints.stl.robustness.find_spec", lambda name: None)
+    monkeypatch.setattr("rf_exp.constraints.stl.find_spec", lambda name: None)
     with pytest.raises(ArgumentError, match=r"pip install 'rf_exp\[stl\]'"):
         evaluated("always(x <= 1)", {"x": [0.0, 0.0]})
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from rf_exp.constraints.checks import BeforeCheck, DeadlineCheck, TogetherCheck
+from rf_exp.constraints.checks.before import BeforeCheck
+from rf_exp.constraints.checks.deadline import DeadlineCheck
+from rf_exp.constraints.checks.together import TogetherCheck
 from rf_exp.constraints.phases import span
 from rf_exp.coordination import Delays, actions, intended, schedule, sequential
 from rf_exp.datagen.motion.timing import parameterise

@@ -8,8 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rf_exp.coordination.diagrams import UNREACHABLE, blocked_region, remaining
-from rf_exp.coordination.search import Found, Impossible, Problem, solve
+from rf_exp.coordination.search import (
+    UNREACHABLE,
+    Found,
+    Impossible,
+    Problem,
+    blocked_region,
+    remaining,
+    solve,
+)
 
 
 def brute_force(problem: Problem) -> int | None:

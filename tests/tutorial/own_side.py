@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints import BoundedCheck, Evidence, OneAgentCheck, Plan, Plans
+from rf_exp.constraints import BoundedCheck, Evidence, OneAgentCheck, Plan
 from rf_exp.constraints.stl import Specification
 from rf_exp.findings import CheckName, Finding
 from rf_exp.statements import OfAgent, agent_name
@@ -36,10 +36,6 @@ class OwnSideCheck(OneAgentCheck, BoundedCheck):
     finding, comparison, bounds = Finding.CONSTRAINT, ">", (0.0, 0.0)  # as planned, and as measured
 
     text: str
-
-    @classmethod
-    def compiled(cls, stated: OwnSide, plans: Plans) -> "OwnSideCheck":
-        return cls(stated.agent, stated.sentence)
 
     def planned(self, plan: Plan) -> Evidence:
         nearer_m = self._nearer_m(plan, plan.trajectory(self.agent).path())

@@ -5,24 +5,35 @@ pieces, which are as safe as voxels filled from volume (`occupancy`, what people
 cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody.
 """
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.check import Check, Evidence
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import VOID, Execution, Signal, Specification, always, named, of_schedule
-from rf_exp.constraints.touching import CONTACT_N, measured_arms, touching
+from rf_exp.constraints.stl import VOID, Execution, Signal, Specification, always, named
 from rf_exp.findings import About, CheckName, Finding, agent_name, names
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, TABLE_MARGIN_M, Swept, lowest_m, nearest
+from rf_exp.geometry import (
+    AGENT_MARGIN_M,
+    OBJECT_MARGIN_M,
+    TABLE_MARGIN_M,
+    PlanningScene,
+    Swept,
+    lowest_m,
+    nearest,
+    overlap,
+)
 from rf_exp.statements import AvoidAgents, AvoidObjects
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
 
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
+CONTACT_N = 1.0  # force between two arms that counts as contact
+Pair = tuple[int, int]  # of agents
 
 
 @dataclass(frozen=True)
@@ -34,19 +45,13 @@ class AvoidAgentsCheck(Check):
     agents: tuple[int, ...]
     text: str = ""
 
-    @classmethod
-    def compiled(cls, stated: AvoidAgents, plans: Plans) -> "AvoidAgentsCheck":
-        return cls(stated.agents, stated.sentence)
-
     def __repr__(self) -> str:
         return f"VSO({names(self.agents)})"
 
-    def pairs(self, task: Task) -> tuple[tuple[int, int], ...]:
+    def pairs(self, task: Task) -> tuple[Pair, ...]:
         """The pairs (i, j), i < j, that this is about."""
-        every = combinations(task.agents, 2)
-        if len(self.agents) == 1:
-            return tuple(pair for pair in every if self.agents[0] in pair)
-        return tuple(pair for pair in every if set(pair) <= set(self.agents))
+        own = set(self.agents)
+        return tuple(pair for pair in combinations(task.agents, 2) if own <= {*pair} or own >= {*pair})
 
     def planned(self, plan: Plan) -> Evidence:
         least = self.idle(plan, AGENT_MARGIN_M, np.inf)
@@ -78,11 +83,10 @@ class AvoidAgentsCheck(Check):
         return Specification((apart, gentle), (*gaps, *forces))
 
 
-def apart_m(plan: Plan, scene: Scene, pair: tuple[int, int]) -> float:
+def apart_m(plan: Plan, scene: Scene, pair: Pair) -> float:
     """The distance of two measured arms as `AvoidAgentsCheck` takes it; negative: penetration depth."""
-    (bodies,) = measured_arms(
-        plan.task, scene, (pair,), {agent: may_touch_now(plan, agent, scene) for agent in pair}
-    )
+    may_touch = {agent: may_touch_now(plan, agent, scene) for agent in pair}
+    (bodies,) = measured_arms(plan.task, scene, (pair,), may_touch)
     gap = nearest(*bodies)
     assert gap is not None  # links must always keep apart
     return gap.distance_m
@@ -96,7 +100,7 @@ def may_touch_now(plan: Plan, agent: int, scene: Scene) -> frozenset[str]:
     return frozenset(name for name, mask in allowed if mask[recent].any())
 
 
-def _gap(pair: tuple[int, int]) -> Signal:
+def _gap(pair: Pair) -> Signal:
     who = " and ".join(map(agent_name, pair))
     how = f"exact distance of the measured arms of {who} with what they hold; negative: penetration"
 
@@ -106,17 +110,64 @@ def _gap(pair: tuple[int, int]) -> Signal:
     return Signal(named("distance", *pair), "m", how, apart)
 
 
-def _force(pair: tuple[int, int]) -> Signal:
+def _force(pair: Pair) -> Signal:
     how = f"largest force between the arms of {' and '.join(map(agent_name, pair))}; 0 without contact"
 
-    def forces(execution: Execution) -> NDArray[np.float64]:
-        return np.array([_force_n(scene, pair) for scene in execution.scenes])
+    def largest(scene: Scene) -> float:
+        return max((n for a, b, n in scene.arm_contacts if tuple(sorted((a, b))) == pair), default=0.0)
 
-    return Signal(named("force", *pair), "N", how, forces)
+    return Signal(
+        named("force", *pair), "N", how, lambda execution: np.array([*map(largest, execution.scenes)])
+    )
 
 
-def _force_n(scene: Scene, pair: tuple[int, int]) -> float:
-    return max((n for a, b, n in scene.arm_contacts if tuple(sorted((a, b))) == pair), default=0.0)
+def touching(
+    task: Task, scene: Scene, pairs: tuple[Pair, ...], may_touch: Mapping[int, frozenset[str]] | None = None
+) -> Evidence | None:
+    """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
+    return pressing(scene, pairs) or overlapping(task, scene, pairs, may_touch)
+
+
+def pressing(scene: Scene, pairs: tuple[Pair, ...]) -> Evidence | None:
+    """The first pair of arms that the simulator sees press on one another."""
+    for a, b, force_n in scene.arm_contacts:
+        if tuple(sorted((a, b))) in pairs and force_n > CONTACT_N:
+            facts: About = {"measured": True, "agents": (a, b)}
+            return Evidence(Finding.TOUCHING, force_n, CONTACT_N, "N", ok=False, time_s=scene.time_s, **facts)
+    return None
+
+
+def overlapping(
+    task: Task, scene: Scene, pairs: tuple[Pair, ...], may_touch: Mapping[int, frozenset[str]] | None = None
+) -> Evidence | None:
+    """The first pair of arms whose exact volumes overlap, whatever the simulator says.
+
+    What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
+    gripper of an agent, and what it holds, may touch in the hands of another one.
+    """
+    for (a, b), bodies in zip(pairs, measured_arms(task, scene, pairs, may_touch or {}), strict=True):
+        gap = overlap(*bodies)
+        if gap is not None:
+            facts: About = {"measured": True, "agents": (a, b), "parts": (gap.a, gap.b)}
+            return Evidence(Finding.OVERLAPPING, gap.distance_m, ok=False, time_s=scene.time_s, **facts)
+    return None
+
+
+def measured_arms(
+    task: Task, scene: Scene, pairs: tuple[Pair, ...], may_touch: Mapping[int, frozenset[str]]
+) -> Iterator[tuple[Swept, Swept]]:
+    """Pairs of measured arms, each with what it holds."""
+    planning_scene = PlanningScene(task, scene)
+
+    @cache
+    def body(agent: int, load: str | None) -> Swept:
+        return planning_scene.measured(agent, attached=load, touches=may_touch.get(agent, frozenset()))
+
+    for a, b in pairs:
+        loads = scene.held[a - 1], scene.held[b - 1]
+        if loads[0] == loads[1]:  # what two hold together is no obstacle between them
+            loads = None, None
+        yield body(a, loads[0]), body(b, loads[1])
 
 
 @dataclass(frozen=True)
@@ -132,10 +183,6 @@ class AvoidObjectsCheck(Check):
     agents: tuple[int, ...]
     text: str = ""
 
-    @classmethod
-    def compiled(cls, stated: AvoidObjects, plans: Plans) -> "AvoidObjectsCheck":
-        return cls(stated.agents, stated.sentence)
-
     def __repr__(self) -> str:
         return f"VSO({names(self.agents)}, objects)"
 
@@ -149,8 +196,8 @@ class AvoidObjectsCheck(Check):
                 return self._hit(plan, agent, int(hits[0]), body, still)
             gap = nearest(body, still, np.stack([positions, 0 * positions], axis=1))
             if gap is not None and gap.distance_m < least.value:
-                numbers = gap.distance_m, OBJECT_MARGIN_M, plan.time_s(agent, gap.at[0])
                 about: About = {"agents": (agent,), "obstacles": (gap.b,)}
+                numbers = gap.distance_m, OBJECT_MARGIN_M, plan.time_s(agent, gap.at[0])
                 least = self.found(True, Finding.CLEAR_OF_THING, *numbers, **about)
         return least
 
@@ -163,8 +210,8 @@ class AvoidObjectsCheck(Check):
         if gap is not None and (low_m >= 0 or gap.distance_m < low_m):
             part, thing, value = gap.a, gap.b, gap.distance_m
         numbers = value, OBJECT_MARGIN_M, plan.time_s(agent, position)
-        about: About = {"agents": (agent,), "obstacles": (thing,), "parts": (part,)}
-        about["doing"] = plan.doing((agent,), (position,))
+        does = plan.doing((agent,), (position,))
+        about: About = {"agents": (agent,), "obstacles": (thing,), "parts": (part,), "doing": does}
         return self.found(False, Finding.CLOSE_TO_THING, *numbers, **about)
 
     def stl(self, task: Task) -> Specification:
@@ -173,7 +220,7 @@ class AvoidObjectsCheck(Check):
         things = always([f"{each.name} >= {OBJECT_MARGIN_M!r}" for each in clear], "m")
         # A formula of its own: hands work nearer to the table than things are, which would hide those.
         table = always([f"{each.name} >= {TABLE_MARGIN_M!r}" for each in low], "m")
-        return of_schedule((things, table), *clear, *low)
+        return Specification((things, table), (*clear, *low), measured=False)
 
 
 def _clearance(agent: int) -> Signal:
@@ -196,10 +243,8 @@ def _clearance(agent: int) -> Signal:
 
 
 def _lowest(agent: int) -> Signal:
+    def lowest(execution: Execution) -> NDArray[np.float64]:
+        return lowest_m(execution.plan.paths.swept[agent - 1])[execution.positions(agent)]
+
     how = f"lowest point of {agent_name(agent)} where it is commanded, with what it carries, over the table"
-    return Signal(
-        named("lowest", agent),
-        "m",
-        how,
-        lambda execution: lowest_m(execution.plan.paths.swept[agent - 1])[execution.positions(agent)],
-    )
+    return Signal(named("lowest", agent), "m", how, lowest)

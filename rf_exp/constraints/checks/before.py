@@ -1,14 +1,11 @@
-"""One part of a plan is over before another begins (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import Evidence, Plans
 from rf_exp.constraints.phases import TimedCheck, about, begun, since
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import CLOCK_S, Specification, always, of_schedule
+from rf_exp.constraints.stl import CLOCK_S, Specification, always
 from rf_exp.coordination import Demands
 from rf_exp.findings import Finding, names
 from rf_exp.statements import Before, Step, agent_name
@@ -29,10 +26,10 @@ class BeforeCheck(TimedCheck):
 
     @classmethod
     def compiled(cls, stated: Before, plans: Plans) -> "BeforeCheck":
-        first, then = plans.step(stated.first), plans.step(stated.then)
-        if first.agent == then.agent:
-            raise plans.refused(f"needs two different agents; it names {agent_name(then.agent)}")
-        return cls(first, then, stated.wait_s, stated.sentence)
+        check = super().compiled(stated, plans)
+        if check.first.agent == check.then.agent:
+            raise plans.refused(f"needs two different agents; it names {agent_name(check.then.agent)}")
+        return check
 
     @property
     def steps(self) -> tuple[Step, Step]:
@@ -63,4 +60,4 @@ class BeforeCheck(TimedCheck):
     def stl(self, task: Task) -> Specification:
         ended, began = since(self.first, "end"), begun(self.then)
         formula = always([f"{ended.name} >= {self.wait_s - CLOCK_S!r}"], "s", began)
-        return of_schedule((formula,), ended, began)
+        return Specification((formula,), (ended, began), measured=False)

@@ -1,12 +1,12 @@
-"""A part of a plan is over in time (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
-from rf_exp.constraints.phases import TimedCheck, about, steps_within, times_s, unfinished
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.check import Evidence
+from rf_exp.constraints.phases import TimedCheck, about, step_parts, steps_within, times_s
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import CLOCK_S, Signal, Specification, always, of_schedule
+from rf_exp.constraints.stl import CLOCK_S, Execution, Signal, Specification, always, condition, named
 from rf_exp.coordination import Demands
 from rf_exp.findings import Finding, names
 from rf_exp.statements import Deadline, Step
@@ -23,10 +23,6 @@ class DeadlineCheck(TimedCheck):
     within_s: float
     text: str = ""
 
-    @classmethod
-    def compiled(cls, stated: Deadline, plans: Plans) -> "DeadlineCheck":
-        return cls(plans.step(stated.step), stated.within_s, stated.sentence)
-
     @property
     def steps(self) -> tuple[Step]:
         return (self.step,)
@@ -36,7 +32,7 @@ class DeadlineCheck(TimedCheck):
 
     def demand(self, demands: Demands) -> None:
         for agent, _, end in self.spans(demands):
-            demands.deadline(agent, end, steps_within(self.within_s))
+            demands.deadlines.append((agent, end, steps_within(self.within_s)))
 
     def planned(self, plan: Plan) -> Evidence:
         times = times_s(self.step, plan)
@@ -46,7 +42,12 @@ class DeadlineCheck(TimedCheck):
         return self.found(ok, Finding.TOO_LATE, times[1], self.within_s, end_s, subgoals=subgoals)
 
     def stl(self, task: Task) -> Specification:
+        def goes_on(execution: Execution) -> NDArray[np.float64]:
+            _, ends_s = times_s(self.step, execution.plan) or (-np.inf, -np.inf)
+            return condition(execution.clock_s <= ends_s + CLOCK_S)
+
         clock = Signal("clock", "s", "since the plan began", lambda execution: execution.clock_s)
-        going_on = unfinished(self.step)
+        how = f"{self.step.text} is not over before this control step, by the commands given"
+        going_on = Signal(named("unfinished", *step_parts(self.step)), "", how, goes_on)
         formula = always([f"clock <= {self.within_s + CLOCK_S!r}"], "s", going_on)
-        return of_schedule((formula,), clock, going_on)
+        return Specification((formula,), (clock, going_on), measured=False)

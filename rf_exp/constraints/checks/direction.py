@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.contact import Contact, contact_now, last_contact, nearest_point, no_contact
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import Evidence, Plans
+from rf_exp.constraints.checks.interaction import Contact, ContactCheck, offset_m
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named
@@ -35,7 +33,7 @@ ORIENTATIONS = {
 
 
 @dataclass(frozen=True)
-class DirectionCheck(OneAgentCheck, BoundedCheck):
+class DirectionCheck(ContactCheck):
     """The gripper has the required orientation at contact. Value and bound in degrees.
 
     `perpendicular` asks for the annotated direction of the interaction point: both the approach
@@ -45,7 +43,6 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
     states, name, unit = Direction, CheckName.DIRECTION, "deg"
     finding, bounds = Finding.OFF_DIRECTION, (ANGLE_DEG, ANGLE_MEASURED_DEG)
 
-    object: str
     orientation: str  # one of ORIENTATIONS
     text: str = ""
     phase: Step | None = None  # in which it has to hold; at contact unless given
@@ -68,14 +65,15 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
     def planned(self, plan: Plan) -> Evidence:
         if self.phase is not None:
             return self._throughout(plan, self.phase)
-        contact = last_contact(plan, self.agent, self.object)
-        if contact is None and self._is_target(plan):
-            return self.idle(plan, ANGLE_DEG)
+        contact = self.contact(plan)
         if contact is None:
-            missed = Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG, ANGLE_DEG
-            return no_contact(self, plan, self.object, *missed)
+            segments = plan.trajectory(self.agent).segments
+            if any(each.subgoal.target == self.object for each in segments):  # with something in its hand
+                return self.idle(plan, ANGLE_DEG)
+            return self.no_contact(plan, Finding.NO_DIRECTION, self.orientation, OPPOSITE_DEG)
         point, pose = self._point(plan, contact), contact.object_pose(plan, self.object)
-        return self._turned(contact.tcp(plan), pose, point, plan.time_s(self.agent, contact.end))
+        off_rad = self._off_rad(contact.tcp(plan), pose, point)
+        return self._turned(off_rad, plan.time_s(self.agent, contact.end))
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         point = None
@@ -84,44 +82,36 @@ class DirectionCheck(OneAgentCheck, BoundedCheck):
             if part is None or not part[0] < plan.position_now(self.agent, scene) <= part[1]:
                 return None
         else:
-            contact = contact_now(plan, self.agent, self.object, scene)
+            contact = self.contact_now(plan, scene)
             if contact is None:
                 return None
             point = self._point(plan, contact)
-        tcp, pose = plan.tcp(self.agent, scene), scene.poses[self.object]
-        return self._turned(tcp, pose, point, scene.time_s, measured=True)
+        off_rad = self._off_rad(plan.tcp(self.agent, scene), scene.poses[self.object], point)
+        return self._turned(off_rad, scene.time_s, measured=True)
 
     def _throughout(self, plan: Plan, phase: Step) -> Evidence:
-        """The worst moment of a phase."""
         trajectory = plan.trajectory(self.agent)
         part = span(phase, trajectory)
         if part is None:
             return self.idle(plan, ANGLE_DEG)
         tcp = plan.arm(self.agent).tcp(trajectory.path()[part[0] : part[1] + 1])
-        pose = plan.scene.poses[self.object]
-        worst = self.worst(np.array([self._off_deg(each, pose, None) for each in tcp]))
-        return self._turned(tcp[worst], pose, None, plan.time_s(self.agent, part[0] + worst))
-
-    def _is_target(self, plan: Plan) -> bool:
-        """Whether the agent goes to the object with something in its hand."""
-        return any(each.subgoal.target == self.object for each in plan.trajectory(self.agent).segments)
+        off_rad = np.array([self._off_rad(each, plan.scene.poses[self.object], None) for each in tcp])
+        worst = self.worst(np.degrees(off_rad))
+        return self._turned(off_rad[worst], plan.time_s(self.agent, part[0] + worst))
 
     def _point(self, plan: Plan, contact: Contact) -> InteractionPoint | None:
         points, named = plan.task.asset(self.object).points, contact.segment.subgoal.point
         if named is not None and named in points:
             return points[named]
-        return nearest_point(plan, self.object, contact.tcp(plan), contact.object_pose(plan, self.object))
+        tcp, pose = contact.tcp(plan), contact.object_pose(plan, self.object)
+        met = [point for point in points.values() if point.kind in ("grasp", "press")]
+        return min(met, key=lambda point: offset_m(tcp, pose @ point.object_from_tcp), default=None)
 
-    def _turned(
-        self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None, time_s: float, measured: bool = False
-    ) -> Evidence:
+    def _turned(self, off_rad: float, time_s: float, measured: bool = False) -> Evidence:
         about: About = {"measured": measured, "object": self.object, "aspect": ORIENTATIONS[self.orientation]}
-        return self.judged(self._off_deg(tcp, pose, point), time_s, **about)
+        return self.judged(float(np.degrees(off_rad)), time_s, **about)
 
-    def _off_deg(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
-        return float(np.degrees(self._error_rad(tcp, pose, point)))
-
-    def _error_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
+    def _off_rad(self, tcp: Matrix, pose: Matrix, point: InteractionPoint | None) -> float:
         approach, fingers = tcp[:3, 2], tcp[:3, 1]
         if self.orientation == "vertical":
             return np.pi - angle_between_rad(approach, UP)

@@ -8,30 +8,88 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.contact import contact_now, last_contact, no_contact, offset_m
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck, Plans
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import Execution, Signal, Specification, always, condition, named, of_schedule
+from rf_exp.constraints.stl import Execution, Signal, Specification, always, condition, named
 from rf_exp.findings import About, CheckName, Finding, agent_name
 from rf_exp.statements import ContactAt, PlaceAt
 from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import Scene
+from rf_exp.types import Scene, Segment
 
 POSITION_M = 0.01  # of the TCP from the interaction point, planned
 POSITION_MEASURED_M = 0.03  # fingers shift what they close on
+CONTACT = ("approach", "press")  # primitives that end in contact
 
 
 @dataclass(frozen=True)
-class ContactAtCheck(OneAgentCheck, BoundedCheck):
+class Contact:
+    """Where a trajectory meets an object."""
+
+    segment: Segment
+    end: int  # path position at contact
+    settled: int  # path position at which the fingers have closed
+
+    def tcp(self, plan: Plan) -> Matrix:
+        """world_from_tcp as planned."""
+        return plan.arm(self.segment.agent).tcp(self.segment.qpos[-1])
+
+    def object_pose(self, plan: Plan, name: str) -> Matrix:
+        """world_from_object: where it stands, or where another agent leaves it, whichever is met."""
+        poses = [plan.scene.poses[name]]
+        for trajectory in plan.trajectories:
+            carrying = [segment for segment in trajectory.segments if segment.attached == name]
+            if trajectory.agent != self.segment.agent and carrying:
+                poses.append(plan.carried(carrying[-1], carrying[-1].qpos[-1]))
+        tcp = self.tcp(plan)
+        point = plan.task.asset(name).points.get(self.segment.subgoal.point or "")
+        at = np.eye(4) if point is None else point.object_from_tcp
+        return min(poses, key=lambda pose: offset_m(tcp, pose @ at))
+
+
+def offset_m(a: Matrix, b: Matrix) -> float:
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+
+
+@dataclass(frozen=True)
+class ContactCheck(OneAgentCheck, BoundedCheck):
+    """A check of how an agent meets an object."""
+
+    object: str
+
+    def contact(self, plan: Plan) -> Contact | None:
+        """The last one that the plan of the agent makes with the object."""
+        parts, found = list(plan.trajectory(self.agent).intervals), None
+        for index, (segment, _, end) in enumerate(parts):
+            if segment.primitive in CONTACT and segment.subgoal.object == self.object:
+                closed = [stop for each, _, stop in parts[index + 1 : index + 2] if each.primitive == "close"]
+                found = Contact(segment, end, closed[0] if closed else end)
+        return found
+
+    def contact_now(self, plan: Plan, scene: Scene) -> Contact | None:
+        """The same, in the control step in which the fingers have closed."""
+        contact = self.contact(plan)
+        if contact is None:
+            return None
+        settles = int(np.searchsorted(plan.positions(self.agent), contact.settled))
+        return contact if scene.step - plan.scene.step == settles else None
+
+    def no_contact(self, plan: Plan, missed: Finding, aspect: str, value: float) -> Evidence:
+        """What it means that there is none: the agent holds the object already, or misses the demand."""
+        holds = plan.scene.held[self.agent - 1] == self.object
+        moving = tuple(dict.fromkeys(each.subgoal.text for each in plan.trajectory(self.agent).segments))
+        about: About = {"object": self.object, "aspect": aspect, "subgoals": moving}
+        finding, value = (Finding.HOLDS_IT, 0.0) if holds else (missed, value)
+        return self.found(holds, finding, value, self.bounds[False], plan.begins_s, **about)
+
+
+@dataclass(frozen=True)
+class ContactAtCheck(ContactCheck):
     """The agent meets the object at the annotated point. Value and bound in metres."""
 
     states, name, unit = ContactAt, CheckName.INTERACTION, "m"
     finding, bounds = Finding.BESIDE_POINT, (POSITION_M, POSITION_MEASURED_M)
 
-    object: str
     point: str
     text: str = ""
 
@@ -43,21 +101,22 @@ class ContactAtCheck(OneAgentCheck, BoundedCheck):
                 f"demands point {stated.point}, but {agent_name(stated.agent)} is to meet {stated.object} at "
                 f"{' and '.join(sorted(planned))}; change the subgoal or the constraint"
             )
-        return cls(stated.agent, stated.object, stated.point, stated.sentence)
+        return super().compiled(stated, plans)
 
     def __repr__(self) -> str:
         return f"VI({agent_name(self.agent)}, {self.object}, {self.point})"
 
     def planned(self, plan: Plan) -> Evidence:
-        contact = last_contact(plan, self.agent, self.object)
+        contact = self.contact(plan)
         if contact is None:
-            nearest_m = self._nearest_m(plan)
-            return no_contact(self, plan, self.object, Finding.NO_CONTACT, self.point, nearest_m, POSITION_M)
+            point_m = self._goal(plan, plan.scene.poses[self.object])[:3, 3]
+            nearest_m = float(np.linalg.norm(plan.paths.grippers_m(self.agent) - point_m, axis=1).min())
+            return self.no_contact(plan, Finding.NO_CONTACT, self.point, nearest_m)
         pose, time_s = contact.object_pose(plan, self.object), plan.time_s(self.agent, contact.end)
         return self._beside(plan, contact.tcp(plan), pose, time_s)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        if contact_now(plan, self.agent, self.object, scene) is None:
+        if self.contact_now(plan, scene) is None:
             return None
         tcp, pose = plan.tcp(self.agent, scene), scene.poses[self.object]
         return self._beside(plan, tcp, pose, scene.time_s, measured=True)
@@ -71,11 +130,6 @@ class ContactAtCheck(OneAgentCheck, BoundedCheck):
     def _goal(self, plan: Plan, pose: Matrix) -> Matrix:
         """world_from_tcp at the point of the object at a pose."""
         return pose @ plan.task.asset(self.object).points[self.point].object_from_tcp
-
-    def _nearest_m(self, plan: Plan) -> float:
-        """How near the TCP comes to the point where it is now."""
-        point_m = self._goal(plan, plan.scene.poses[self.object])[:3, 3]
-        return float(np.linalg.norm(plan.paths.grippers_m(self.agent) - point_m, axis=1).min())
 
     def stl(self, task: Task) -> Specification:
         about, who = (self.agent, self.object, self.point), agent_name(self.agent)
@@ -134,4 +188,5 @@ class PlaceAtCheck(OneAgentCheck):
         when = "the commanded motion that puts it down ends in this control step"
         puts = Signal(named("puts", *about), "", when, ends)
         bound_m = task.asset(self.target).points[self.point].slack_m + POSITION_M
-        return of_schedule((always([f"{offset.name} <= {bound_m!r}"], "m", puts),), offset, puts)
+        formula = always([f"{offset.name} <= {bound_m!r}"], "m", puts)
+        return Specification((formula,), (offset, puts), measured=False)

@@ -1,17 +1,13 @@
-"""Two grippers, or two arms, keep a distance."""
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import BoundedCheck, Evidence
 from rf_exp.constraints.plan import MEASURED_M, Paths, Plan
 from rf_exp.constraints.stl import Specification, named
 from rf_exp.coordination import Closing
 from rf_exp.findings import CheckName, Finding, agent_name, names
-from rf_exp.geometry import Mask, PlanningScene, Swept, closer_than, nearest
+from rf_exp.geometry import PlanningScene, Swept, closer_than, nearest
 from rf_exp.statements import KeepApart
 from rf_exp.tasks import Task
 from rf_exp.types import Scene
@@ -29,10 +25,6 @@ class KeepApartCheck(BoundedCheck):
     parts: str  # grippers | arms
     text: str = ""
 
-    @classmethod
-    def compiled(cls, stated: KeepApart, plans: Plans) -> "KeepApartCheck":
-        return cls(stated.who, stated.at_least_m, stated.parts, stated.sentence)
-
     def __repr__(self) -> str:
         return f"VSO({names(self.agents)}, {self.parts} {self.at_least_m:g} m apart)"
 
@@ -41,14 +33,10 @@ class KeepApartCheck(BoundedCheck):
         return self.at_least_m, max(0.0, self.at_least_m - MEASURED_M)
 
     def rule(self, paths: Paths) -> Closing:
-        return Closing(self.agents, self._close(paths))
-
-    def _close(self, paths: Paths) -> Mask:
-        """(P_i, P_j) the pairs of path positions at which they are too close."""
         if self.parts == "arms":
-            return closer_than(*self._links(paths), self.at_least_m)
+            return Closing(self.agents, closer_than(*self._links(paths), self.at_least_m))
         a_m, b_m = (paths.grippers_m(agent) for agent in self.agents)
-        return np.linalg.norm(a_m[:, None] - b_m[None], axis=-1) < self.at_least_m
+        return Closing(self.agents, np.linalg.norm(a_m[:, None] - b_m[None], axis=-1) < self.at_least_m)
 
     def _links(self, paths: Paths) -> tuple[Swept, Swept]:
         """The two arms along their paths without what they carry."""

@@ -1,10 +1,6 @@
-"""The gripper of an agent stays below or above a height."""
-
 from dataclasses import dataclass
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck
 from rf_exp.constraints.plan import MEASURED_M, Plan
 from rf_exp.constraints.stl import Comparison, Specification, named
 from rf_exp.findings import CheckName, Finding, agent_name
@@ -23,10 +19,6 @@ class KeepHeightCheck(OneAgentCheck, BoundedCheck):
     limit_m: float
     side: str  # below | above
     text: str = ""
-
-    @classmethod
-    def compiled(cls, stated: KeepHeight, plans: Plans) -> "KeepHeightCheck":
-        return cls(stated.agent, stated.limit_m, stated.side, stated.sentence)
 
     def __repr__(self) -> str:
         return f"VSO({agent_name(self.agent)}, gripper {self.side} {self.limit_m:g} m)"

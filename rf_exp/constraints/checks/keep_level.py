@@ -1,13 +1,9 @@
-"""What agents carry is kept level."""
-
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import BoundedCheck, Evidence, Plans
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named
 from rf_exp.findings import About, CheckName, Finding, names

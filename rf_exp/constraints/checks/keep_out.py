@@ -1,16 +1,13 @@
-"""Keep-out zones: an agent stays out of a box, always or while something closes it."""
-
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import trimesh
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck, Plans
 from rf_exp.constraints.phases import span, step_parts
 from rf_exp.constraints.plan import Paths, Plan
-from rf_exp.constraints.stl import Specification, bounded, named
+from rf_exp.constraints.stl import Specification, named
 from rf_exp.coordination import Closing
 from rf_exp.findings import About, CheckName, Doing, Finding, agent_name
 from rf_exp.geometry import Mask, Nearest, Piece, PlanningScene, Swept, closer_than, nearest, overlap
@@ -21,14 +18,15 @@ from rf_exp.types import Scene
 
 
 @dataclass(frozen=True)
-class KeepOutCheck(OneAgentCheck):
-    """An agent, with what it carries, stays out of a box. Value and bound in metres.
+class KeepOutCheck(OneAgentCheck, BoundedCheck):
+    """An agent, with what it carries, stays out of a zone, a box. Value and bound in metres.
 
     Where it is closed only while an agent or an object is in it, or until a part of a plan is over, timing
     can keep the agent out (`rule`).
     """
 
     states, name, unit = KeepOut, CheckName.OCCUPANCY, "m"
+    finding, comparison, bounds = Finding.IN_ZONE, ">", (0.0, 0.0)
 
     low_m: tuple[float, float, float]
     high_m: tuple[float, float, float]
@@ -38,20 +36,16 @@ class KeepOutCheck(OneAgentCheck):
 
     @classmethod
     def compiled(cls, stated: KeepOut, plans: Plans) -> "KeepOutCheck":
-        until = None if stated.until is None else plans.step(stated.until)
-        if until is not None and until.agent == stated.agent:
-            raise plans.refused(f"waits for {agent_name(stated.agent)} itself")
-        where = stated.low_m, stated.high_m, stated.sentence
-        return cls(stated.agent, *where, occupied_by=stated.occupied_by, until=until)
+        check = super().compiled(stated, plans)
+        if check.until is not None and check.until.agent == check.agent:
+            raise plans.refused(f"waits for {agent_name(check.agent)} itself")
+        return check
 
     def __repr__(self) -> str:
-        when = "" if self.occupied_by is None else f", while {self._occupant}"
+        inside = self.occupied_by
+        when = f", while {agent_name(inside) if isinstance(inside, int) else inside}" if inside else ""
         when += f", until {self.until.text}" if self.until else ""
         return f"VSO({agent_name(self.agent)}, zone {self.low_m} to {self.high_m}{when})"
-
-    @property
-    def _occupant(self) -> str:
-        return agent_name(self.occupied_by) if isinstance(self.occupied_by, int) else str(self.occupied_by)
 
     def _zone(self) -> Swept:
         return _box(self.low_m, self.high_m)
@@ -69,17 +63,13 @@ class KeepOutCheck(OneAgentCheck):
             return other, np.arange(len(paths.trajectory(other)) + 1) < ends
         if isinstance(self.occupied_by, int):
             return self.occupied_by, self._inside(paths, self.occupied_by)
-        if self.occupied_by is not None:
-            return self._with_thing(paths, self.occupied_by)
-        return self.agent, np.ones(len(paths.trajectory(self.agent)) + 1, dtype=bool)
-
-    def _with_thing(self, paths: Paths, name: str) -> tuple[int, Mask]:
-        """As `_closed`, by an object: who moves it decides, or nobody."""
-        for agent, body in zip(paths.task.agents, paths.swept, strict=True):
-            if name in body.objects:
-                return agent, closer_than(body.only(name), self._zone(), 0.0)[:, 0]
-        standing = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
-        return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, standing)
+        closed, name = True, self.occupied_by
+        if name is not None:  # who moves a thing decides, or nobody
+            for agent, body in zip(paths.task.agents, paths.swept, strict=True):
+                if name in body.objects:
+                    return agent, closer_than(body.only(name), self._zone(), 0.0)[:, 0]
+            closed = bool(overlap(paths.planning_scene.standing([name]), self._zone()))
+        return self.agent, np.full(len(paths.trajectory(self.agent)) + 1, closed)
 
     def rule(self, paths: Paths) -> Closing | None:
         other, closed = self._closed(paths)
@@ -90,9 +80,9 @@ class KeepOutCheck(OneAgentCheck):
         return Closing((i, j), mask if i == self.agent else mask.T)
 
     def planned(self, plan: Plan) -> Evidence:
-        body, other = plan.paths.swept[self.agent - 1], self._closed(plan.paths)
-        own = plan.positions(self.agent)
-        steps = np.flatnonzero(other[1][plan.positions(other[0])])  # at which the zone is closed
+        body, own = plan.paths.swept[self.agent - 1], plan.positions(self.agent)
+        other, closed = self._closed(plan.paths)
+        steps = np.flatnonzero(closed[plan.positions(other)])  # at which the zone is closed
         if not len(steps):
             return self.idle(plan, 0.0, np.inf)
         hits = steps[self._inside(plan.paths, self.agent)[own[steps]]]
@@ -121,15 +111,14 @@ class KeepOutCheck(OneAgentCheck):
 
     def _gap(self, scene: Scene, plan: Plan, agent: int) -> Nearest:
         """From a measured arm, with what it holds, to the zone."""
-        held = scene.held[agent - 1]
-        arm = PlanningScene(plan.task, scene).measured(agent, attached=held, touches=())
+        arm = PlanningScene(plan.task, scene).measured(agent, attached=scene.held[agent - 1], touches=())
         gap = nearest(arm, self._zone())
         assert gap is not None
         return gap
 
     def _beside(self, gap: Nearest, ok: bool, time_s: float, does: tuple[Doing | None, ...] = ()) -> Evidence:
         """`does`: what the agent is about, as planned; empty as measured."""
-        finding, zone = Finding.OUT_OF_ZONE if ok else Finding.IN_ZONE, f"zone {self.low_m} to {self.high_m}"
+        finding, zone = Finding.OUT_OF_ZONE if ok else self.finding, f"zone {self.low_m} to {self.high_m}"
         about: About = {"measured": not does, "obstacles": (zone,), "doing": does, "parts": (gap.a,)}
         return self.found(ok, finding, gap.distance_m, 0.0, time_s, **about)
 
@@ -140,7 +129,7 @@ class KeepOutCheck(OneAgentCheck):
         elif self.until is not None:
             zone = named(zone, "until", *step_parts(self.until))
         how = f"from {agent_name(self.agent)}, measured, with what it holds, to the zone; negative: inside"
-        return bounded(self, (f"outside_{zone}", how), ">", 0.0, (f"closed_{zone}", "the zone is closed"))
+        return self.formula(f"outside_{zone}", how, (f"closed_{zone}", "the zone is closed"))
 
 
 @lru_cache(maxsize=64)  # asked for at every control step

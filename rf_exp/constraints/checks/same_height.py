@@ -1,13 +1,10 @@
-"""The direction check of agents that carry one thing (paper, section 3.2): they keep it level."""
-
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.constraints.bounded import BoundedCheck
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import BoundedCheck, Evidence, Plans
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named
@@ -73,11 +70,8 @@ class SameHeightCheck(BoundedCheck):
 
     def _together(self, plan: Plan) -> list[str]:
         """The things that all of them carry in this plan."""
-        carried = [
-            {segment.attached for segment in plan.trajectory(agent).segments if segment.attached}
-            for agent in self.agents
-        ]
-        return sorted(set.intersection(*carried))
+        carried = ({each.attached for each in plan.trajectory(agent).segments} for agent in self.agents)
+        return sorted(filter(None, set.intersection(*carried)))
 
     def _span(self, plan: Plan, agent: int, name: str) -> tuple[int, int]:
         """Path positions between which an agent carries a thing and has to keep level with the others."""
@@ -104,11 +98,6 @@ class SameHeightCheck(BoundedCheck):
 
 def _carried(plan: Plan, agent: int, name: str) -> tuple[int, int]:
     """Path positions between which an agent carries a thing, for the first time."""
-    begin = end = None
-    for segment, start, stop in plan.trajectory(agent).intervals:
-        if segment.attached == name:
-            begin, end = start if begin is None else begin, stop
-        elif begin is not None:
-            break
-    assert begin is not None and end is not None  # asked of what is carried only
-    return begin, end
+    runs = groupby(plan.trajectory(agent).intervals, key=lambda part: part[0].attached == name)
+    parts = next(list(run) for carries, run in runs if carries)
+    return parts[0][1], parts[-1][2]

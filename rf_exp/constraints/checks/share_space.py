@@ -1,12 +1,9 @@
-"""Agents may use one space at different times (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Check, Evidence
+from rf_exp.constraints.check import Check, Evidence
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification
 from rf_exp.findings import CheckName, Finding, names
@@ -28,10 +25,6 @@ class ShareSpaceCheck(Check):
 
     agents: tuple[int, ...]
     text: str = ""
-
-    @classmethod
-    def compiled(cls, stated: ShareSpace, plans: Plans) -> "ShareSpaceCheck":
-        return cls(stated.agents, stated.sentence)
 
     def __repr__(self) -> str:
         return f"VS({names(self.agents)}, share space)"

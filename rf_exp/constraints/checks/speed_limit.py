@@ -1,62 +1,108 @@
-"""The gripper of an agent is not too fast."""
+"""The gripper of an agent is not too fast: its path is made slow, and checked."""
 
-from dataclasses import dataclass
-from typing import Unpack
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence, OneAgentCheck
+from rf_exp.constraints.check import BoundedCheck, Evidence, OneAgentCheck
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.slowing import speeds_m_s
-from rf_exp.constraints.stl import Specification, bounded, named
-from rf_exp.findings import About, CheckName, Finding, agent_name
+from rf_exp.constraints.stl import Specification, named
+from rf_exp.findings import CheckName, Finding, agent_name
+from rf_exp.robots import Arm
 from rf_exp.statements import SpeedLimit
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, Scene
+from rf_exp.types import CONTROL_DT_S, Scene, Segment, Trajectory, arm_of, gripper_of
 
 MEASURED_SPEED = 1.25  # an arm that catches up with its command is faster than it
-_ROUNDING = 1 + 1e-9
+SPARE = 1.02  # straight lines between positions in joint space are none of the gripper
 
 
 @dataclass(frozen=True)
-class SpeedLimitCheck(OneAgentCheck):
+class SpeedLimitCheck(OneAgentCheck, BoundedCheck):
     """The gripper of an agent is not too fast. Value and bound in metres a second.
 
     Paths are made that slow (`slowed`), whatever their schedule, so it has no rule for timing.
     """
 
     states, name, unit = SpeedLimit, CheckName.SCHEDULING, "m/s"
+    finding, rounding = Finding.TOO_FAST, 1 + 1e-9
 
     at_most_m_s: float
     text: str = ""
 
-    @classmethod
-    def compiled(cls, stated: SpeedLimit, plans: Plans) -> "SpeedLimitCheck":
-        return cls(stated.agent, stated.at_most_m_s, stated.sentence)
-
     def __repr__(self) -> str:
         return f"VS({agent_name(self.agent)}, at most {self.at_most_m_s:g} m/s)"
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        return self.at_most_m_s, self.at_most_m_s * MEASURED_SPEED
 
     def planned(self, plan: Plan) -> Evidence:
         speeds = speeds_m_s(plan.arm(self.agent), plan.trajectory(self.agent).path())
         if not len(speeds):
             return self.idle(plan, self.at_most_m_s)
-        fastest = int(speeds.argmax())
-        time_s, does = plan.time_s(self.agent, fastest + 1), plan.doing(self.agents, [fastest + 1])
-        return self._moves(speeds[fastest], self.at_most_m_s, time_s, doing=does)
+        fastest = self.worst(speeds)
+        does = plan.doing(self.agents, [fastest + 1])
+        return self.judged(speeds[fastest], plan.time_s(self.agent, fastest + 1), doing=does)
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
         qpos, qvel = scene.qpos[self.agent - 1], scene.qvel[self.agent - 1]
         path = np.stack([qpos, qpos + qvel * CONTROL_DT_S])
         speed = speeds_m_s(plan.arm(self.agent), path)[0]
-        return self._moves(speed, self.at_most_m_s * MEASURED_SPEED, scene.time_s, measured=True)
-
-    def _moves(self, value: float, bound: float, time_s: float, **about: Unpack[About]) -> Evidence:
-        ok = bool(value <= bound * _ROUNDING)
-        return self.found(ok, Finding.TOO_FAST, float(value), bound, time_s, **about)
+        return self.judged(speed, scene.time_s, measured=True)
 
     def stl(self, task: Task) -> Specification:
         how = f"of the gripper of {agent_name(self.agent)}, by measured joint positions and velocities"
-        bound = self.at_most_m_s * MEASURED_SPEED * _ROUNDING
-        return bounded(self, (named("speed", self.agent), how), "<=", bound)
+        return self.formula(named("speed", self.agent), how)
+
+
+def speeds_m_s(arm: Arm, path: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P - 1,) of the tool centre point between path positions (P, dof or more) a control step apart."""
+    return np.linalg.norm(np.diff(arm.tcp(path)[:, :3, 3], axis=0), axis=1) / CONTROL_DT_S
+
+
+def slowed(
+    trajectories: Sequence[Trajectory], arms: Sequence[Arm], limits_m_s: Mapping[int, float]
+) -> tuple[Trajectory, ...]:
+    """The same paths, with every segment of an agent so slow that its gripper keeps to the agent's limit.
+
+    Segments that several agents make together stay together. Without limits they are returned as they are.
+    """
+    if not limits_m_s:
+        return tuple(trajectories)
+    limits = {trajectory.agent: limits_m_s.get(trajectory.agent, np.inf) for trajectory in trajectories}
+    factors = [_factors(each, arms[each.agent - 1], limits[each.agent]) for each in trajectories]
+    joined: dict[str | None, float] = {}
+    for trajectory, own in zip(trajectories, factors, strict=True):
+        for segment, factor in zip(trajectory.segments, own, strict=True):
+            joined[segment.joined] = max(factor, joined.get(segment.joined, 1.0))
+    found = []
+    for trajectory, own in zip(trajectories, factors, strict=True):
+        segments, path = [], trajectory.path()
+        for (segment, start, end), factor in zip(trajectory.intervals, own, strict=True):
+            slower = factor if segment.joined is None else joined[segment.joined]
+            segments.append(_stretched(segment, path[start : end + 1], slower))
+        found.append(replace(trajectory, segments=tuple(segments)))
+    return tuple(found)
+
+
+def _factors(trajectory: Trajectory, arm: Arm, limit_m_s: float) -> list[float]:
+    """How much longer each segment takes."""
+    path, factors = trajectory.path(), []
+    for _, start, end in trajectory.intervals:
+        fastest = float(speeds_m_s(arm, path[start : end + 1]).max())
+        factors.append(fastest / limit_m_s * SPARE if fastest > limit_m_s else 1.0)
+    return factors
+
+
+def _stretched(segment: Segment, path: NDArray[np.float64], factor: float) -> Segment:
+    """A segment on a grid of so many times its steps, straight between the positions of its path."""
+    if factor <= 1.0:
+        return segment
+    steps = int(np.ceil(len(segment) * factor))
+    at = np.arange(1, steps + 1) * len(segment) / steps
+    rows = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
+    rows[:, -1] = segment.gripper[np.ceil(at - 1e-9).astype(int) - 1]  # commands do not blend
+    return replace(segment, qpos=arm_of(rows), gripper=gripper_of(rows))

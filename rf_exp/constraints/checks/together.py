@@ -1,13 +1,10 @@
-"""Several agents begin the same part together (paper: Trajectory Scheduling Validation)."""
-
 from dataclasses import dataclass
 from itertools import combinations
 
-from rf_exp.constraints.compiler import Plans
-from rf_exp.constraints.evidence import Evidence
+from rf_exp.constraints.check import Evidence, Plans
 from rf_exp.constraints.phases import TimedCheck, about, begun, since, steps_within
 from rf_exp.constraints.plan import Plan
-from rf_exp.constraints.stl import CLOCK_S, Specification, always, of_schedule
+from rf_exp.constraints.stl import CLOCK_S, Specification, always
 from rf_exp.coordination import Demands
 from rf_exp.findings import Finding, names
 from rf_exp.statements import TOGETHER_S, Step, Together
@@ -40,10 +37,9 @@ class TogetherCheck(TimedCheck):
         begins = [begins_s for begins_s, _ in self.times_s(plan)]
         if len(begins) < 2:
             return self.idle(plan, self.within_s)
-        apart_s, step = max(begins) - min(begins), self.steps[0]
-        what = f"{step.verb} {step.object}" if step.verb else "their tasks"
+        apart_s, subgoals = max(begins) - min(begins), (self.steps[0].does("their tasks"),)
         ok, last_s = apart_s <= self.within_s + 1e-9, plan.begins_s + max(begins)
-        return self.found(ok, Finding.NOT_TOGETHER, apart_s, self.within_s, last_s, subgoals=(what,))
+        return self.found(ok, Finding.NOT_TOGETHER, apart_s, self.within_s, last_s, subgoals=subgoals)
 
     def stl(self, task: Task) -> Specification:
         begins = [(since(step, "begin"), begun(step)) for step in self.steps]
@@ -51,4 +47,4 @@ class TogetherCheck(TimedCheck):
             always([f"abs({a.name} - {b.name}) <= {self.within_s + CLOCK_S!r}"], "s", a_begun, b_begun)
             for (a, a_begun), (b, b_begun) in combinations(begins, 2)
         )
-        return of_schedule(formulas, *(signal for pair in begins for signal in pair))
+        return Specification(formulas, tuple(signal for pair in begins for signal in pair), measured=False)

@@ -1,13 +1,241 @@
-"""What every statement is: a frozen value that knows its sentence, and the patterns that are read as it."""
+"""What statements are made of: names of a task, moments of its plans, the words of a sentence."""
 
+import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
-from rf_exp.statements.language.notation import Words, compiled
-from rf_exp.statements.language.vocabulary import Names, Vocabulary
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.findings import agent_name
+from rf_exp.statements.language.notation import AGENT, NUMBER, Quantity, Vector, object_name, quantity
+from rf_exp.statements.language.verbs import VERBS
 from rf_exp.types import Kind, Subgoal
+
+TABLE = "table"  # what named places lie on
+ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
+MAX_WAIT_S = 600.0
+TOGETHER_S = 0.1  # what `simultaneously` means when no time is given
+_SYNONYMS = {"centre": "center", "middle": "center"}  # of points
+
+Names = tuple[tuple[str, str | None], ...]  # of objects, each with an interaction point where one is named
+
+
+def listed(agents: tuple[int, ...]) -> str:
+    """`Agent_1 and Agent_2`, or `Agent_1, Agent_2 and Agent_3`."""
+    *first, last = map(agent_name, agents)
+    return f"{', '.join(first)} and {last}"
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The names of one task."""
+
+    agents: tuple[int, ...]
+    points: Mapping[str, Mapping[str, str]]  # object -> its interaction points -> their kinds
+    sides: Mapping[str, int] = field(default_factory=dict)  # e.g. "left" -> the agent there
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        return tuple(self.points)
+
+    def named(self, name: str) -> str | None:
+        """The object of that name, whatever its case: sentences are read in lower case."""
+        return _named(name, self.points)
+
+    def agent(self, number: int, where: str) -> int:
+        """The agent of that number. Raises ArgumentError that names those there are."""
+        if number not in self.agents:
+            raise choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
+        return number
+
+    def object(self, name: str, where: str) -> str:
+        """The object of that name. Raises ArgumentError that names those there are."""
+        found = self.named(name)
+        if found is None:
+            raise choices(f"object in {where}:", name, self.points)
+        return found
+
+    def point(self, name: str, point: str, where: str) -> str:
+        """The interaction point of an object. Raises ArgumentError that names those there are."""
+        points = self.points[name]
+        found = _named(point, points) or _named(_SYNONYMS.get(point, point), points)
+        if found is None:
+            raise choices(f"point of {name} in {where}:", point, points)
+        return found
+
+    def __str__(self) -> str:
+        """All of it in a line, for the message of an error."""
+        things = (f"{name} ({', '.join(points)})" if points else name for name, points in self.points.items())
+        return (
+            f"agents: {', '.join(map(agent_name, self.agents))}; "
+            f"objects with their points: {', '.join(things) or 'none'}"
+        )
+
+
+def _named(name: str, names: Iterable[str]) -> str | None:
+    """The one that is so called; where case tells two apart, the one that is written so."""
+    alike = [each for each in names if each.lower() == name.lower()]
+    return name if name in alike else next(iter(alike), None)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of an agent's plan: the subgoals with this verb and object, or all of it."""
+
+    agent: int
+    verb: str | None = None
+    object: str | None = None
+
+    @property
+    def names(self) -> Names:
+        return ((self.object, None),) if self.object else ()
+
+    def does(self, otherwise: str) -> str:
+        """`lift lid`; otherwise where it is all that the agent does."""
+        return f"{self.verb} {self.object}" if self.verb else otherwise
+
+    @property
+    def text(self) -> str:
+        return agent_name(self.agent) + (f": {self.does('')}" if self.verb else "")
+
+    @property
+    def ended(self) -> str:
+        """`Agent_2 lifts lid`, or `Agent_2 has finished`: over from then on."""
+        what = f"{VERBS[self.verb].third_person} {self.object}" if self.verb else "has finished"
+        return f"{agent_name(self.agent)} {what}"
+
+
+@dataclass(frozen=True)
+class LiesOn:
+    """An object has been put down where it belongs: on another object, or on the table."""
+
+    object: str
+    surface: str = TABLE
+
+    @property
+    def names(self) -> Names:
+        return tuple((name, None) for name in (self.object, self.surface) if name != TABLE)
+
+    @property
+    def ended(self) -> str:
+        return f"{self.object} is on {'the ' if self.surface == TABLE else ''}{self.surface}"
+
+
+Event = Step | LiesOn
+
+
+class Words:
+    """The parts of a matched sentence, looked up in the vocabulary of a task.
+
+    `filed` are the agents under which an answer lists it. Its parts are the groups of the pattern.
+    """
+
+    def __init__(
+        self, parts: Mapping[str, str], text: str, vocabulary: Vocabulary, filed: tuple[int, ...] = ()
+    ):
+        self._parts, self.text, self.vocabulary, self._filed = parts, text, vocabulary, filed
+        self._where = f"constraint {text!r}"
+
+    def __contains__(self, part: str) -> bool:
+        return part in self._parts
+
+    def __getitem__(self, part: str) -> str:
+        return self._parts[part]
+
+    def agent(self, key: str = "") -> int:
+        return self._known(self._part("agent", key))
+
+    def agents(self) -> tuple[int, ...]:
+        """The agents of the sentence; where it names none those it is filed under, or else all."""
+        named = re.findall(AGENT, self["agents"]) if "agents" in self else map("agent_{}".format, self._filed)
+        return self.several(tuple(dict.fromkeys(map(self._known, named))) or self.vocabulary.agents)
+
+    def pair(self) -> tuple[int, int]:
+        """The two agents of a sentence that is about one and another one."""
+        one, other = self.several((self.agent(), self.agent("other")))
+        return one, other
+
+    def several(self, agents: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(agents)) < 2:
+            named = ", ".join(map(agent_name, dict.fromkeys(agents)))
+            raise self.refused(f"needs two different agents; it names {named or 'none'}")
+        return agents
+
+    def object(self, key: str = "") -> str:
+        return self.vocabulary.object(object_name(self._part("object", key)), self._where)
+
+    def point(self, name: str) -> str:
+        return self.vocabulary.point(name, self["point"], self._where)
+
+    def verb(self, key: str = "", contact: bool = False) -> str | None:
+        """The verb of a subgoal that a word stands for; None where the sentence has none.
+
+        `contact` is whether the sentence says where or whence the gripper comes. Raises ArgumentError for a
+        word that says something else here.
+        """
+        if (word := self._parts.get(f"{key}_verb" if key else "verb")) is None:
+            return None
+        verb = next(verb for verb in VERBS.values() if word in verb.said)
+        if narrow := verb.narrowed(word):
+            name = self.object(key)
+            if name.lower().rpartition("_")[2] != narrow.of and not (contact and narrow.contact):
+                raise self.refused(narrow.otherwise.format(object=name))
+        return verb.name
+
+    def direction(self) -> str:
+        """Perpendicular, vertical, horizontal or level, of a gripper that is so or comes so."""
+        words = {"from above": "vertical", "from the side": "horizontal"}
+        return words.get(self["direction"], self["direction"].removesuffix("ly"))
+
+    def step(self, key: str = "") -> Step:
+        """The part of an agent's plan that the sentence speaks of; all of it where it names no verb."""
+        verb = self.verb(key)
+        return Step(self.agent(key), verb, self.object(key)) if verb else Step(self.agent(key))
+
+    def event(self, key: str = "") -> Event:
+        if (f"{key}_surface" if key else "surface") in self:
+            name, surface = self.object(key), object_name(self._part("surface", key))
+            surface = surface if surface == TABLE else self.vocabulary.object(surface, self._where)
+            if name == surface:
+                raise self.refused(f"is not possible: {name} does not lie on itself")
+            return LiesOn(name, surface)
+        return self.step(key)
+
+    def seconds(self, default_s: float | None = None, largest_s: float = MAX_WAIT_S) -> float:
+        return self.quantity("s", largest_s, default_s)
+
+    def quantity(
+        self, part: Quantity, largest: float, default: float | None = None, smallest: float = 0.0
+    ) -> float:
+        """A length in m, a time in s, an angle in deg or a speed in m/s; the default where none is said."""
+        if part not in self and default is not None:
+            return default
+        value = quantity(part, self[part], self["unit"])
+        if not smallest <= value <= largest:
+            unit = "m/s" if part == "speed" else part
+            bounds = f"{smallest:g} and {largest:g} {unit}"
+            raise self.refused(f"is not possible: {value:g} {unit} is not between {bounds}")
+        return value
+
+    def zone(self) -> tuple[Vector, Vector]:
+        """The corners of a box, m."""
+        corners = [[float(n) + 0.0 for n in re.findall(NUMBER, self[key])] for key in ("low", "high")]
+        if max(abs(value) for corner in corners for value in corner) > ZONE_LIMIT_M:
+            raise self.refused(f"is not possible: zones lie within {ZONE_LIMIT_M:g} m of the origin")
+        (x0, x1), (y0, y1), (z0, z1) = (sorted(pair) for pair in zip(*corners, strict=True))
+        if min(x1 - x0, y1 - y0, z1 - z0) < 1e-3:
+            raise self.refused("is not possible: the zone is flat; each side must be at least 1 mm")
+        return (x0, y0, z0), (x1, y1, z1)
+
+    def refused(self, why: str) -> ArgumentError:
+        return ArgumentError(f"{self._where} {why}")
+
+    def _part(self, name: str, key: str) -> str:
+        return self._parts[f"{key}_{name}" if key else name]
+
+    def _known(self, agent: str) -> int:
+        return self.vocabulary.agent(int(agent.removeprefix("agent_")), self._where)
 
 
 @dataclass(frozen=True)
@@ -17,10 +245,6 @@ class Form:
     notation: str
     build: Callable[[Words], "Statement"]
 
-    def match(self, sentence: str):
-        """The match of a whole normalised sentence, or None."""
-        return compiled(self.notation).fullmatch(sentence)
-
 
 _KINDS: list[type["Statement"]] = []
 
@@ -28,7 +252,7 @@ _KINDS: list[type["Statement"]] = []
 class Statement(ABC):
     """A constraint on a plan. Subclasses are frozen dataclasses; each becomes known by being defined.
 
-    `parse(statement.sentence)` gives the statement again: a law over all kinds.
+    `read(statement.sentence, ...)` gives the statement again: a law over all kinds.
     """
 
     kind: ClassVar[Kind]
@@ -41,19 +265,20 @@ class Statement(ABC):
             _KINDS.append(cls)
 
     @property
-    @abstractmethod
     def agents(self) -> tuple[int, ...]:
         """Those it is about, in the order of the sentence."""
+        return tuple(part.agent for part in vars(self).values() if isinstance(part, Step))
 
     @property
     @abstractmethod
-    def sentence(self) -> str:
-        """It in English."""
+    def sentence(self) -> str: ...
 
     @property
     def names(self) -> Names:
-        """The objects it speaks of, each with the interaction point where it names one."""
-        return ()
+        """The objects it speaks of, each with an interaction point where it names one."""
+        named, parts = getattr(self, "object", None), vars(self).values()
+        own = ((named, None),) if named else ()
+        return *own, *(name for part in parts if isinstance(part, Event) for name in part.names)
 
     @classmethod
     def forms(cls) -> tuple[Form, ...]:
@@ -85,7 +310,7 @@ class OfAgent(Statement):
 
     @property
     def agents(self) -> tuple[int, ...]:
-        return (self.agent,)
+        return (self.agent, *super().agents)
 
     @classmethod
     def reading(cls, words: Words) -> Statement:
@@ -108,7 +333,6 @@ class OfAgents(Statement):
 
 
 def kinds() -> Iterator[type[Statement]]:
-    """All kinds of statements that are known."""
     return iter(_KINDS)
 
 

@@ -1,4 +1,4 @@
-"""From an English sentence to the statement that it makes.
+"""From an English sentence to the statement that it makes, and from a line to the subgoal in it.
 
 A sentence is matched by patterns and never executed. It is understood whole or refused whole: a pattern has
 no place for words that it does not read, so what no pattern reads from the first word to the last is
@@ -14,32 +14,40 @@ from functools import cache
 from typing import Self
 
 from rf_exp.errors import ArgumentError
-from rf_exp.statements.language import units
-from rf_exp.statements.language.base import Form, Statement, kinds
-from rf_exp.statements.language.notation import Words, compiled, found, object_name
-from rf_exp.statements.language.verbs import VERBS
-from rf_exp.statements.language.vocabulary import Vocabulary
-from rf_exp.types import Kind
+from rf_exp.findings import agent_name
+from rf_exp.statements.language.base import Form, Statement, Vocabulary, Words, kinds
+from rf_exp.statements.language.notation import UNITS, alternatives, compiled, found, object_name, quantity
+from rf_exp.statements.language.verbs import PARTS, VERBS
+from rf_exp.types import Kind, Subgoal
 
 MAX_LENGTH = 300  # characters; a constraint is one sentence
 _LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
 _WORD = re.compile(r"[^\W\d_]+")
-_WRITTEN = re.compile(
-    r"\(\?P<\w+>|([a-z]+)(\??)"
-)  # in a pattern: a word, or with and without its last letter
+# In a pattern: a word, or with and without its last letter.
+_WRITTEN = re.compile(r"\(\?P<\w+>|([a-z]+)(\??)")
 
 _AGENTS = r"(?:agents?|robots?|arms?)"
 _SEVERAL = re.compile(
     rf"\b(?:the )?{_AGENTS}[ _-]?(\d{{1,3}}(?:(?:, and |, | and |,)\d{{1,3}}(?![\w.]))+)"
-    rf"(?! ?(?:{units.pattern({unit for known in units.UNITS.values() for unit in known})})(?!\w))"
+    rf"(?! ?(?:{alternatives({unit for known in UNITS.values() for unit in known})})(?!\w))"
 )
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
-# Words that people often use, and that no statement stands for.
-_STOP = re.compile(r"\b(?:stop(?:s|ped|ping)?|pauses?|halts?)\b")
-_ORDER = re.compile(r"\b(?:before|after|until|once|then|while|when|as soon as|waits?)\b")
-_EDGE = re.compile(r"\b(?:begin|start|finish|end|complete)(?:s|es|ed|ing)?\b|\b(?:began|begun|done)\b")
-_ADVERB = re.compile(r"\b(vertical|horizontal|perpendicular)(?:ly)?\b|\bfrom (?:above|the side)\b")
+# Words that people often use, and that no statement stands for, with what to say instead.
+_ADVICE = {
+    r"\b(?:stop(?:s|ped|ping)?|pauses?|halts?)\b": (
+        "no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
+    ),
+    r"(?=.*\b(?:before|after|until|once|then|while|when|as soon as|waits?)\b)"
+    r".*\b(?:(?:begin|start|finish|end|complete)(?:s|es|ed|ing)?|began|begun|done)\b": (
+        "an order is between what is over and what begins: say 'Agent_2 must complete its task before "
+        "Agent_1 begins.'"
+    ),
+    r"\b(?:vertical|horizontal|perpendicular)(?:ly)?\b|\bfrom (?:above|the side)\b": (
+        "of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be "
+        "vertical at lid when lifting it.'"
+    ),
+}
 _SHORT = {"mustn't": "must not", "shouldn't": "should not", "can't": "cannot", "mayn't": "may not"}
 
 
@@ -96,17 +104,12 @@ def samples() -> Iterator[Statement]:
     return (sample for kind in kinds() for sample in kind.samples)
 
 
-def _forms() -> tuple[Form, ...]:
-    return _forms_of(tuple(kinds()))
-
-
 @cache
-def _forms_of(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
+def _forms(known: tuple[type[Statement], ...]) -> tuple[Form, ...]:
     return tuple(form for kind in known for form in kind.forms())
 
 
 def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
-    """A sentence in lower case with one name for each agent."""
     sentence = " ".join(words).lower().replace("\u2019", "'")
     for short, long in _SHORT.items():
         sentence = re.sub(rf"\b{short}\b", long, sentence)
@@ -121,43 +124,24 @@ def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
 
 
 def _read(words: Sequence[str], vocabulary: Vocabulary) -> tuple[Form, dict[str, str]] | None:
-    """The form that reads all of these words, and their parts."""
     sentence = _normal(words, vocabulary)
-    for form in _forms():
-        if match := form.match(sentence):
+    for form in _forms(tuple(kinds())):
+        if match := compiled(form.notation).fullmatch(sentence):
             return form, found(match)
     return None
 
 
 def _not_understood(text: str, words: Sequence[str], vocabulary: Vocabulary) -> ArgumentError:
-    """Names the words in the way, the nearest that is understood, and what this task has to speak of."""
     nearest, in_the_way = _nearest(words, vocabulary)
     why = f"cannot read {in_the_way!r}" if in_the_way else "knows these words, but not in this order"
     if not words:
         why = "finds no words"
+    sentence = _normal(words, vocabulary)
+    instead = [advice for said, advice in _ADVICE.items() if re.search(said, sentence)]
     return ArgumentError(
         f"constraint {text!r} is not understood: the grammar {why}; the nearest that is: {nearest!r}; "
-        f"{vocabulary}{_advice(_normal(words, vocabulary))}"
+        f"{'; '.join([str(vocabulary), *instead[:1]])}"
     )
-
-
-def _advice(sentence: str) -> str:
-    """What to say instead of a normalised sentence, to end its message with; empty for none."""
-    if _STOP.search(sentence):
-        return (
-            "; no plan says when an agent stops: say when it 'has finished', or what it 'has finished' doing"
-        )
-    if _ORDER.search(sentence) and _EDGE.search(sentence):
-        return (
-            "; an order is between what is over and what begins: say 'Agent_2 must complete its task before "
-            "Agent_1 begins.'"
-        )
-    if _ADVERB.search(sentence):
-        return (
-            "; of a thing say 'Agent_1 must keep lid level.', of a gripper 'The gripper of Agent_1 must be "
-            "vertical at lid when lifting it.'"
-        )
-    return ""
 
 
 def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
@@ -167,17 +151,16 @@ def _nearest(words: Sequence[str], vocabulary: Vocabulary) -> tuple[str, str]:
     runs = [(k, k + length) for length in range(1, _LONGEST_RUN + 1) for k in range(count - length, -1, -1)]
     for start, end in (*tails, *runs):
         matched = _read([*words[:start], *words[end:]], vocabulary)
-        if matched and all(
-            vocabulary.named(object_name(part)) for key, part in matched[1].items() if "object" in key
-        ):
-            form, parts = matched
+        form, parts = matched or (None, {})
+        things = (part for key, part in parts.items() if "object" in key)
+        if form and all(vocabulary.named(object_name(thing)) for thing in things):
             try:
                 statement = form.build(Words(parts, "", vocabulary)).known_in(vocabulary)
             except ArgumentError:
                 continue
             return statement.sentence, " ".join(words[start:end])
     spoken = " ".join([*vocabulary.objects, *(point for of in vocabulary.points.values() for point in of)])
-    known = _known_words(_forms(), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
+    known = _known_words(_forms(tuple(kinds())), tuple(VERBS)).union(_WORD.findall(spoken.lower()))
     unknown = [word for word in words if not known.issuperset(_WORD.findall(word.lower()))]
     sentence = [word.lower() for word in words]
 
@@ -196,3 +179,62 @@ def _known_words(forms: tuple[Form, ...], verbs: tuple[str, ...]) -> frozenset[s
         for written, optional in _WRITTEN.findall(compiled(form.notation).pattern)
         for word in (written, written[:-1] if optional else written)
     )
+
+
+LONGEST = 200  # characters of a subgoal
+HIGHEST_M = 100.0  # no arm comes near it; what it reaches is for the planner to say
+_SHOWN = 80
+_SUBGOAL = re.compile(
+    r"(?P<verb>\w+)"
+    r"(?: (?P<object>(?!at\b|to\b|by\b)\w+))?"
+    r"(?: at (?P<point>\w+))?"
+    r"(?: to (?P<target>\w+)(?: at (?P<target_point>\w+))?)?"
+    rf"(?: by (?P<height_m>\d{{1,4}}(?:\.\d{{1,4}})?) ?(?P<unit>{alternatives(UNITS['m'])}))?\.?",
+    re.IGNORECASE,
+)
+
+
+def subgoal_forms() -> tuple[str, ...]:
+    return tuple(verb.form for verb in VERBS.values())
+
+
+def read_subgoal(agent: int, text: str, vocabulary: Vocabulary) -> Subgoal:
+    """The subgoal in a line. Raises ArgumentError with the forms or names that exist."""
+    match = _SUBGOAL.fullmatch(" ".join(text.split())) if len(text) <= LONGEST else None
+    verb = VERBS.get(match["verb"].lower()) if match else None
+    where = f"subgoal {text.strip()[:_SHOWN]!r} of {agent_name(agent)}"
+    if match is None or verb is None:
+        raise ArgumentError(f"cannot read {where}; forms: {', '.join(subgoal_forms())}")
+    said = {part: match[part] for part in PARTS if match[part] is not None}
+    if missing := [part for part in verb.needs if part not in said]:
+        raise ArgumentError(f"{where} lacks {' and '.join(missing)}")
+    if strange := sorted(set(said).difference(verb.needs, verb.may_have)):
+        raise ArgumentError(
+            f"{where} has {' and '.join(strange)}, which {verb.name} has no use for; "
+            f"forms: {', '.join(subgoal_forms())}"
+        )
+    height_m = None
+    if "height_m" in said:
+        height_m = quantity("m", said.pop("height_m"), match["unit"].casefold())
+        if height_m >= HIGHEST_M:
+            raise ArgumentError(f"{where} is by {height_m:g} m; expected less than {HIGHEST_M:g} m")
+    subgoal = Subgoal(agent, verb.name, height_m=height_m, **said)
+    if subgoal.object is not None and subgoal.object not in vocabulary.points:
+        raise ArgumentError(
+            f"no object {subgoal.object!r} in {where}; available: {', '.join(sorted(vocabulary.points))}"
+        )
+    for name, point in ((subgoal.object, subgoal.point), (subgoal.target, subgoal.target_point)):
+        points = vocabulary.points.get(name or "")
+        if points is not None and point is not None and point not in points:
+            available = ", ".join(sorted(points)) or "none"
+            raise ArgumentError(f"{name} has no interaction point {point!r}; available: {available}")
+    if subgoal.object is not None and subgoal.point is not None:
+        points = vocabulary.points[subgoal.object]
+        fitting = [name for name, kind in points.items() if kind == verb.meets]
+        if subgoal.point not in fitting:
+            raise ArgumentError(
+                f"{where}: the point {subgoal.point} is to {points[subgoal.point]}; points of "
+                f"{subgoal.object} to {subgoal.verb} {'with' if verb.meets == 'tool' else 'at'}: "
+                f"{', '.join(fitting) or 'none'}"
+            )
+    return subgoal

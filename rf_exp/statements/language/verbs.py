@@ -4,7 +4,7 @@ One table for plans, for the reading of subgoals and of sentences, and for the p
 else is added with `add_verb`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -13,9 +13,7 @@ from typing import Literal
 from rf_exp.errors import ArgumentError
 
 Part = Literal["object", "point", "target", "target_point", "height_m"]
-PARTS: tuple[Part, ...] = ("object", "point", "target", "target_point", "height_m")
-
-_WRITTEN: Mapping[Part, str] = {  # how a part stands in the form of a subgoal
+PARTS: Mapping[Part, str] = {  # with how each stands in the form of a subgoal
     "object": "OBJECT",
     "point": "at POINT",
     "target": "to TARGET",
@@ -50,7 +48,7 @@ class Verb:
     narrow: tuple[Narrow, ...] = ()
 
     def __post_init__(self) -> None:
-        for said in self._said:
+        for said in (*self.words, *(each.word for each in self.narrow)):
             if len(said.split()) != 5:
                 raise ArgumentError(
                     f"verb {self.name!r}: {said!r} has {len(said.split())} forms; expected base, third "
@@ -60,9 +58,8 @@ class Verb:
     @property
     def form(self) -> str:
         """How a subgoal with it is written, e.g. `carry OBJECT to TARGET [at POINT] [by H m]`."""
-        has = {part: _WRITTEN[part] for part in PARTS if part in self.needs}
-        has |= {part: f"[{_WRITTEN[part]}]" for part in PARTS if part in self.may_have}
-        return " ".join([self.name, *(has[part] for part in PARTS if part in has)])
+        said = {part: f"[{said}]" if part in self.may_have else said for part, said in PARTS.items()}
+        return " ".join([self.name, *(said[part] for part in PARTS if part in (*self.needs, *self.may_have))])
 
     @property
     def is_contact(self) -> bool:
@@ -73,39 +70,28 @@ class Verb:
         """When a word for it means it; None for one that always does."""
         return next((each for each in self.narrow if word in _forms(each.word)), None)
 
-    @property
-    def _said(self) -> tuple[str, ...]:
-        return (*self.words, *(each.word for each in self.narrow))
-
     @cached_property
-    def _forms(self) -> tuple[tuple[str, ...], ...]:
-        return tuple(map(_forms, self._said))
+    def forms(self) -> tuple[tuple[str, ...], ...]:
+        """The five forms of every word for it."""
+        return tuple(map(_forms, (*self.words, *(each.word for each in self.narrow))))
+
+    @property
+    def said(self) -> list[str]:
+        """Every form of every word for it."""
+        return [form for forms in self.forms for form in forms]
+
+    @property
+    def finite(self) -> list[str]:
+        """Every word for it but the -ing forms."""
+        return [form for forms in self.forms for form in forms[:4]]
 
     @property
     def third_person(self) -> str:
-        return self._forms[0][1]
+        return self.forms[0][1]
 
     @property
     def gerund(self) -> str:
-        return self._forms[0][4]
-
-    @property
-    def finite(self) -> Iterator[str]:
-        """Every word for it but the -ing forms."""
-        return (form for forms in self._forms for form in dict.fromkeys(forms[:4]))
-
-    @property
-    def present(self) -> Iterator[str]:
-        """Base form and third person of every word for it."""
-        return (form for forms in self._forms for form in dict.fromkeys(forms[:2]))
-
-    @property
-    def participles(self) -> Iterator[str]:
-        return (forms[3] for forms in self._forms)
-
-    @property
-    def gerunds(self) -> Iterator[str]:
-        return (forms[4] for forms in self._forms)
+        return self.forms[0][4]
 
 
 def _forms(said: str) -> tuple[str, ...]:
@@ -120,8 +106,8 @@ VERBS: Mapping[str, Verb] = MappingProxyType(_VERBS)
 
 def add_verb(verb: Verb) -> None:
     """Make a verb known. Raises ArgumentError where its name, or a word for it, means another one."""
-    taken = {word: known.name for known in _VERBS.values() for word in (*known.finite, *known.gerunds)}
-    for word in (verb.name, *verb.finite, *verb.gerunds):
+    taken = {word: known.name for known in _VERBS.values() for word in known.said}
+    for word in (verb.name, *verb.said):
         if word in taken or word in _VERBS:
             raise ArgumentError(
                 f"verb {verb.name!r}: {word!r} is a word for {taken.get(word, word)!r} already"
@@ -208,10 +194,7 @@ for _verb in (
         "press",
         needs=("object", "point"),
         meets="press",
-        words=(
-            "press presses pressed pressed pressing",
-            "click clicks clicked clicked clicking",
-        ),
+        words=("press presses pressed pressed pressing", "click clicks clicked clicked clicking"),
         narrow=(Narrow("push pushes pushed pushed pushing", _PUSHED, contact=True),),
     ),
     Verb(

@@ -1,0 +1,190 @@
+"""The checks as signal temporal logic (STL): formulas, and what rtamt says of an execution.
+
+A check becomes formulas over named signals of an execution: one sample for each control step that the monitor
+has judged, at 20 Hz. Discrete time is exact, because the monitor judges these steps and nothing between them.
+The text is in the specification language of rtamt. A formula speaks of one unit, so that its robustness is a
+margin in that unit; a check with numbers in several units, or with margins that tell nothing of one another,
+has several formulas, and holds when all of them do.
+
+A condition ("while Agent_1 holds lid") is VOID where it is true and -VOID where not: more than any margin, so
+the robustness of `always (condition implies margin)` is the least margin, or VOID where nothing was judged.
+Every check has its form (`Check.stl`). rtamt is an extra: it is imported once something is to be judged.
+"""
+
+import io
+import re
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.plan import Plan
+from rf_exp.errors import ArgumentError
+from rf_exp.types import CONTROL_DT_S, Scene
+
+if TYPE_CHECKING:
+    from rf_exp.constraints.check import Check, Evidence
+
+VOID = 1e9  # in any unit: no margin is as large
+CLOCK_S = 1e-9  # by which the checks of time let clocks differ
+Comparison = Literal["<=", ">=", ">"]
+
+
+class Execution:
+    """The control steps of a plan that its monitor has judged."""
+
+    def __init__(self, plan: Plan, scenes: Sequence[Scene]) -> None:
+        """`scenes` (T,): as measured after each control step, from the first one of the plan on."""
+        self.plan, self.scenes = plan, tuple(scenes)
+        self._evidence: dict[Check, list[Evidence | None]] = {}
+        self._values: dict[str, NDArray[np.float64]] = {}
+
+    def __len__(self) -> int:
+        return len(self.scenes)
+
+    @property
+    def clock_s(self) -> NDArray[np.float64]:
+        """(T,) since the plan began."""
+        return np.arange(1, len(self) + 1, dtype=float) * CONTROL_DT_S
+
+    def positions(self, agent: int) -> NDArray[np.int64]:
+        """(T,) path position that the agent was sent to in each control step."""
+        return self.plan.positions(agent)[1 : len(self) + 1]
+
+    def measured(self, check: "Check") -> "list[Evidence | None]":
+        """(T,) what the check says of the real state at each control step."""
+        if check not in self._evidence:
+            self._evidence[check] = [check.measured(scene, self.plan) for scene in self.scenes]
+        return self._evidence[check]
+
+    def values(self, signal: "Signal") -> NDArray[np.float64]:
+        """(T,) of a signal."""
+        if signal.name not in self._values:
+            self._values[signal.name] = signal.of(self)
+        return self._values[signal.name]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A number at every control step of an execution. The same name is the same number."""
+
+    name: str  # an identifier
+    unit: str  # empty for a condition, which is VOID where it is true and -VOID where not
+    how: str  # it is computed from what was recorded
+    of: Callable[[Execution], NDArray[np.float64]]  # (T,)
+
+
+@dataclass(frozen=True)
+class Formula:
+    """One formula, to be evaluated at the first control step of an execution."""
+
+    text: str
+    unit: str  # of its robustness
+    strict: bool = False  # robustness 0 is a violation
+
+
+@dataclass(frozen=True)
+class Specification:
+    """A check in STL. Without formulas, `silent` says why it can have none."""
+
+    formulas: tuple[Formula, ...] = ()
+    signals: tuple[Signal, ...] = ()
+    measured: bool = True  # False: the check judges the plan alone, so its signals are of what was commanded
+    silent: str = ""
+
+
+def always(margins: Sequence[str], unit: str, *when: Signal, strict: bool = False) -> Formula:
+    """All margins, such as `distance_1_2 >= 0.03`, at every control step at which the conditions hold."""
+    body = _all(margins)
+    if when:
+        body = f"({_all([f'{each.name} >= 0' for each in when])}) implies ({body})"
+    return Formula(f"always({body})", unit, strict)
+
+
+def _all(parts: Sequence[str]) -> str:
+    return " and ".join(f"({part})" for part in parts) if len(parts) > 1 else parts[0]
+
+
+def condition(holds: Iterable[bool] | NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(T,) of a condition."""
+    return np.where(np.asarray(tuple(holds), dtype=bool), VOID, -VOID)
+
+
+def named(*parts: object) -> str:
+    """An identifier, e.g. `distance_1_2`; in it p is a decimal point and n a minus sign."""
+    text = "_".join(f"{part:g}" if isinstance(part, float) else str(part) for part in parts)
+    return re.sub(r"\W", "_", text.replace(".", "p").replace("-", "n"))
+
+
+@dataclass(frozen=True)
+class Robust:
+    """A formula with what an execution makes of it."""
+
+    formula: Formula
+    robustness: float  # in the formula's unit; VOID: nothing was judged
+
+    @property
+    def holds(self) -> bool:
+        return self.robustness > 0 if self.formula.strict else self.robustness >= 0
+
+    @property
+    def judged(self) -> bool:
+        return abs(self.robustness) < VOID
+
+
+def judged(execution: Execution, check: "Check") -> tuple[Robust, ...]:
+    """Each formula of a check. Raises ArgumentError where rtamt is not installed."""
+    form = check.stl(execution.plan.task)
+    if not len(execution):
+        return tuple(Robust(formula, VOID) for formula in form.formulas)
+    values = {signal.name: execution.values(signal).tolist() for signal in form.signals}
+    return tuple(Robust(formula, evaluated(formula.text, values)) for formula in form.formulas)
+
+
+def installed() -> bool:
+    return find_spec("rtamt") is not None
+
+
+def evaluated(text: str, signals: dict[str, list[float]]) -> float:
+    """What rtamt gives for a formula and signals (T,), T > 0, at their first sample."""
+    if not installed():
+        raise ArgumentError(
+            "robustness needs rtamt, which is not installed; pip install 'rf_exp[stl]' brings it"
+        )
+    import rtamt
+
+    specification = rtamt.STLDiscreteTimeSpecification()
+    for name in ("robustness", *signals):
+        specification.declare_var(name, "float")
+    specification.spec = f"robustness = {text}"
+    with redirect_stdout(io.StringIO()):  # its parser says that it was made by another version of antlr
+        specification.parse()
+    steps = max(map(len, signals.values()))
+    if steps == 1:  # rtamt asks for two samples; an invariant does not mind one twice
+        signals, steps = {name: each * 2 for name, each in signals.items()}, 2
+    return specification.evaluate({"time": list(range(steps)), **signals})[0][1]
+
+
+def kept(execution: Execution, check: "Check") -> bool | None:
+    """The verdict of the monitor on an execution, without STL.
+
+    None: the check judges the plan alone, and the violation that it found comes after the execution's end.
+    """
+    if check.stl(execution.plan.task).measured:
+        return all(each is None or each.ok for each in execution.measured(check))
+    evidence = check.planned(execution.plan)
+    end_s = execution.plan.begins_s + len(execution) * CONTROL_DT_S
+    return None if not evidence.ok and evidence.time_s > end_s + CLOCK_S else evidence.ok
+
+
+def signals(execution: Execution, checks: "Sequence[Check]") -> tuple[Signal, ...]:
+    """The signals of several checks, each once."""
+    found: dict[str, Signal] = {}
+    for check in checks:
+        for signal in check.stl(execution.plan.task).signals:
+            found.setdefault(signal.name, signal)
+    return tuple(found.values())
