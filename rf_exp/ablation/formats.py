@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text as Words
 
-from rf_exp.ablation.tables import (
+from rf_exp.ablation.tables.table import (
     CLEAN,
     MISSING,
     Cell,

@@ -8,7 +8,7 @@ from math import ceil
 from pathlib import Path
 
 from rf_exp.ablation import formats
-from rf_exp.ablation.tables import CLEAN, Column, Difference, Score, Table, Text
+from rf_exp.ablation.tables.table import CLEAN, Column, Difference, Score, Table, Text
 from rf_exp.artifacts import rendered
 
 ABREAST = 5  # columns of figures that a page of 1400 pixels holds

@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from rf_exp.ablation.tables import Cell, Column, Length, Line, Rate, Table, Text, in_order
+from rf_exp.ablation.tables.robustness import in_order
+from rf_exp.ablation.tables.table import Cell, Column, Length, Line, Rate, Table, Text
 
 # Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
 INK, FAINT = "#010203", "#040506"
