@@ -176,8 +176,8 @@ def maps(table: Table) -> list[tuple[str, str]]:
             line.cells[places[key]] for key in ("recipe", "learned_on", "demos", "scenes", "strict")
         )
         assert isinstance(scenes, Text) and isinstance(rate, Rate)
-        policy = f"{recipe.figure}, learned on {learned.figure}, {demos.figure} demos"
-        found.setdefault(policy, {})[line.title, scenes.figure] = rate
+        policy = f"{recipe.value}, learned on {learned.value}, {demos.value} demos"
+        found.setdefault(policy, {})[line.title, scenes.value] = rate
     tasks = list(dict.fromkeys(line.title for line in table.lines))
     factors = in_order(factor for rates in found.values() for _, factor in rates)
     return [
