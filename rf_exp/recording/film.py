@@ -1,7 +1,6 @@
 """A rollout as a short film and a picture of its last moment, small enough for a report."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -35,13 +34,10 @@ class RolloutFilm:
         self._last: RolloutStep | None = None
 
     def __enter__(self) -> Self:
-        self._film.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._film.__exit__(kind, error, trace)
+    def __exit__(self, *raised: object) -> None:
+        self._film.close()
 
     def begun(self, scene: Scene) -> None:
         """The start, which nobody has judged."""
