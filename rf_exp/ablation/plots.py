@@ -17,18 +17,11 @@ from rf_exp.ablation.tables.robustness import in_order
 from rf_exp.ablation.tables.table import Cell, Column, Length, Line, Rate, Table, Text
 
 # Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
-INK, FAINT = "#010203", "#040506"
-OURS, PAPER = "#070809", "#0a0b0c"
-FURTHER = ("#0d0e0f", "#101112", "#131415")
 VARIABLES = {
-    INK: "var(--ink)",
-    FAINT: "var(--line)",
-    OURS: "var(--ours)",
-    PAPER: "var(--paper)",
-    FURTHER[0]: "var(--c3)",
-    FURTHER[1]: "var(--c4)",
-    FURTHER[2]: "var(--c5)",
+    **{"ink": "#010203", "line": "#040506", "ours": "#070809", "paper": "#0a0b0c"},
+    **{"c3": "#0d0e0f", "c4": "#101112", "c5": "#131415"},
 }
+INK, FAINT, OURS, PAPER, *FURTHER = VARIABLES.values()
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",  # real text, in the page's font
     "font.size": 9,
@@ -225,6 +218,6 @@ def _svg(figure: Figure, axes: Axes) -> str:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()
-    for colour, variable in VARIABLES.items():
-        text = text.replace(colour, variable)
+    for variable, colour in VARIABLES.items():
+        text = text.replace(colour, f"var(--{variable})")
     return text[text.index("<svg") :]

@@ -5,7 +5,7 @@ import io
 import json
 import platform
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from PIL import Image
 
 from rf_exp.ablation import page, plots
 from rf_exp.ablation.formats import write
-from rf_exp.ablation.page import Panel, Section, Texts, Tile
+from rf_exp.ablation.page import Panel, Section, Texts
 from rf_exp.ablation.results import FILM, PICTURE, Results, load, rollout_file
 from rf_exp.ablation.rows import EvaluationRow, grouped
 from rf_exp.ablation.tables import build
@@ -81,36 +81,29 @@ def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
 
 def _summary(results: Results) -> Section:
     """Tiles of what there are rows of."""
-    tiles: list[Tile] = []
+    tiles: list[tuple[str, str]] = []
     if tried := len(results.generation):
         made = sum(row.success for row in results.generation)
         hours = sum(row.wall_s for row in results.generation) / 3600
         words = "scene seeds gave a demonstration, all rows of constraints together"
-        tiles.append(Tile(f"{made} of {tried}", words))
+        tiles.append((f"{made} of {tried}", words))
         if hours:
-            tiles.append(Tile(f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
-    own = unvaried(ours(results))
+            tiles.append((f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
+    own = unvaried(ours(results)).evaluation
     for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
-        if any(row.shield is shield for row in own.evaluation):
-            tiles += _rollout_tiles(own, kind, shield)
+        if rows := [row for row in own if row.shield is shield]:
+            policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
+            acted = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
+            won, violated = sum(r.success for r in rows), sum(r.violations > 0 for r in rows)
+            tiles.append((f"{won} of {len(rows)}", f"{kind} of {acted} succeeded"))
+            tiles.append((f"{violated} of {len(rows)}", f"{kind} had a violation: arms touched"))
     if varied := [row for row in results.evaluation if row.variation != UNVARIED]:
         won = sum(row.success for row in varied)
-        tiles.append(Tile(f"{won} of {len(varied)}", "rollouts in scenes that vary succeeded"))
+        tiles.append((f"{won} of {len(varied)}", "rollouts in scenes that vary succeeded"))
     tasks = {row.task for row in (*results.generation, *results.evaluation)}
-    tiles.append(Tile(str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
+    tiles.append((str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
     command = "" if tried or results.evaluation else "python -m rf_exp.run"
     return Section("summary", "Summary", command, tuple(tiles), notes=results.notes)
-
-
-def _rollout_tiles(results: Results, kind: str, shield: bool) -> tuple[Tile, Tile]:
-    rows = [row for row in results.evaluation if row.shield is shield]
-    policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
-    won, violated = sum(r.success for r in rows), sum(r.violations > 0 for r in rows)
-    acted = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
-    return (
-        Tile(f"{won} of {len(rows)}", f"{kind} of {acted} succeeded"),
-        Tile(f"{violated} of {len(rows)}", f"{kind} had a violation: arms touched"),
-    )
 
 
 def _table(table: Table) -> Section:
@@ -230,16 +223,40 @@ def _rollout_panel(out: Path, row: EvaluationRow, suite: Suite) -> Panel:
 
 
 def _curves(out: Path) -> Section:
-    files = sorted((out / "policies").rglob("curves.csv"))
-    drawn, notes = [], []
-    for path in files[:CURVES]:
+    def draw(path: Path) -> Panel:
         name = path.relative_to(out / "policies").parent.as_posix()
+        return Panel(name, plots.curves(plots.read_curves(path), name))
+
+    files = sorted((out / "policies").rglob("curves.csv"))
+    drawn, notes = _drawn(files, draw, CURVES, "policies/", "cannot be drawn")
+    return Section("training", "Training curves", panels=drawn, notes=notes)
+
+
+def _pictures(out: Path, results: Results) -> Section:
+    """Pictures beside the recordings, but for those of rollouts, which are shown with their films."""
+
+    def draw(path: Path) -> Panel:
+        with Image.open(path) as image:
+            return Panel(path.relative_to(out).as_posix(), picture=_image(image, PICTURE_WIDTH))
+
+    shown = {out / rollout_file(row, PICTURE) for row in results.evaluation}
+    files = sorted({*(out / "recordings").rglob("*.png")} - shown)
+    drawn, notes = _drawn(files, draw, PICTURES, "recordings/", "no picture")
+    return Section("pictures", "Pictures", panels=drawn, notes=notes)
+
+
+def _drawn(
+    files: Sequence[Path], draw: Callable[[Path], Panel], most: int, folder: str, failed: str
+) -> tuple[tuple[Panel, ...], tuple[str, ...]]:
+    """Panels of the first files, and notes about those that cannot be drawn and those that are left."""
+    drawn, notes = [], []
+    for path in files[:most]:
         try:
-            drawn.append(Panel(name, plots.curves(plots.read_curves(path), name)))
+            drawn.append(draw(path))
         except (ValueError, OSError) as error:
-            notes.append(f"{path}: cannot be drawn: {error}")
-    notes += _more(files, CURVES, "policies/")
-    return Section("training", "Training curves", panels=tuple(drawn), notes=tuple(notes))
+            notes.append(f"{path}: {failed}: {error}")
+    notes += [f"{len(files) - most} more are below {folder}."] if len(files) > most else []
+    return tuple(drawn), tuple(notes)
 
 
 def _data(out: Path) -> Section:
@@ -299,22 +316,6 @@ def _least(checks: list[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
         yield str(constraints), f"{least['robustness']:.3g} {unit}", f"{name}: {least['stl']}"
 
 
-def _pictures(out: Path, results: Results) -> Section:
-    """Pictures beside the recordings, but for those of rollouts, which are shown with their films."""
-    shown = {out / rollout_file(row, PICTURE) for row in results.evaluation}
-    files = sorted({*(out / "recordings").rglob("*.png")} - shown)
-    drawn, notes = [], []
-    for path in files[:PICTURES]:
-        try:
-            with Image.open(path) as image:
-                picture = _image(image, PICTURE_WIDTH)
-            drawn.append(Panel(path.relative_to(out).as_posix(), picture=picture))
-        except OSError as error:
-            notes.append(f"{path}: no picture: {error}")
-    notes += _more(files, PICTURES, "recordings/")
-    return Section("pictures", "Pictures", panels=tuple(drawn), notes=tuple(notes))
-
-
 def _recordings(out: Path) -> Section:
     files = [path.as_posix() for path in sorted((out / "recordings").rglob("*.rrd"))]
     more = (f"{len(files) - RECORDINGS} more.",) if len(files) > RECORDINGS else ()
@@ -344,10 +345,6 @@ def _provenance(out: Path, results: Results) -> Section:
             continue  # a damaged store is reported with the data
         made[path.parent.relative_to(out).as_posix()] = json.dumps(attributes, indent=1)
     return Section("provenance", "Provenance", texts=Texts(("", ""), facts), folded=tuple(made.items()))
-
-
-def _more(files: Sequence[Path], most: int, folder: str) -> list[str]:
-    return [f"{len(files) - most} more are below {folder}."] if len(files) > most else []
 
 
 def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:

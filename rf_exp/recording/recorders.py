@@ -18,15 +18,7 @@ from rf_exp.geometry import Mask, PlanningScene, centres_m, voxels
 from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.texts.markdown import Markdown
-from rf_exp.types import (
-    CONTROL_HZ,
-    KeypointDetection,
-    Rollout,
-    RolloutStep,
-    Scene,
-    Verdict,
-    activity,
-)
+from rf_exp.types import CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Scene, Verdict, activity
 from rf_exp.viz import Mesh, Panels, Recorder, camera_entity, link_entity, object_entity, text
 from rf_exp.viz.text import CheckResult
 

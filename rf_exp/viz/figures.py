@@ -14,16 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory, spans
-from rf_exp.viz.layout import (
-    BACKGROUND,
-    INK,
-    ORDERED,
-    VIOLATED,
-    WAITS,
-    Rgb,
-    agent_colour,
-    primitive_colour,
-)
+from rf_exp.viz.layout import BACKGROUND, INK, ORDERED, VIOLATED, WAITS, Rgb, agent_colour, primitive_colour
 
 Pair = tuple[int, int]  # agents i < j
 Mask = NDArray[np.bool_]

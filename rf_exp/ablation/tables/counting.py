@@ -9,7 +9,7 @@ from dataclasses import replace
 from statistics import fmean
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, newest
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, grouped, newest
 from rf_exp.ablation.statistics import mean, wilson
 from rf_exp.ablation.tables.known import paper
 from rf_exp.ablation.tables.table import Length, Rate, Violations
@@ -46,9 +46,7 @@ def unvaried(results: Results) -> Results:
     """The results of scenes and policies without variation, of which all tables are but `robustness`."""
     generated = tuple(row for row in results.generation if row.variation == UNVARIED)
     return replace(
-        results,
-        generation=generated,
-        evaluation=tuple(row for row in results.evaluation if not varies(row)),
+        results, generation=generated, evaluation=tuple(row for row in results.evaluation if not varies(row))
     )
 
 
@@ -77,15 +75,11 @@ def but_first(recipe: str, recipes: Sequence[str]) -> str:
     return "" if recipe == recipes[0] else f"-{recipe}"
 
 
-def generated(
-    results: Results, task: str, constraints: str, brain: str, disturbed: bool = False
-) -> list[GenerationRow]:
-    wanted = (task, constraints, brain, disturbed)
-    return [
-        row
-        for row in results.generation
-        if (row.task, row.constraints, row.brain, row.disturbance_rad > 0) == wanted
-    ]
+def generated(results: Results) -> dict[tuple[str, str, str, bool], list[GenerationRow]]:
+    """The attempts by task, constraints, brain, and whether the demonstration is disturbed."""
+    return grouped(
+        results.generation, lambda row: (row.task, row.constraints, row.brain, row.disturbance_rad > 0)
+    )
 
 
 def both_ways(rows: Sequence[EvaluationRow]) -> tuple[list[EvaluationRow], list[EvaluationRow]]:

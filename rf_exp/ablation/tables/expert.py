@@ -57,7 +57,7 @@ def _measured(
     cells_of: Callable[[Sequence[GenerationRow], float | None], tuple[Cell, Cell]],
 ) -> tuple[tuple[Column, ...], tuple[Line, ...]]:
     """Columns by task, lines by constraints; other brains than the scripted one have lines of their own."""
-    names = tasks_of(figures["full"], results.generation)
+    names, attempts = tasks_of(figures["full"], results.generation), generated(results)
     used = {(row.constraints, row.brain) for row in results.generation if not row.disturbance_rad}
     keys = [(constraints, BASELINE_BRAIN) for constraints in figures]
     keys += sorted(used - set(keys), key=lambda key: (key[1], key[0]))
@@ -65,7 +65,8 @@ def _measured(
     for constraints, brain in keys:
         own = brain == BASELINE_BRAIN
         known = figures.get(constraints, {}) if own else {}
-        cells = (cells_of(generated(results, name, constraints, brain), known.get(name)) for name in names)
+        some = ((name, attempts.get((name, constraints, brain, False), [])) for name in names)
+        cells = (cells_of(rows, known.get(name)) for name, rows in some)
         title = constraints.replace("_", " + ") if constraints != "full" else "logical + spatial + temporal"
         key = constraints if own else f"{constraints}-{brain}"
         shown = title if own else f"{title} ({brain} brain)"

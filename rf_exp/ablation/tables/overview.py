@@ -41,7 +41,7 @@ LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals,
 
 def tasks(results: Results, suite: Suite) -> Table:
     """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
-    rows = unshielded(results)
+    rows, attempts = unshielded(results), generated(results)
     demos, recipe = demos_of(rows), recipes_of(rows)[0]
     baseline = [row for row in rows if is_baseline(row) and row.recipe == recipe]
     disturbed = any(row.disturbance_rad for row in results.generation)
@@ -59,7 +59,7 @@ def tasks(results: Results, suite: Suite) -> Table:
     for task in tasks_of([*paper().levels, *suite], (*results.generation, *rows)):
         known = suite.get(task)
         made, mended = (
-            generated(results, task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, way) for way in (False, True)
+            attempts.get((task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, way), []) for way in (False, True)
         )
         cells = (
             Text(str(agents_of(task, suite) or "")),

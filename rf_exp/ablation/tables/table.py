@@ -1,6 +1,6 @@
 """A table: columns of one kind of cell each, and lines of cells, each of which formats itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from rf_exp.ablation.statistics import Estimate
@@ -78,7 +78,9 @@ class Figure:
         low, high = self.interval or (None, None)
         status = MISSING if self.missing else "measured"
         said = {"status": status, "value": self.instead or self.value, "low": low, "high": high, "n": self.n}
-        return {**said, "version": self.version, "note": self.note}
+        common = {each.name for each in fields(Figure)}
+        further = {name: value for name, value in vars(self).items() if name not in common}
+        return {**said, "version": self.version, "note": self.note, **further}
 
     def _spans(self) -> list[tuple[str, bool]]:
         """(text, whether it is emphasised) for the figure and all that belongs to it."""
@@ -124,8 +126,7 @@ class Rate(Figure):
     def csv(self) -> dict[str, object]:
         clean = self.clean
         rate, low, high = (clean.value, *clean.interval) if clean else (None, None, None)
-        said = {"success_paper": self.success_paper, "paper": self.paper}
-        return {**super().csv(), **said, "clean": rate, "clean_low": low, "clean_high": high}
+        return {**super().csv(), "clean": rate, "clean_low": low, "clean_high": high}
 
     def _spans(self) -> list[tuple[str, bool]]:
         spans = super()._spans()
@@ -146,9 +147,6 @@ class Length(Figure):
     def number(value: float, sign: bool = True) -> str:
         return f"{value:.1f}" if value < 1000 else f"{value:.0f}"
 
-    def csv(self) -> dict[str, object]:
-        return {**super().csv(), "paper": self.paper}
-
 
 @dataclass(frozen=True)
 class Violations(Figure):
@@ -161,9 +159,6 @@ class Violations(Figure):
     def details(self) -> list[str]:
         average = "" if self.mean_violations is None else f"mean {self.mean_violations:.2f}"
         return [text for text in (self.bracketed(self.interval), average) if text]
-
-    def csv(self) -> dict[str, object]:
-        return {**super().csv(), "mean_violations": self.mean_violations}
 
 
 @dataclass(frozen=True)
@@ -180,9 +175,6 @@ class Difference(Figure):
     @property
     def details(self) -> list[str]:
         return [*super().details, *([] if self.p is None else [p_value(self.p)])]
-
-    def csv(self) -> dict[str, object]:
-        return {**super().csv(), "p": self.p}
 
 
 @dataclass(frozen=True)
