@@ -31,8 +31,6 @@ class Panel:
 
 @dataclass(frozen=True)
 class Texts:
-    """A table of texts."""
-
     heading: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
 

@@ -80,7 +80,6 @@ def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
 
 
 def _summary(results: Results) -> Section:
-    """Tiles of what there are rows of."""
     tiles: list[tuple[str, str]] = []
     if tried := len(results.generation):
         made = sum(row.success for row in results.generation)
@@ -323,7 +322,6 @@ def _recordings(out: Path) -> Section:
 
 
 def _provenance(out: Path, results: Results) -> Section:
-    """Which code and which packages, where, by which criteria, and from which configurations."""
     versions = Counter((row.task, row.version) for row in (*results.generation, *results.evaluation))
     criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
     facts = (

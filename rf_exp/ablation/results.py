@@ -217,7 +217,6 @@ def _by_seed(said: Mapping[str, Any], what: str) -> dict[int, Any]:
 
 
 def _shared(several: Collection[Mapping[str, Any]]) -> dict[str, Any]:
-    """What all of them say alike."""
     first = next(iter(several), {})
     return {name: value for name, value in first.items() if all(each.get(name) == value for each in several)}
 

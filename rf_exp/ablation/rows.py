@@ -176,10 +176,9 @@ def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
 
 
 def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
-    """Add one row, durably. Any number of processes may append to one file at a time.
+    """Add one row, durably, once a line that a crash left unfinished is removed. Raises StageError.
 
-    A line that a crash left unfinished is removed first. Raises StageError when the file cannot be
-    written.
+    Any number of processes may append to one file at a time.
     """
     values = {**plain(row), REASON: row.reason}
     text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)

@@ -61,8 +61,6 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
 
 
 class _Writer:
-    """Takes episodes one after the other."""
-
     def __init__(self, store: Store, folder: Path, video: bool) -> None:
         self._pa, self._parquet = library("pyarrow"), library("pyarrow.parquet")
         self._store, self._folder, self._video = store, folder, video
@@ -108,10 +106,7 @@ class _Writer:
         write_json(self._folder / "meta/stats.json", plain(merged))
         write_json(self._folder / "meta/info.json", self._info())
 
-    # -- files -----------------------------------------------------------------------------------
-
     def _turn(self, where: Mapping[str, int], start: int, schema: Any) -> None:
-        """Goes on in the next files."""
         self.shut()
         self._began = start
         self._data = self._parquet.ParquetWriter(self._path(DATA, where), schema)
@@ -132,8 +127,6 @@ class _Writer:
         path = self._folder / pattern.format(**where)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
-
-    # -- what is in them -------------------------------------------------------------------------
 
     def _columns(self, index: int, episode: Episode, start: int) -> Columns:
         steps = len(episode.qpos)
@@ -170,7 +163,6 @@ class _Writer:
         return self._pa.array(cells, kind)
 
     def _row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
-        """What is said of one episode."""
         row = {
             "episode_index": index,
             "tasks": [_words(self._store)],

@@ -138,7 +138,6 @@ def _formulas(checks: Sequence[Mapping[str, Any]]) -> Markdown:
 
 
 def _judged(formula: Mapping[str, Any]) -> tuple[str, str]:
-    """How robustly a formula holds, and whether it does."""
     if formula["robustness"] is not None:
         found = cell(text.quantity(formula["robustness"], formula["unit"]))
     else:

@@ -72,7 +72,6 @@ def panel(task: Task, stills: Sequence[Still]) -> Image.Image:
 
 
 def overview(panels: Sequence[Image.Image]) -> Image.Image:
-    """All tasks, in two columns."""
     columns, gap = min(COLUMNS, len(panels)), 2 * GAP_PX
     width, height = panels[0].width + gap, panels[0].height + gap
     sheet, _ = blank((gap + columns * width, gap + ceil(len(panels) / columns) * height))

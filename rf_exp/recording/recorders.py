@@ -155,18 +155,16 @@ class EpisodeRecorder(SceneRecorder):
     ) -> None:
         """One control step: poses, curves, pictures, occupancy, and what each agent is about."""
         self.look(scene, action, pictures)
-        if self._plan is not None:
-            self._follow(self._plan, scene.step - self._since + 1)
-
-    def _follow(self, plan: Planned, step: int) -> None:
-        """What each agent does in a control step of the plan, the first being 1."""
-        self._recorder.positions(plan.schedule.positions[min(step, len(plan.schedule))])
-        for trajectory in plan.trajectories:
-            now = activity(trajectory, plan.schedule, step)
-            subgoal, primitive = (
-                ("", "") if now.segment is None else (now.segment.subgoal.text, now.segment.primitive)
-            )
-            self._do(trajectory.agent, subgoal, primitive if now.moves else "")
+        if self._plan is None:
+            return
+        schedule, step = self._plan.schedule, scene.step - self._since + 1  # of the plan, the first being 1
+        self._recorder.positions(schedule.positions[min(step, len(schedule))])
+        for trajectory in self._plan.trajectories:
+            now = activity(trajectory, schedule, step)
+            subgoal, primitive = "", ""
+            if now.segment is not None:
+                subgoal, primitive = now.segment.subgoal.text, now.segment.primitive if now.moves else ""
+            self._do(trajectory.agent, subgoal, primitive)
 
     def _do(self, agent: int, subgoal: str, primitive: str) -> None:
         if self._doing.get(agent, ("", "")) != (subgoal, primitive):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
-from rerun.components import FillMode, MarkerShape
+from rerun.components import MarkerShape
 from scipy.sparse import csr_array
 
 from rf_exp.errors import ArgumentError
@@ -18,8 +18,6 @@ from rf_exp.viz.layout import Rgb, shade
 
 CREASE_DEG = 40.0  # faces that meet at more than this keep a sharp edge
 FRUSTUM_M = 0.07  # length of the drawn cameras
-VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
-VOXEL_EDGE_M = 0.0004
 PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
 
 
@@ -118,17 +116,6 @@ def pinhole(camera: CameraModel) -> rr.Pinhole:
         height=camera.height_px,
         camera_xyz=rr.ViewCoordinates.RDF,
         image_plane_distance=FRUSTUM_M,
-    )
-
-
-def voxels(centres_m: NDArray[np.floating], size_m: float, colour: Rgb) -> rr.Boxes3D:
-    """Cubes of an edge, with centres (K, 3), that what is inside shines through."""
-    return rr.Boxes3D(
-        centers=centres_m,
-        half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
-        colors=[(*colour, VOXEL_ALPHA)],
-        radii=VOXEL_EDGE_M,
-        fill_mode=FillMode.TransparentFillMajorWireframe,
     )
 
 

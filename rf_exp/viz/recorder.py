@@ -26,7 +26,7 @@ from rf_exp.types import (
     fingers_of,
 )
 from rf_exp.viz import figures, layout, text
-from rf_exp.viz.elements import Mesh, dots, expect, lane, lines, mesh3d, opening_mm, pinhole, placed, voxels
+from rf_exp.viz.elements import Mesh, dots, expect, lane, lines, mesh3d, opening_mm, pinhole, placed
 from rf_exp.viz.figures import Coordination, Mask, Pair
 from rf_exp.viz.layout import HOLDS, VIOLATED, Panels, Rgb, agent_colour, camera_entity
 
@@ -35,6 +35,8 @@ rr.set_strict_mode(True)  # else rerun drops what it cannot take, with a warning
 FLUSH_S = 5.0  # rows are written in batches; few large ones load faster than many small
 FAINT = 110  # alpha of commanded curves, next to measured ones
 JPEG_QUALITY = 80
+VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
+VOXEL_EDGE_M = 0.0004
 MARK_STEPS = 10  # control steps that the mark of a violation stays in the scene: half a second
 MARK_RADIUS_M = 0.05  # stands out of a gripper
 NOW: Rgb = (255, 255, 255)
@@ -181,7 +183,14 @@ class Recorder:
             self._log(entity, rr.Clear(recursive=False))
             return
         expect(f"centres_m of {owner}", centres_m, (len(centres_m), 3))
-        self._log(entity, voxels(centres_m, size_m, colour))
+        cubes = rr.Boxes3D(
+            centers=centres_m,
+            half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
+            colors=[(*colour, VOXEL_ALPHA)],
+            radii=VOXEL_EDGE_M,
+            fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+        )
+        self._log(entity, cubes)
 
     def verdict(self, check: str, ok: bool, reason: str) -> None:
         """What a check says now. Its lane on the timeline keeps this state until its next verdict."""
@@ -259,8 +268,6 @@ class Recorder:
             now = rr.Points2D(where, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
             self._log(f"{layout.DIAGRAMS}/now", now)
 
-    # -- what a policy does and how it is judged ---------------------------------------------------
-
     def predicted(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
         """What a policy predicts for an agent from step `first` on: (T, A) rad and gripper command."""
         self._colour(f"agent{agent}")
@@ -323,8 +330,6 @@ class Recorder:
     def judged(self, markdown: Markdown) -> None:
         """What the judge says, from now on."""
         self._log(layout.VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
-
-    # -- how it is written -------------------------------------------------------------------------
 
     def _check_step(
         self,
