@@ -116,8 +116,10 @@ def _meshes(task: Task) -> dict[str, Mesh]:
 def _object(task: Task, name: str) -> Mesh:
     parts = task.asset(name).parts
     colours = np.concatenate([np.tile(part.colour, (len(part.mesh.vertices), 1)) for part in parts])
-    mesh = trimesh.util.concatenate([part.mesh for part in parts])
-    return Mesh(mesh.vertices, mesh.faces, colours)
+    offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts)])
+    vertices = np.concatenate([part.mesh.vertices for part in parts])
+    faces = np.concatenate([part.mesh.faces + offset for part, offset in zip(parts, offsets, strict=False)])
+    return Mesh(vertices, faces, colours)
 
 
 class EpisodeRecorder(SceneRecorder):

@@ -105,7 +105,8 @@ def blueprint(
         motions = rrb.StateTimelineView(name="who does what when", origin=MOTIONS)
         below, low = _tabs(motions, *series), 0.35 + 0.2 * agents
         document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
-        right, shares = [_tabs(*_reasons(diagrams_px)), _tabs(document, log)], [1.15, 1.0]
+        right = [_tabs(*_reasons(diagrams_px)), _tabs(document, log)]
+        shares = [1.15, 1.0]
     else:  # predicted beside commanded and measured; which conditions hold; how near arms are; the verdict
         conditions = rrb.StateTimelineView(name="conditions over time", origin=CONDITIONS)
         margins = rrb.TimeSeriesView(name="value / bound", origin=MARGINS)
@@ -115,7 +116,8 @@ def blueprint(
             distances = rrb.TimeSeriesView(name="distance of arms (cm)", origin=DISTANCES)
             near = rrb.Horizontal(distances, forces)
         verdict = rrb.TextDocumentView(name="verdict", origin=VERDICT)
-        right, shares = [near, _tabs(verdict, log)], [0.8, 1.0]
+        right = [near, _tabs(verdict, log)]
+        shares = [0.8, 1.0]
     pictures = [rrb.Spatial2DView(name=name, origin=camera_entity(name)) for name in cameras]
     if pictures:
         columns = min(len(pictures), PICTURE_COLUMNS)
