@@ -48,7 +48,7 @@ class Results:
 
     generation: tuple[GenerationRow, ...] = ()
     evaluation: tuple[EvaluationRow, ...] = ()
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -208,12 +208,8 @@ def _parsed(below: str, kind: type[R]) -> Published[R]:
 
 
 def _by_seed(said: Mapping[str, Any], what: str) -> dict[int, Any]:
-    return {
-        int(seed): value
-        for name, value in said.items()
-        for part, dot, seed in [name.partition(".")]
-        if dot and part == what
-    }
+    begin = f"{what}."
+    return {int(name.removeprefix(begin)): said[name] for name in said if name.startswith(begin)}
 
 
 def _shared(several: Collection[Mapping[str, Any]]) -> dict[str, Any]:

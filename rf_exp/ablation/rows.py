@@ -40,24 +40,21 @@ class _Row:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.generic):
-                object.__setattr__(self, item.name, value := value.item())
+                value = value.item()
             if item.type is float and type(value) is int:
-                object.__setattr__(self, item.name, value := float(value))
+                value = float(value)
+            object.__setattr__(self, item.name, value)
             assert isinstance(item.type, type)
+            wrong = ""
             if type(value) is not item.type:
-                raise ArgumentError(
-                    f"{item.name} of a {type(self).__name__} is {value!r} ({type(value).__name__}); "
-                    f"expected {item.type.__name__}"
-                )
-            if isinstance(value, int | float) and not 0 <= value < math.inf:
-                raise ArgumentError(
-                    f"{item.name} of a {type(self).__name__} is {value!r}; expected a finite number >= 0"
-                )
-            if isinstance(value, str) and not _WORD.fullmatch(value):
-                raise ArgumentError(
-                    f"{item.name} of a {type(self).__name__} is {printable(repr(value), 120)}; expected one "
-                    "word of letters, digits, '_', '-', '+', '=' and '.', at most 100 of them"
-                )
+                wrong = f"{value!r} ({type(value).__name__}); expected {item.type.__name__}"
+            elif isinstance(value, int | float) and not 0 <= value < math.inf:
+                wrong = f"{value!r}; expected a finite number >= 0"
+            elif isinstance(value, str) and not _WORD.fullmatch(value):
+                word = "one word of letters, digits, '_', '-', '+', '=' and '.', at most 100 of them"
+                wrong = f"{printable(repr(value), 120)}; expected {word}"
+            if wrong:
+                raise ArgumentError(f"{item.name} of a {type(self).__name__} is {wrong}")
 
     @property
     def identity(self) -> tuple[object, ...]:
