@@ -18,8 +18,8 @@ from PIL import Image
 
 from rf_exp.command import guarded
 from rf_exp.data.__main__ import main
+from rf_exp.data.lerobot import of_values, together
 from rf_exp.data.robomimic import split
-from rf_exp.data.statistics import of_values, together
 from rf_exp.store import Description, Store
 from rf_exp.types import UNITS, Episode, Judged
 from tests.store.episodes import AGENTS, CAMERAS, HEIGHT, IDENTITY, OBJECTS, WIDTH, assert_same, make_episode

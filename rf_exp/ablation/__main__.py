@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rf_exp.ablation.formats import show
 from rf_exp.ablation.report import publish
-from rf_exp.ablation.suite import configured
+from rf_exp.ablation.tables.known import configured
 from rf_exp.errors import ArgumentError, RfError
 from rf_exp.progress import complaints, console
 

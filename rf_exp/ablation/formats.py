@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text as Words
 
-from rf_exp.ablation.tables import (
+from rf_exp.ablation.tables.table import (
     CLEAN,
     MISSING,
     Cell,
@@ -105,7 +105,6 @@ def tidy_csv(table: Table) -> str:
 
 
 def latex(table: Table) -> str:
-    """A booktabs table."""
     heading, rows = grid(table, lambda cell: cell.latex(), escape_latex)
     aligned = "l"
     for index, column in enumerate(table.columns):
@@ -168,19 +167,15 @@ def _column(table: Table, index: int, after: int | None) -> Grid:
     for line in table.lines:
         beside = None if after is None else line.cells[after]
         name = line.title if titles.count(line.title) == 1 else _told_apart(line, table.columns)
-        shown.add_row(Words(name), *_fields(line.cells[index], beside))
+        cell = line.cells[index]
+        assert isinstance(cell, Rate | Length)  # of a column that the paper has too
+        fields = [_stacked(cell.figure, *cell.details)]
+        if isinstance(cell, Rate):
+            fields.append(_stacked(*((MISSING, "") if cell.missing else cell.clean_figure)))
+        if isinstance(beside, Violations):
+            fields.append(_stacked(beside.figure, *beside.details))
+        shown.add_row(Words(name), *fields, Words(paper_figure(cell)))
     return shown
-
-
-def _fields(cell: Cell, beside: Cell | None) -> list[Words]:
-    """Our figure, that without a violation, the violations, the paper's figure."""
-    assert isinstance(cell, Rate | Length)  # of a column that the paper has too
-    fields = [_stacked(cell.figure, *cell.details)]
-    if isinstance(cell, Rate):
-        fields.append(_stacked(*((MISSING, "") if cell.missing else cell.clean_figure)))
-    if isinstance(beside, Violations):
-        fields.append(_stacked(beside.figure, *beside.details))
-    return [*fields, Words(paper_figure(cell))]
 
 
 def _stacked(value: str, *details: str) -> Words:

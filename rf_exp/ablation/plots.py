@@ -13,36 +13,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from rf_exp.ablation.tables import Cell, Column, Length, Line, Rate, Table, Text, in_order
+from rf_exp.ablation.tables.robustness import in_order
+from rf_exp.ablation.tables.table import Cell, Column, Length, Line, Rate, Table, Text
 
 # Colours that stand for variables of the page's style sheet; replaced in the finished SVG.
-INK, FAINT = "#010203", "#040506"
-OURS, PAPER = "#070809", "#0a0b0c"
-FURTHER = ("#0d0e0f", "#101112", "#131415")
 VARIABLES = {
-    INK: "var(--ink)",
-    FAINT: "var(--line)",
-    OURS: "var(--ours)",
-    PAPER: "var(--paper)",
-    FURTHER[0]: "var(--c3)",
-    FURTHER[1]: "var(--c4)",
-    FURTHER[2]: "var(--c5)",
+    **{"ink": "#010203", "line": "#040506", "ours": "#070809", "paper": "#0a0b0c"},
+    **{"c3": "#0d0e0f", "c4": "#101112", "c5": "#131415"},
 }
+INK, FAINT, OURS, PAPER, *FURTHER = VARIABLES.values()
 STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",  # real text, in the page's font
-    "font.size": 9,
-    "text.color": INK,
-    "axes.edgecolor": FAINT,
-    "axes.labelcolor": INK,
-    "axes.grid": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.spines.left": False,
-    "grid.color": FAINT,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "ytick.left": False,
-    "legend.frameon": False,
+    **{"svg.fonttype": "none", "font.size": 9, "axes.grid": True},  # real text, in the page's font
+    **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    **dict.fromkeys(("axes.edgecolor", "grid.color"), FAINT),
+    **dict.fromkeys((f"axes.spines.{side}" for side in ("top", "right", "left")), False),
+    **dict.fromkeys(("ytick.left", "legend.frameon"), False),
 }
 WIDTH_IN = 4.2
 FULLEST = 0.55  # opacity of a cell of a map where all succeeded: numbers on it can be read
@@ -57,7 +42,18 @@ def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
         for place, line in enumerate(lines):
             cell = line.cells[index]
             assert isinstance(cell, Rate | Length)  # of a column that the paper has too
-            _dot(axes, place, cell)
+            scale = 100 if isinstance(cell, Rate) else 1
+            if cell.value is not None:
+                low, high = cell.interval or (cell.value, cell.value)
+                axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
+                axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
+            if isinstance(cell, Rate) and (clean := cell.unmended):
+                axes.plot([scale * end for end in clean.interval], [place] * 2, color=OURS, lw=1.0)
+                mended = {"mfc": "none", "mec": OURS, "mew": 1.6, "ms": 6, "label": "no violation"}
+                axes.plot(scale * clean.value, place, "o", **mended)
+            if cell.paper is not None:
+                hollow = {"mfc": "none", "mec": PAPER, "mew": 1.6, "ms": 6, "label": "paper"}
+                axes.plot(scale * cell.paper, place, "D", **hollow)
         titles = [line.title for line in lines]
         unique = len(set(titles)) == len(titles)
         labels = titles if unique else [line.key for line in lines]
@@ -71,21 +67,6 @@ def dots(lines: Sequence[Line], index: int, column: Column, salt: str) -> str:
             axes.set_xlim(0, 1.08 * axes.dataLim.xmax)
             axes.set_xlabel("control steps")
         return _svg(figure, axes)
-
-
-def _dot(axes: Axes, place: int, cell: Rate | Length) -> None:
-    """One line of `dots`."""
-    scale = 100 if isinstance(cell, Rate) else 1
-    if cell.value is not None:
-        low, high = cell.interval or (cell.value, cell.value)
-        axes.plot([scale * low, scale * high], [place] * 2, color=OURS, lw=2.2)
-        axes.plot(scale * cell.value, place, "o", color=OURS, ms=6.5, label="ours, 95 % interval")
-    if isinstance(cell, Rate) and (clean := cell.unmended):
-        axes.plot([scale * end for end in clean.interval], [place] * 2, color=OURS, lw=1.0)
-        mended = {"mfc": "none", "mec": OURS, "mew": 1.6, "ms": 6, "label": "no violation"}
-        axes.plot(scale * clean.value, place, "o", **mended)
-    if cell.paper is not None:
-        axes.plot(scale * cell.paper, place, "D", mfc="none", mec=PAPER, mew=1.6, ms=6, label="paper")
 
 
 def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
@@ -118,9 +99,8 @@ def over_demos(line: Line, columns: Sequence[Column], salt: str) -> str:
 def curves(columns: Mapping[str, Sequence[float]], salt: str) -> str:
     """Loss over the first column of a training log; every column named after a loss is a line.
 
-    Columns may have gaps (NaN), such as a validation loss measured now and then.
-
-    Raises ValueError when no column is.
+    Columns may have gaps (NaN), such as a validation loss measured now and then. Raises ValueError when no
+    column is.
     """
     losses = {n: v for n, v in columns.items() if "loss" in n.lower() and any(map(isfinite, v))}
     if not losses:
@@ -153,7 +133,6 @@ def read_curves(path: Path) -> dict[str, list[float]]:
 
 
 def measured(cells: Sequence[Cell]) -> bool:
-    """Whether there is anything of ours to draw."""
     return any(not isinstance(cell, Text) and cell.value is not None for cell in cells)
 
 
@@ -175,8 +154,8 @@ def maps(table: Table) -> list[tuple[str, str]]:
             line.cells[places[key]] for key in ("recipe", "learned_on", "demos", "scenes", "strict")
         )
         assert isinstance(scenes, Text) and isinstance(rate, Rate)
-        policy = f"{recipe.figure}, learned on {learned.figure}, {demos.figure} demos"
-        found.setdefault(policy, {})[line.title, scenes.figure] = rate
+        policy = f"{recipe.value}, learned on {learned.value}, {demos.value} demos"
+        found.setdefault(policy, {})[line.title, scenes.value] = rate
     tasks = list(dict.fromkeys(line.title for line in table.lines))
     factors = in_order(factor for rates in found.values() for _, factor in rates)
     return [
@@ -224,6 +203,6 @@ def _svg(figure: Figure, axes: Axes) -> str:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()
-    for colour, variable in VARIABLES.items():
-        text = text.replace(colour, variable)
+    for variable, colour in VARIABLES.items():
+        text = text.replace(colour, f"var(--{variable})")
     return text[text.index("<svg") :]

@@ -1,96 +1,108 @@
-"""The report: every table beside the paper's, plots, pictures and where it all came from, in one file."""
+"""The report: every table beside the paper's, plots, what lies in the output folder, where it came from."""
 
+import base64
+import io
+import json
+import platform
 from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from datetime import datetime
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
-from rf_exp.ablation import found, page, plots, tables
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from rf_exp.ablation import page, plots
 from rf_exp.ablation.formats import write
-from rf_exp.ablation.page import Panel, Section, Texts, Tile
-from rf_exp.ablation.results import Results, load
-from rf_exp.ablation.rollouts import learnt_from
-from rf_exp.ablation.suite import Suite, configured
-from rf_exp.ablation.tables import Table, paper, title_of
-from rf_exp.artifacts import write_text
-from rf_exp.errors import StageError
-from rf_exp.types import UNVARIED
+from rf_exp.ablation.page import Panel, Section, Texts
+from rf_exp.ablation.results import FILM, PICTURE, Results, load, rollout_file
+from rf_exp.ablation.rows import EvaluationRow, grouped
+from rf_exp.ablation.tables import build
+from rf_exp.ablation.tables.counting import ours, unvaried
+from rf_exp.ablation.tables.known import Suite, paper, title_of
+from rf_exp.ablation.tables.table import Table
+from rf_exp.artifacts import code, installed, read_json, write_text
+from rf_exp.errors import RfError, StageError
+from rf_exp.store import Store
+from rf_exp.types import CONTROL_DT_S, FOREIGN, UNVARIED
 
 REASONS = 30  # at most so many in one report; more are counted
+PACKAGES = (
+    *("rf_exp", "mani-skill", "sapien", "torch", "diffusers", "hydra-core", "numpy", "zarr", "pin", "coal"),
+    *("toppra", "rerun-sdk"),
+)
+PICTURES, CURVES, RECORDINGS = 24, 24, 40  # at most so many in one report; more are counted
+ROLLOUTS = 32  # the same of rollouts, shared by the tasks
+PICTURE_WIDTH, FRAME_WIDTH = 720, 240  # pixels
+STRIP = 4  # frames of a demonstration
+ROBUSTNESS = ("Task", "Scene", "Constraints judged", "Least robustness", "Of the formula")
+JUDGED = (
+    "What was executed, judged in signal temporal logic: the margin left where it was least, for each unit. "
+    "Below zero it is a violation."
+)
+UNJUDGED = "needs rtamt: pip install 'rf_exp[stl]', and make the demonstration again"
 
 
 def publish(out: Path, suite: Suite) -> tuple[dict[str, Table], Path]:
-    """Tables and report from the result rows below `out` and what is known of the tasks. Returns both."""
+    """Tables and `out/report.html` from the result rows below `out` and what is known of the tasks.
+
+    The report is self-contained but for films, which lie beside it; no script, no network. Returns tables and
+    its path. Raises StageError when something cannot be written.
+    """
     results = load(out)
-    built = tables.build(results, suite)
+    built = build(results, suite)
     for table in built.values():
         write(table, out / "tables")
-    return built, _write(out, results, built, suite)
-
-
-def write_report(out: Path) -> Path:
-    """`out/report.html`: self-contained but for films, which lie beside it; no script, no network.
-
-    Raises StageError when it cannot be written.
-    """
-    results, suite = load(out), configured()
-    return _write(out, results, tables.build(results, suite), suite)
-
-
-def _write(out: Path, results: Results, built: dict[str, Table], suite: Suite) -> Path:
     compared = built["comparison"]
     sections = [
         _summary(results),
         *(_table(table) for table in built.values() if table is not compared and table.lines),
         _policy_failures(results, suite),
-        found.rollouts(out, results, suite),
+        _rollouts(out, results, suite),
         _failures(results, suite),
-        found.curves(out),
-        found.data(out),
-        found.margins(out, suite),
-        found.pictures(out, results),
+        _curves(out),
+        _data(out),
+        margins(out, suite),
+        _pictures(out, results),
         Section(compared.name, compared.title, table=page.laid(compared)),
-        found.recordings(out),
-        found.provenance(out, results),
+        _recordings(out),
+        _provenance(out, results),
     ]
     path = out / "report.html"
     try:
         write_text(path, page.document("RoboFactory experiments", paper().source, sections))
     except OSError as error:
         raise StageError(f"cannot write the report to {path}: {error.strerror or error}") from error
-    return path
+    return built, path
 
 
 def _summary(results: Results) -> Section:
-    """Tiles of what there are rows of."""
-    tiles: list[Tile] = []
+    tiles: list[tuple[str, str]] = []
     if tried := len(results.generation):
         made = sum(row.success for row in results.generation)
         hours = sum(row.wall_s for row in results.generation) / 3600
         words = "scene seeds gave a demonstration, all rows of constraints together"
-        tiles.append(Tile(f"{made} of {tried}", words))
+        tiles.append((f"{made} of {tried}", words))
         if hours:
-            tiles.append(Tile(f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
-    own = tables.unvaried(tables.ours(results))
+            tiles.append((f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
+    own = unvaried(ours(results)).evaluation
     for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
-        if any(row.shield is shield for row in own.evaluation):
-            tiles += _rollout_tiles(own, kind, shield)
+        if rows := [row for row in own if row.shield is shield]:
+            policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
+            acted = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
+            won, violated = sum(r.success for r in rows), sum(r.violations > 0 for r in rows)
+            tiles.append((f"{won} of {len(rows)}", f"{kind} of {acted} succeeded"))
+            tiles.append((f"{violated} of {len(rows)}", f"{kind} had a violation: arms touched"))
     if varied := [row for row in results.evaluation if row.variation != UNVARIED]:
         won = sum(row.success for row in varied)
-        tiles.append(Tile(f"{won} of {len(varied)}", "rollouts in scenes that vary succeeded"))
+        tiles.append((f"{won} of {len(varied)}", "rollouts in scenes that vary succeeded"))
     tasks = {row.task for row in (*results.generation, *results.evaluation)}
-    tiles.append(Tile(str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
+    tiles.append((str(len(tasks)), f"{'task' if len(tasks) == 1 else 'tasks'} with results"))
     command = "" if tried or results.evaluation else "python -m rf_exp.run"
     return Section("summary", "Summary", command, tuple(tiles), notes=results.notes)
-
-
-def _rollout_tiles(results: Results, kind: str, shield: bool) -> tuple[Tile, Tile]:
-    rows = [row for row in results.evaluation if row.shield is shield]
-    policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}
-    won, violated = sum(r.success for r in rows), sum(r.violations > 0 for r in rows)
-    acted = "one policy" if len(policies) == 1 else f"{len(policies)} policies"
-    return (
-        Tile(f"{won} of {len(rows)}", f"{kind} of {acted} succeeded"),
-        Tile(f"{violated} of {len(rows)}", f"{kind} had a violation: arms touched"),
-    )
 
 
 def _table(table: Table) -> Section:
@@ -159,3 +171,184 @@ def _failures(results: Results, suite: Suite) -> Section:
         texts=Texts(("Task", "Constraints", "Reason", "Seeds"), tuple(lines)) if lines else None,
         notes=(f"{rest} rarer reasons are in the result rows.",) if rest else (),
     )
+
+
+def learnt_from(row: EvaluationRow) -> str:
+    """What the policies of a rollout have learnt from, how, and where they acted, in words."""
+    trained = f", training seed {row.train_seed}" if row.train_seed else ""
+    acting = ", shielded" * row.shield
+    if row.variation != UNVARIED:
+        acting += f", in scenes of {row.variation}"
+    if row.arch == FOREIGN.name:
+        return f"a policy of others, {row.recipe}{trained}{acting}"
+    recipe = f", recipe {row.recipe}" if row.recipe != "paper" else ""
+    return f"{row.constraints}, {row.demos} demonstrations{recipe}{trained}{acting}"
+
+
+def _rollouts(out: Path, results: Results, suite: Suite) -> Section:
+    """Films with the picture of their last moment, some of each task, failures first."""
+    ordered = sorted(results.evaluation, key=lambda row: (row.success, *map(str, row.identity)))
+    pictured = (row for row in ordered if (out / rollout_file(row, PICTURE)).exists())
+    by_task = grouped(pictured, lambda row: row.task)
+    drawn, notes = [], []
+    for task, rows in sorted(by_task.items()):
+        share = max(2, ROLLOUTS // len(by_task))
+        won = [row for row in rows if row.success][: share // 2]
+        for row in (*[row for row in rows if not row.success][: share - len(won)], *won):
+            try:
+                drawn.append(_rollout_panel(out, row, suite))
+            except OSError as error:
+                notes.append(f"{out / rollout_file(row, PICTURE)}: no picture: {error}")
+        notes += [f"{task}: {len(rows) - share} more are below recordings/."] if len(rows) > share else []
+    lead = (
+        "The last moment of each. A ring in a view is where a policy sees its agent go next, dots are what "
+        "else it sees."
+    )
+    return Section(
+        "rollouts", "Rollouts", lead=lead if drawn else "", panels=tuple(drawn), notes=tuple(notes)
+    )
+
+
+def _rollout_panel(out: Path, row: EvaluationRow, suite: Suite) -> Panel:
+    with Image.open(out / rollout_file(row, PICTURE)) as image:
+        picture = _image(image, PICTURE_WIDTH)
+    film = rollout_file(row, FILM)
+    return Panel(
+        f"{title_of(row.task, suite)}, {row.arch}, {learnt_from(row)}, scene {row.scene_seed}",
+        picture=picture,
+        caption=f"succeeded after {row.steps * CONTROL_DT_S:.1f} s" if row.success else row.reason,
+        film=quote(film.as_posix()) if (out / film).exists() else "",
+    )
+
+
+def _curves(out: Path) -> Section:
+    def draw(path: Path) -> Panel:
+        name = path.relative_to(out / "policies").parent.as_posix()
+        return Panel(name, plots.curves(plots.read_curves(path), name))
+
+    files = sorted((out / "policies").rglob("curves.csv"))
+    drawn, notes = _drawn(files, draw, CURVES, "policies/", "cannot be drawn")
+    return Section("training", "Training curves", panels=drawn, notes=notes)
+
+
+def _pictures(out: Path, results: Results) -> Section:
+    """Pictures beside the recordings, but for those of rollouts, which are shown with their films."""
+
+    def draw(path: Path) -> Panel:
+        with Image.open(path) as image:
+            return Panel(path.relative_to(out).as_posix(), picture=_image(image, PICTURE_WIDTH))
+
+    shown = {out / rollout_file(row, PICTURE) for row in results.evaluation}
+    files = sorted({*(out / "recordings").rglob("*.png")} - shown)
+    drawn, notes = _drawn(files, draw, PICTURES, "recordings/", "no picture")
+    return Section("pictures", "Pictures", panels=drawn, notes=notes)
+
+
+def _drawn(
+    files: Sequence[Path], draw: Callable[[Path], Panel], most: int, folder: str, failed: str
+) -> tuple[tuple[Panel, ...], tuple[str, ...]]:
+    """Panels of the first files, and notes about those that cannot be drawn and those that are left."""
+    drawn, notes = [], []
+    for path in files[:most]:
+        try:
+            drawn.append(draw(path))
+        except (ValueError, OSError) as error:
+            notes.append(f"{path}: {failed}: {error}")
+    notes += [f"{len(files) - most} more are below {folder}."] if len(files) > most else []
+    return tuple(drawn), tuple(notes)
+
+
+def _data(out: Path) -> Section:
+    """Every data set with frames of its first episode."""
+    drawn, notes = [], []
+    for path in sorted((out / "data").glob("*/*/*.zarr")):
+        try:
+            store = Store.open(path)
+            frames: tuple[str, ...] = ()
+            if len(store) and "global" in store.cameras:
+                steps = np.linspace(0, store.episode_ends[0] - 1, STRIP).round().astype(int)
+                pictures = (np.asarray(store.images["global"][int(step)]) for step in steps)
+                frames = tuple(_image(picture, FRAME_WIDTH) for picture in pictures)
+            text = f"{len(store)} episodes, {store.steps} control steps, {len(store.cameras)} cameras"
+            drawn.append(Panel(path.relative_to(out / "data").as_posix(), strip=frames, caption=text))
+        except RfError as error:
+            notes.append(str(error))
+    return Section("data", "Demonstrations", panels=tuple(drawn), notes=tuple(notes))
+
+
+def margins(out: Path, suite: Suite) -> Section:
+    """Of every demonstration below `out/demonstrations`; empty where there is none.
+
+    Read from what lies beside its page, so nothing is judged again, and rtamt is not needed here.
+    """
+    lines: list[tuple[str, ...]] = []
+    notes = []
+    for path in sorted((out / "demonstrations").glob("*.json")):
+        task, _, scene = path.stem.rpartition("-")
+        try:
+            plans = read_json(path, "make the demonstration again")["stl"]
+            found = list(_least([check for plan in plans for check in plan["checks"]]))
+        except (StageError, KeyError, TypeError, OSError) as error:
+            notes.append(f"{path}: cannot be read: {error!r}")
+            continue
+        lines += [(title_of(task, suite), scene, *each) for each in found]
+    return Section(
+        "margins",
+        "Robustness of demonstrations",
+        lead=JUDGED if lines else "",
+        texts=Texts(ROBUSTNESS, tuple(lines)) if lines else None,
+        notes=tuple(notes),
+    )
+
+
+def _least(checks: list[dict[str, Any]]) -> Iterator[tuple[str, str, str]]:
+    """For each unit how many constraints were judged, the least robustness, and the formula that has it."""
+    formulas = [(check["check"], formula) for check in checks for formula in check["formulas"]]
+    if formulas and all(formula["holds"] is None for _, formula in formulas):
+        yield "none", UNJUDGED, ""
+        return
+    judged = [(name, formula) for name, formula in formulas if formula["robustness"] is not None]
+    for unit in sorted({formula["unit"] for _, formula in judged}):
+        of_unit = [(name, formula) for name, formula in judged if formula["unit"] == unit]
+        name, least = min(of_unit, key=lambda each: each[1]["robustness"])
+        constraints = len({name for name, _ in of_unit})
+        yield str(constraints), f"{least['robustness']:.3g} {unit}", f"{name}: {least['stl']}"
+
+
+def _recordings(out: Path) -> Section:
+    files = [path.as_posix() for path in sorted((out / "recordings").rglob("*.rrd"))]
+    more = (f"{len(files) - RECORDINGS} more.",) if len(files) > RECORDINGS else ()
+    return Section("recordings", "Recordings", recordings=tuple(files[:RECORDINGS]), notes=more)
+
+
+def _provenance(out: Path, results: Results) -> Section:
+    versions = Counter((row.task, row.version) for row in (*results.generation, *results.evaluation))
+    criteria = ", ".join(f"{task} {version} ({n} rows)" for (task, version), n in sorted(versions.items()))
+    facts = (
+        ("Written", datetime.now().astimezone().isoformat(" ", "seconds")),
+        ("Code", code()),
+        ("Success criteria", criteria or "no rows"),
+        ("Packages", ", ".join(f"{name} {version}" for name, version in installed(PACKAGES).items())),
+        ("Machine", f"{platform.platform()}, {platform.machine()}"),
+        ("Made again by", f"python -m rf_exp.ablation --out {out.as_posix()}"),
+    )
+    made = {
+        path.relative_to(out).as_posix(): path.read_text("utf-8", "replace")
+        for path in sorted((out / "runs").rglob(".hydra/config.yaml"))[-3:]
+    }
+    for path in sorted((out / "data").glob("*/*/*.zarr/zarr.json")):
+        try:
+            attributes = json.loads(path.read_text("utf-8"))["attributes"]
+        except (ValueError, KeyError, OSError):
+            continue  # a damaged store is reported with the data
+        made[path.parent.relative_to(out).as_posix()] = json.dumps(attributes, indent=1)
+    return Section("provenance", "Provenance", texts=Texts(("", ""), facts), folded=tuple(made.items()))
+
+
+def _image(image: Image.Image | NDArray[np.uint8], width: int) -> str:
+    """A picture as the data URL of a JPEG of at most that width, px."""
+    picture = (Image.fromarray(image) if isinstance(image, np.ndarray) else image).convert("RGB")
+    picture.thumbnail((width, 4 * width))
+    buffer = io.BytesIO()
+    picture.save(buffer, "JPEG", quality=85)
+    return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}"

@@ -1,4 +1,4 @@
-"""Files of result rows: those that commands write below an output folder, and those that are published.
+"""Files of result rows, written by commands or published, and how files about rollouts are called.
 
 results/generate/<task>/<constraints>.jsonl                           GenerationRow; disturbed: ..-disturbed,
                                                                       and with delay_s=0 ..-disturbed-punctual
@@ -20,7 +20,7 @@ out what an empty account says as well.
 import json
 import logging
 import zlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -31,10 +31,12 @@ from rf_exp.artifacts import plain, restored, write_text
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Account
 from rf_exp.texts import shown
+from rf_exp.types import UNVARIED
 
 log = logging.getLogger(__name__)
 
 PUBLISHED = ".tsv"
+FILM, PICTURE = ".mp4", ".png"
 SEEDS = ("seed", "train_seed", "scene_seed")  # columns of every table
 RESTORE = "restore it with git, or publish its rows again"
 Curves = Mapping[str, Mapping[str, list[float]]]  # policy -> column -> a value for each of some steps
@@ -46,7 +48,7 @@ class Results:
 
     generation: tuple[GenerationRow, ...] = ()
     evaluation: tuple[EvaluationRow, ...] = ()
-    notes: tuple[str, ...] = field(default_factory=tuple)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,55 @@ def load(out: Path) -> Results:
 def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
     """The rows of a file, and a note about an unfinished last line, or ""."""
     return (read_published(path, kind).rows, "") if path.suffix == PUBLISHED else read_lines_of(path, kind)
+
+
+def rows_file(
+    task: str,
+    constraints: str,
+    arch: str,
+    recipe: str,
+    demos: int,
+    shield: bool = False,
+    variation: str = UNVARIED,
+) -> Path:
+    """The rows of policies of all training seeds in scenes of a variation, below the output folder."""
+    name = f"{constraints}-{recipe}-{demos}{'-shield' * shield}{_in(variation)}.jsonl"
+    return Path("results", "evaluate", task, arch, name)
+
+
+def of_training_seed(rows: Path, seed: int) -> Path:
+    """How what is known of one training seed is called, beside the rows of all."""
+    return rows.with_name(f"{rows.stem}-{seed}{rows.suffix}")
+
+
+def rollout_name(
+    arch: str, recipe: str, demos: int, train_seed: int, shield: bool = False, variation: str = UNVARIED
+) -> str:
+    """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
+    seed = f"-t{train_seed}" if train_seed else ""
+    return f"evaluate-{arch}-{recipe}-{demos}{seed}{'-shield' * shield}{_in(variation)}"
+
+
+def _in(variation: str) -> str:
+    return "" if variation == UNVARIED else f"-in-{variation}"
+
+
+def rollout_file(row: EvaluationRow, suffix: str) -> Path:
+    """The file about a rollout, below the output folder."""
+    how = row.demos, row.train_seed, row.shield, row.variation
+    name = rollout_name(row.arch, row.recipe, *how)
+    return Path("recordings", row.task, row.constraints, f"{name}-{row.scene_seed}{suffix}")
+
+
+def worth_seeing(rows: Sequence[EvaluationRow], count: int) -> tuple[int, ...]:
+    """Scene seeds of the first `count` successes and of as many failures, of different kinds first."""
+    ordered = sorted(rows, key=lambda row: row.scene_seed)
+    won = [row.scene_seed for row in ordered if row.success]
+    lost = [row for row in ordered if not row.success and row.steps]  # without steps there is nothing to see
+    kinds = {row.account.kind: row.scene_seed for row in reversed(lost)}
+    first = sorted(kinds.values())
+    others = [row.scene_seed for row in lost if row.scene_seed not in first]
+    return (*won[:count], *[*first, *others][:count])
 
 
 def write_published(path: Path, published: Published[Any]) -> None:
@@ -157,16 +208,11 @@ def _parsed(below: str, kind: type[R]) -> Published[R]:
 
 
 def _by_seed(said: Mapping[str, Any], what: str) -> dict[int, Any]:
-    return {
-        int(seed): value
-        for name, value in said.items()
-        for part, dot, seed in [name.partition(".")]
-        if dot and part == what
-    }
+    begin = f"{what}."
+    return {int(name.removeprefix(begin)): said[name] for name in said if name.startswith(begin)}
 
 
 def _shared(several: Collection[Mapping[str, Any]]) -> dict[str, Any]:
-    """What all of them say alike."""
     first = next(iter(several), {})
     return {name: value for name, value in first.items() if all(each.get(name) == value for each in several)}
 

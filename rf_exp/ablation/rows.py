@@ -10,7 +10,7 @@ import json
 import math
 import re
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -40,24 +40,21 @@ class _Row:
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, np.generic):
-                object.__setattr__(self, item.name, value := value.item())
+                value = value.item()
             if item.type is float and type(value) is int:
-                object.__setattr__(self, item.name, value := float(value))
+                value = float(value)
+            object.__setattr__(self, item.name, value)
             assert isinstance(item.type, type)
+            wrong = ""
             if type(value) is not item.type:
-                raise ArgumentError(
-                    f"{item.name} of a {type(self).__name__} is {value!r} ({type(value).__name__}); "
-                    f"expected {item.type.__name__}"
-                )
-            if isinstance(value, int | float) and not 0 <= value < math.inf:
-                raise ArgumentError(
-                    f"{item.name} of a {type(self).__name__} is {value!r}; expected a finite number >= 0"
-                )
-            if isinstance(value, str) and not _WORD.fullmatch(value):
-                raise ArgumentError(
-                    f"{item.name} of a {type(self).__name__} is {printable(repr(value), 120)}; expected one "
-                    "word of letters, digits, '_', '-', '+', '=' and '.', at most 100 of them"
-                )
+                wrong = f"{value!r} ({type(value).__name__}); expected {item.type.__name__}"
+            elif isinstance(value, int | float) and not 0 <= value < math.inf:
+                wrong = f"{value!r}; expected a finite number >= 0"
+            elif isinstance(value, str) and not _WORD.fullmatch(value):
+                word = "one word of letters, digits, '_', '-', '+', '=' and '.', at most 100 of them"
+                wrong = f"{printable(repr(value), 120)}; expected {word}"
+            if wrong:
+                raise ArgumentError(f"{item.name} of a {type(self).__name__} is {wrong}")
 
     @property
     def identity(self) -> tuple[object, ...]:
@@ -70,7 +67,14 @@ class GenerationRow(_Row):
     """One scene seed for which a demonstration was tried."""
 
     key: ClassVar = (
-        *("task", "constraints", "brain", "seed", "version", "disturbance_rad", "delay_s", "variation"),
+        "task",
+        "constraints",
+        "brain",
+        "seed",
+        "version",
+        "disturbance_rad",
+        "delay_s",
+        "variation",
     )
     task: str
     constraints: str
@@ -89,9 +93,7 @@ class GenerationRow(_Row):
     schema: int = SCHEMA
     disturbance_rad: float = 0.0  # of executed motion
     delay_s: float = 0.0  # how late an arm may have been
-    account: Account = field(
-        default_factory=Account
-    )  # which violations ended proposals, which arms touched, what failed
+    account: Account = field(default_factory=Account)  # violations that ended proposals, contacts, failures
     variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes, by its name
     drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
 
@@ -133,9 +135,7 @@ class EvaluationRow(_Row):
     core_s: float = 0.0  # CPU seconds of learning, of all policies of the architecture together
     queries: int = 0  # proposals that the expert was asked for to correct them
     account: Account = field(default_factory=Account)  # which arms touched or overlapped, and what failed
-    variation: str = field(
-        default=UNVARIED, metadata=LATER
-    )  # of the scenes; that of the demonstrations is in `recipe`
+    variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes; `recipe` has that of learning
     drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
 
     @property
@@ -161,16 +161,26 @@ class EvaluationRow(_Row):
 
 
 R = TypeVar("R", bound=GenerationRow | EvaluationRow)
+K = TypeVar("K")
+
+
+def grouped(rows: Iterable[R], key: Callable[[R], K]) -> dict[K, list[R]]:
+    """The rows by what `key` says of each, groups in the order of their first rows."""
+    groups: dict[K, list[R]] = {}
+    for row in rows:
+        groups.setdefault(key(row), []).append(row)
+    return groups
 
 
 def append_row(path: Path, row: GenerationRow | EvaluationRow) -> None:
-    """Add one row, durably. Any number of processes may append to one file at a time.
+    """Add one row, durably, once a line that a crash left unfinished is removed. Raises StageError.
 
-    A line that a crash left unfinished is removed first. Raises StageError when the file cannot be
-    written.
+    Any number of processes may append to one file at a time.
     """
+    values = {**plain(row), REASON: row.reason}
+    text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
     try:
-        append_line(path, _line(row))
+        append_line(path, text.encode(errors="surrogatepass"))
     except OSError as error:
         raise StageError(
             f"cannot append a result row to {path}: {error.strerror or error}; "
@@ -205,9 +215,7 @@ def newest(rows: Iterable[R]) -> tuple[tuple[R, ...], str]:
 
     Versions are compared as people do: 2 before 10, 1.9 before 1.10.
     """
-    by_version: dict[str, list[R]] = {}
-    for row in rows:
-        by_version.setdefault(row.version, []).append(row)
+    by_version = grouped(rows, lambda row: row.version)
     if not by_version:
         return (), ""
     latest = max(by_version, key=_version_order)
@@ -220,12 +228,6 @@ def newest(rows: Iterable[R]) -> tuple[tuple[R, ...], str]:
 def _version_order(version: str) -> tuple[tuple[int, int, str], ...]:
     parts = version.replace("-", ".").split(".")
     return tuple((1, int(part), "") if part.isdigit() else (0, 0, part) for part in parts)
-
-
-def _line(row: GenerationRow | EvaluationRow) -> bytes:
-    values = {**plain(row), REASON: row.reason}
-    text = json.dumps({**values, CHECKSUM: _checksum(values)}, ensure_ascii=False)
-    return text.encode(errors="surrogatepass")
 
 
 def _checksum(values: Mapping[str, Any]) -> str:

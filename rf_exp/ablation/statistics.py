@@ -34,13 +34,15 @@ class Estimate:
 def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> Estimate:
     """The rate `successes / n` with Wilson's score interval, without continuity correction.
 
-    Raises ArgumentError unless 0 <= successes <= n and n > 0.
+    Raises ArgumentError unless 0 <= successes <= n and n > 0, and for a confidence that is no fraction.
     """
+    if not 0 < confidence < 1:
+        raise ArgumentError(f"confidence {confidence}; expected a number between 0 and 1, e.g. 0.95")
     if n <= 0 or not 0 <= successes <= n:
         raise ArgumentError(
             f"rate of {successes} successes in {n} trials; expected 0 <= successes <= n and n > 0"
         )
-    found = binomtest(successes, n).proportion_ci(_checked(confidence), method="wilson")
+    found = binomtest(successes, n).proportion_ci(confidence, method="wilson")
     # Exact at the ends, where rounding could leave 1e-17.
     low = 0.0 if successes == 0 else float(found.low)
     high = 1.0 if successes == n else float(found.high)
@@ -50,7 +52,7 @@ def wilson(successes: int, n: int, confidence: float = CONFIDENCE) -> Estimate:
 def difference(a: Estimate, b: Estimate) -> Estimate:
     """The difference of two independent rates `a - b` with Newcombe's hybrid score interval.
 
-    Both come from `wilson` with the same confidence; `n` of the result is the smaller sample.
+    Both come from `wilson`; `n` of the result is the smaller sample.
     """
     gap = a.value - b.value
     low = gap - sqrt((a.value - a.low) ** 2 + (b.high - b.value) ** 2)
@@ -66,7 +68,7 @@ class Paired:
     p: float  # two-sided
 
 
-def paired(pairs: Sequence[tuple[bool, bool]], confidence: float = CONFIDENCE) -> Paired:
+def paired(pairs: Sequence[tuple[bool, bool]]) -> Paired:
     """The difference of the rates of first and second, where each pair is one scene, tried both ways.
 
     The interval is Newcombe's method 10 for pairs (Statistics in Medicine 17:2635-2650): Wilson's intervals
@@ -78,13 +80,16 @@ def paired(pairs: Sequence[tuple[bool, bool]], confidence: float = CONFIDENCE) -
     n = len(pairs)
     both = sum(a and b for a, b in pairs)
     first, second = sum(a and not b for a, b in pairs), sum(b and not a for a, b in pairs)
-    one, other = wilson(both + first, n, confidence), wilson(both + second, n, confidence)
+    one, other = wilson(both + first, n), wilson(both + second, n)
     along = _correlation(both, first, second, n - both - first - second)
     below, above = one.value - one.low, one.high - one.value
     other_below, other_above = other.value - other.low, other.high - other.value
     gap = (first - second) / n
-    low = gap - _hypotenuse(below, other_above, along)
-    high = gap + _hypotenuse(above, other_below, along)
+
+    def hypotenuse(a: float, b: float) -> float:
+        return sqrt(max(a * a - 2 * along * a * b + b * b, 0.0))
+
+    low, high = gap - hypotenuse(below, other_above), gap + hypotenuse(above, other_below)
     differ = first + second
     p = float(binomtest(first, differ).pvalue) if differ else 1.0
     return Paired(Estimate(gap, low, high, n), p)
@@ -101,11 +106,7 @@ def _correlation(both: int, first: int, second: int, neither: int) -> float:
     return excess / sqrt(product)
 
 
-def _hypotenuse(a: float, b: float, along: float) -> float:
-    return sqrt(max(a * a - 2 * along * a * b + b * b, 0.0))
-
-
-def mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
+def mean(values: Sequence[float]) -> Estimate:
     """The mean of a sample with Student's t interval; a single value has the interval (-inf, inf).
 
     Raises ArgumentError for an empty sample.
@@ -115,11 +116,5 @@ def mean(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
     centre, n = fmean(values), len(values)
     if n == 1:
         return Estimate(centre, float("-inf"), float("inf"), 1)
-    low, high = t.interval(_checked(confidence), n - 1, loc=centre, scale=stdev(values) / sqrt(n))
+    low, high = t.interval(CONFIDENCE, n - 1, loc=centre, scale=stdev(values) / sqrt(n))
     return Estimate(centre, float(low), float(high), n)
-
-
-def _checked(confidence: float) -> float:
-    if not 0 < confidence < 1:
-        raise ArgumentError(f"confidence {confidence}; expected a number between 0 and 1, e.g. 0.95")
-    return confidence

@@ -7,7 +7,7 @@ for an input: `object_poses` (K * 7), `executed` where demonstrations are distur
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rf_exp.artifacts import plain, write_json
-from rf_exp.data import statistics
-from rf_exp.data.target import Advance, by_agent, flat, last, library
+from rf_exp.data.target import Advance, flat, last, library
 from rf_exp.store import POSE, Store, command_names, joint_names
 from rf_exp.types import Episode
 from rf_exp.viz import Film
@@ -31,7 +30,11 @@ FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 DATA, VIDEO = f"data/{FILE}.parquet", f"videos/{{video_key}}/{FILE}.mp4"
 EPISODES = f"meta/episodes/{FILE}.parquet"
 
+QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
+LOOKED_AT = 20  # pictures of an episode and camera that statistics are made of
+
 Columns = dict[str, NDArray[Any]]  # feature -> its rows of an episode
+Stats = dict[str, NDArray[Any]]
 
 
 def held(pictures: str) -> str:
@@ -58,15 +61,13 @@ def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
 
 
 class _Writer:
-    """Takes episodes one after the other."""
-
     def __init__(self, store: Store, folder: Path, video: bool) -> None:
         self._pa, self._parquet = library("pyarrow"), library("pyarrow.parquet")
         self._store, self._folder, self._video = store, folder, video
         self._rate: int = store.attrs["control_hz"]
         self._features = _features(store, video)
         self._rows: list[dict[str, Any]] = []  # of the episodes
-        self._stats: list[dict[str, statistics.Stats]] = []
+        self._stats: list[dict[str, Stats]] = []
         self._data: Any = None
         self._films: dict[str, Film] = {}
         self._began = 0  # row with which the present files begin
@@ -88,8 +89,8 @@ class _Writer:
         for camera, film in self._films.items():
             for frame in episode.images[camera]:
                 film.add(frame)
-        found = {name: statistics.of_values(values) for name, values in columns.items()}
-        found |= {_key(each): statistics.of_pictures(episode.images[each]) for each in self._store.cameras}
+        found = {name: of_values(values) for name, values in columns.items()}
+        found |= {_key(each): of_pictures(episode.images[each]) for each in self._store.cameras}
         self._stats.append(found)
         self._rows.append(self._row(index, len(episode.qpos), start, where))
 
@@ -101,14 +102,11 @@ class _Writer:
             self._parquet.write_table(self._pa.Table.from_pylist(rows), self._path(EPISODES, where))
         self._parquet.write_table(self._tasks(), self._folder / "meta/tasks.parquet")
         names = self._stats[0]
-        merged = {name: statistics.together([each[name] for each in self._stats]) for name in names}
+        merged = {name: together([each[name] for each in self._stats]) for name in names}
         write_json(self._folder / "meta/stats.json", plain(merged))
         write_json(self._folder / "meta/info.json", self._info())
 
-    # -- files -----------------------------------------------------------------------------------
-
     def _turn(self, where: Mapping[str, int], start: int, schema: Any) -> None:
-        """Goes on in the next files."""
         self.shut()
         self._began = start
         self._data = self._parquet.ParquetWriter(self._path(DATA, where), schema)
@@ -129,8 +127,6 @@ class _Writer:
         path = self._folder / pattern.format(**where)
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
-
-    # -- what is in them -------------------------------------------------------------------------
 
     def _columns(self, index: int, episode: Episode, start: int) -> Columns:
         steps = len(episode.qpos)
@@ -159,10 +155,14 @@ class _Writer:
 
     def _png(self, pictures: NDArray[np.uint8]) -> Any:
         kind = self._pa.struct([("bytes", self._pa.binary()), ("path", self._pa.string())])
-        return self._pa.array([{"bytes": _compressed(each), "path": None} for each in pictures], kind)
+        cells = []
+        for picture in pictures:
+            file = BytesIO()
+            Image.fromarray(picture).save(file, "png")
+            cells.append({"bytes": file.getvalue(), "path": None})
+        return self._pa.array(cells, kind)
 
     def _row(self, index: int, steps: int, start: int, where: Mapping[str, int]) -> dict[str, Any]:
-        """What is said of one episode."""
         row = {
             "episode_index": index,
             "tasks": [_words(self._store)],
@@ -216,12 +216,12 @@ def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
     """What the columns are, and the names of their values."""
     agents, rate = store.agents, store.attrs["control_hz"]
     size = store.attrs["height"], store.attrs["width"]
-    found = {"observation.state": _vector(by_agent(agents, partial(joint_names, store.attrs)))}
-    found["action"] = _vector(by_agent(agents, partial(command_names, store.attrs)))
+    found = {"observation.state": _vector(_by_agent(agents, partial(joint_names, store.attrs)))}
+    found["action"] = _vector(_by_agent(agents, partial(command_names, store.attrs)))
     if store.objects:
         found["object_poses"] = _vector([f"{name}.{axis}" for name in store.objects for axis in POSE])
     if store.disturbed:
-        found["executed"] = _vector(by_agent(agents, partial(command_names, store.attrs)))
+        found["executed"] = _vector(_by_agent(agents, partial(command_names, store.attrs)))
     for camera in store.cameras:
         found[_key(camera)] = {
             "dtype": "image",
@@ -229,18 +229,18 @@ def _features(store: Store, video: bool) -> dict[str, dict[str, Any]]:
             "names": ["height", "width", "channels"],
         }
         if video:
-            found[_key(camera)] |= {"dtype": "video", "info": _of_video(*size, rate)}
+            info = {"height": size[0], "width": size[1], "codec": "h264", "pix_fmt": "gbrp", "fps": rate}
+            info = {f"video.{key}": value for key, value in (info | {"channels": 3}).items()}
+            info |= {"video.is_depth_map": False, "has_audio": False}
+            found[_key(camera)] |= {"dtype": "video", "info": info}
     kinds = {"next.success": "bool", "next.done": "bool", "scene_seed": "int64", "timestamp": "float32"}
     kinds |= dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64")
     return found | {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in kinds.items()}
 
 
-def _of_video(height: int, width: int, rate: int) -> dict[str, Any]:
-    said = {"height": height, "width": width, "codec": "h264", "pix_fmt": "gbrp", "fps": rate, "channels": 3}
-    return {f"video.{key}": value for key, value in said.items()} | {
-        "video.is_depth_map": False,
-        "has_audio": False,
-    }
+def _by_agent(agents: int, names: Callable[[int], Sequence[str]]) -> list[str]:
+    """`agent1.` and the first name of the first agent, ...: all of the first agent, then of the second."""
+    return [f"agent{agent}.{name}" for agent in range(1, agents + 1) for name in names(agent)]
 
 
 def _vector(names: list[str]) -> dict[str, Any]:
@@ -256,7 +256,35 @@ def _words(store: Store) -> str:
     return store.description.language["description"] if store.description else store.attrs["task"]
 
 
-def _compressed(picture: NDArray[np.uint8]) -> bytes:
-    file = BytesIO()
-    Image.fromarray(picture).save(file, "png")
-    return file.getvalue()
+def of_values(values: NDArray[Any]) -> Stats:
+    """Of rows (T, D) or (T,): least, largest, mean, standard deviation, quantiles (D,), and their count."""
+    rows = values.reshape(len(values), -1).astype(float)
+    found = {"min": rows.min(0), "max": rows.max(0), "mean": rows.mean(0), "std": rows.std(0)}
+    found |= {name: np.quantile(rows, q, axis=0) for name, q in QUANTILES.items()}
+    return {**found, "count": np.array([len(values)])}
+
+
+def of_pictures(pictures: NDArray[np.uint8]) -> Stats:
+    """Of some of the pictures (T, H, W, 3), by channel (3, 1, 1), from 0 to 1."""
+    some = pictures[np.unique(np.linspace(0, len(pictures) - 1, LOOKED_AT).astype(int))]
+    found = of_values(some.reshape(-1, some.shape[-1]) / 255)
+    return {name: value.reshape(-1, 1, 1) for name, value in found.items()} | {"count": np.array([len(some)])}
+
+
+def together(parts: Sequence[Stats]) -> Stats:
+    """Of all episodes from those of each; quantiles are the means of theirs, as LeRobot's own are."""
+    counts = np.concatenate([part["count"] for part in parts])
+
+    def mean(values: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        return np.average(np.stack([*values]), axis=0, weights=counts)
+
+    middle = mean(part["mean"] for part in parts)
+    spread = mean(part["std"] ** 2 + (part["mean"] - middle) ** 2 for part in parts)
+    return {
+        "min": np.min([part["min"] for part in parts], axis=0),
+        "max": np.max([part["max"] for part in parts], axis=0),
+        "mean": middle,
+        "std": np.sqrt(spread),
+        **{name: mean(part[name] for part in parts) for name in QUANTILES},
+        "count": np.array([counts.sum()]),
+    }

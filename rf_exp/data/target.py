@@ -1,6 +1,6 @@
-"""What all exports share: how things are called, which libraries they need."""
+"""What all exports share."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -21,11 +21,6 @@ def library(name: str) -> Any:
             f"this format needs {name.partition('.')[0]}, which is not installed ({error}); "
             'install what exports need: pip install -e ".[export]"'
         ) from error
-
-
-def by_agent(agents: int, names: Callable[[int], Sequence[str]]) -> list[str]:
-    """`agent1.` and the first name of the first agent, ...: all of the first agent, then of the second."""
-    return [f"agent{agent}.{name}" for agent in range(1, agents + 1) for name in names(agent)]
 
 
 def flat(values: NDArray[Any]) -> NDArray[Any]:

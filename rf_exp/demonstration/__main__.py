@@ -12,9 +12,8 @@ from omegaconf import DictConfig
 from rf_exp.artifacts import plain, whole, write_json
 from rf_exp.command import composed, guarded, settled
 from rf_exp.datagen import EpisodeMaker, Outcome, Settings, Trace
-from rf_exp.demonstration.formulas import specified
-from rf_exp.demonstration.notes import Notes, Overheard, Together
-from rf_exp.demonstration.page import write_page
+from rf_exp.demonstration.notes import Notes, Together
+from rf_exp.demonstration.page import specified, write_page
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import read_experiment
 from rf_exp.progress import console
@@ -50,14 +49,15 @@ def main(config: DictConfig) -> None:
 def demonstrate(settings: Settings, pictures: Pictures, seed: int, folder: Path) -> Outcome:
     """Makes the episode of a seed; for a success `<task>-<seed>.md`, `.rrd` and `.json` in `folder`."""
     task, constraint_set = settings.task, settings.constraint_set
-    world, notes, trace = shared_simulator(task, pictures), Notes(task, constraint_set), Trace()
+    world, trace = shared_simulator(task, pictures), Trace()
+    notes = Notes(task, settings.make_brain(seed))
     page = folder / f"{task.name}-{seed}.md"
     page.parent.mkdir(parents=True, exist_ok=True)
     with whole(page.with_suffix(".rrd")) as draft:
         title = f"{task.title}, {constraint_set.name}, scene {seed}"
         with EpisodeRecorder(draft, task, world, title) as recorder:
-            brain = Overheard(settings.make_brain(seed), notes)
-            outcome = EpisodeMaker(settings, world, brain, Together(recorder, notes, trace)).make(seed)
+            observers = Together(recorder, notes, trace)
+            outcome = EpisodeMaker(settings, world, notes, observers).make(seed)
     if outcome.episode is not None:
         plans = [specified(made.checked, execution) for made, execution in trace.executions()]
         end = world.images()["global"] if world.cameras else None

@@ -16,7 +16,7 @@ from rf_exp.findings import Violation
 from rf_exp.recording import check_result, check_results, orders
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
-from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Subgoal, spans
+from rf_exp.types import CONTROL_DT_S, Scene, Subgoal, spans
 from rf_exp.viz.figures import coordination, lanes
 from rf_exp.viz.text import CheckResult
 
@@ -51,35 +51,32 @@ class Round:
 
 
 class Notes:
-    """An observer of the generation loop, and of the brain it asks."""
+    """An observer of the generation loop, and the brain that it asks, overheard."""
 
-    def __init__(self, task: Task, constraint_set: ConstraintSet) -> None:
-        self._task, self._constraint_set = task, constraint_set
+    def __init__(self, task: Task, brain: Brain) -> None:
+        self._task, self._brain = task, brain
         self._checked: CheckedPlan | None = None
+        self.name = brain.name
         self.rounds: list[Round] = []
 
-    # -- what the brain says -----------------------------------------------------------------------
-
-    def asked(self, scene: Scene) -> None:
+    def answer(self, question: Question) -> str:
         if self._checked is not None:  # what the last step of its plan has led to
-            self._measure(self._checked, scene, self.rounds[-1])
-        self.rounds.append(Round(scene.step * CONTROL_DT_S))
+            self._measure(self._checked, question.scene, self.rounds[-1])
         self._checked = None
-
-    def answered(self, answer: str) -> None:
-        self.rounds[-1].answer = answer
+        now = Round(question.scene.step * CONTROL_DT_S)
+        self.rounds.append(now)
+        now.answer = answer = self._brain.answer(question)
         try:
             proposal = from_json(answer, self._task)
         except BadAnswer:  # the loop says so itself, as a violation
-            return
+            return answer
         if not proposal.subgoals:
             self.rounds.pop()  # there is nothing left to do
-            return
-        self.rounds[-1].proposal = proposal
+            return answer
+        now.proposal = proposal
         with suppress(ArgumentError):  # not understood, as the loop says too
-            self.rounds[-1].code = compile(proposal.constraints, self._task, proposal)
-
-    # -- what the generation loop tells an observer ------------------------------------------------
+            now.code = compile(proposal.constraints, self._task, proposal)
+        return answer
 
     def planned(self, plan: Planned) -> None:
         now, self._checked = self.rounds[-1], plan.checked
@@ -115,20 +112,6 @@ class Notes:
             known = now.measured.get(repr(check))
             if known is None or (known.ok and evidence.value > known.value):
                 now.measured[repr(check)] = check_result(check, evidence)
-
-
-class Overheard:
-    """A brain whose answers are noted."""
-
-    def __init__(self, brain: Brain, notes: Notes) -> None:
-        self.name = brain.name
-        self._brain, self._notes = brain, notes
-
-    def answer(self, question: Question) -> str:
-        self._notes.asked(question.scene)
-        answer = self._brain.answer(question)
-        self._notes.answered(answer)
-        return answer
 
 
 class Together:

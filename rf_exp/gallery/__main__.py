@@ -8,7 +8,6 @@ Takes the keys of `python -m rf_exp.run`. Pictures are larger than those that po
 """
 
 import sys
-from pathlib import Path
 
 from omegaconf import DictConfig
 
@@ -16,8 +15,7 @@ from rf_exp.artifacts import whole
 from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment, read_experiment
-from rf_exp.gallery.draw import contact_sheet, overview, panel
-from rf_exp.gallery.film import film
+from rf_exp.gallery.draw import contact_sheet, film, overview, panel
 from rf_exp.gallery.performance import Performance, perform
 from rf_exp.progress import console
 from rf_exp.sim import Simulator
@@ -54,7 +52,11 @@ def main(config: DictConfig) -> None:
                 failed.append(task.name)
                 continue
             panels.append(panel(task, performance.stills))
-            _publish(folder, task, performance, world)
+            with whole(folder / f"{task.name}.png") as draft:
+                contact_sheet(task, performance.stills, performance.seed).save(draft)
+            with whole(folder / f"{task.name}.mp4") as draft:
+                film(draft, task, performance, world)
+            console.print(f"{task.name}: {folder / task.name}.png, {task.name}.mp4")
     if panels:
         with whole(folder / "gallery.png") as draft:
             overview(panels).save(draft)
@@ -73,14 +75,6 @@ def _first_success(experiment: Experiment, task: Task, world: Simulator) -> Perf
             return performance
         console.print(f"{task.name}: seed {seed} failed: {reason}")
     raise StageError(f"none of the {TRIES} seeds from {experiment.seed} on succeeded, the last: {reason}")
-
-
-def _publish(folder: Path, task: Task, performance: Performance, world: Simulator) -> None:
-    with whole(folder / f"{task.name}.png") as draft:
-        contact_sheet(task, performance.stills, performance.seed).save(draft)
-    with whole(folder / f"{task.name}.mp4") as draft:
-        film(draft, task, performance, world)
-    console.print(f"{task.name}: {folder / task.name}.png, {task.name}.mp4")
 
 
 if __name__ == "__main__":

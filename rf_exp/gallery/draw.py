@@ -1,16 +1,17 @@
-"""Lays pictures out on sheets and in frames of a film, with words that can be read."""
+"""A performance on sheets and as a film, with words that can be read."""
 
 from collections.abc import Sequence
 from math import ceil
+from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
-from rf_exp.gallery.performance import Line, Pictures, Still
+from rf_exp.gallery.performance import Line, Performance, Still, play
+from rf_exp.sim import Simulator
 from rf_exp.statements import agent_name
 from rf_exp.tasks import Task
-from rf_exp.viz import agent_colour, frames
+from rf_exp.types import CONTROL_DT_S
+from rf_exp.viz import Film, agent_colour, frames
 from rf_exp.viz.frames import (
     GAP_PX,
     INK,
@@ -29,6 +30,8 @@ from rf_exp.viz.frames import (
 TITLE_PX = 26  # size of letters
 THUMB_PX = (400, 300)  # a picture on the sheet of a task
 TILE_PX = (288, 216)  # a picture on the sheet of all tasks
+EVERY = 2  # control steps from one frame to the next: at 20 frames a second, twice as fast as real
+REST_FRAMES = 20  # the last frame stays a while
 COLUMNS = 2  # tasks beside one another on the sheet of all
 
 
@@ -46,10 +49,11 @@ def contact_sheet(task: Task, stills: Sequence[Still], seed: int) -> Image.Image
         for column, camera in enumerate(cameras):
             x = GAP_PX + column * (width + GAP_PX)
             sheet.paste(scaled(still.pictures[camera], THUMB_PX), (x, y))
-            words = (
-                f"{still.title}, {still.time_s:.1f} s" if camera == "global" else f"view of {_name(camera)}"
-            )
-            label(draw, (x, y), words, INK if camera == "global" else agent_colour(_agent(camera)))
+            if camera == "global":
+                label(draw, (x, y), f"{still.title}, {still.time_s:.1f} s", INK)
+            else:
+                agent = int(camera.removeprefix("agent"))
+                label(draw, (x, y), f"view of {agent_name(agent)}", agent_colour(agent))
         write_lines(draw, (GAP_PX, y + height + GAP_PX), _marked(still.lines))
     return sheet
 
@@ -68,7 +72,6 @@ def panel(task: Task, stills: Sequence[Still]) -> Image.Image:
 
 
 def overview(panels: Sequence[Image.Image]) -> Image.Image:
-    """All tasks, in two columns."""
     columns, gap = min(COLUMNS, len(panels)), 2 * GAP_PX
     width, height = panels[0].width + gap, panels[0].height + gap
     sheet, _ = blank((gap + columns * width, gap + ceil(len(panels) / columns) * height))
@@ -78,10 +81,18 @@ def overview(panels: Sequence[Image.Image]) -> Image.Image:
     return sheet
 
 
-def frame(task: Task, pictures: Pictures, lines: Sequence[Line], time_s: float) -> NDArray[np.uint8]:
-    """One frame of the film (H, W, 3): global view, agents' views beside it, subgoals below."""
-    title = f"{task.title}, {time_s:.1f} s"
-    return frames.frame(pictures, title, _marked(lines), pictures["global"].shape[0])
+def film(path: Path, task: Task, performance: Performance, world: Simulator) -> None:
+    """Plays the performance again and writes it to `path`. Raises StageError when that fails.
+
+    Global view, agents' views beside it, subgoals below.
+    """
+    steps = len(performance.actions)
+    shown = {*range(0, steps, EVERY), steps}
+    with Film(path) as writer:
+        for step, pictures in play(world, performance.seed, performance.actions, shown):
+            title, lines = f"{task.title}, {step * CONTROL_DT_S:.1f} s", _marked(performance.line(step))
+            picture = frames.frame(pictures, title, lines, pictures["global"].shape[0])
+            writer.add(picture, REST_FRAMES if step == steps else 1)
 
 
 def _marked(lines: Sequence[Line]) -> list[frames.Line]:
@@ -96,11 +107,3 @@ def _marked(lines: Sequence[Line]) -> list[frames.Line]:
 
 def _robots(task: Task) -> str:
     return "one arm" if len(task.agents) == 1 else f"{len(task.agents)} arms"
-
-
-def _agent(camera: str) -> int:
-    return int(camera.removeprefix("agent"))
-
-
-def _name(camera: str) -> str:
-    return agent_name(_agent(camera))

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.datagen import EpisodeMaker, Planned, Settings
+from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.errors import StageError
-from rf_exp.findings import Violation
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator
 from rf_exp.types import CONTROL_DT_S, Scene, activity
@@ -57,7 +56,7 @@ class Performance:
         return tuple(Line(line.text, False) for line in self.lines[-1])
 
 
-class Prompter:
+class Prompter(NullObserver):
     """An observer that notes at every step which subgoal each agent is at, and who touches something."""
 
     def __init__(self) -> None:
@@ -70,16 +69,12 @@ class Prompter:
     def planned(self, plan: Planned) -> None:
         self._plan, self._since = plan, len(self.lines)
 
-    def rejected(self, violation: Violation) -> None:
-        pass
-
     def stepped(self, scene: Scene, action: NDArray[np.float64], pictures: Pictures) -> None:
         assert self._plan is not None  # nothing moves without a plan
         step = len(self.lines) - self._since + 1
         self.actions.append(action)
-        self.lines.append(
-            tuple(_line(self._plan, agent, step, held) for agent, held in enumerate(scene.held, start=1))
-        )
+        holding = enumerate(scene.held, start=1)
+        self.lines.append(tuple(_line(self._plan, agent, step, held) for agent, held in holding))
         held = {agent for agent, name in enumerate(scene.held, start=1) if name}
         self.touching.append(len(held | {agent for agent, _ in scene.finger_forces}))
 

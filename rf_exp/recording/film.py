@@ -1,8 +1,6 @@
 """A rollout as a short film and a picture of its last moment, small enough for a report."""
 
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +19,7 @@ HEIGHT_PX = 240  # of the global view
 QUALITY = 28  # see Film
 
 
-class RolloutFilm:
+class RolloutFilm(Film):
     """Films one rollout; an observer of the rollout loop, a context manager.
 
     Shows all cameras, the time, and which conditions of success hold; where heat maps see that an agent goes
@@ -30,18 +28,9 @@ class RolloutFilm:
     """
 
     def __init__(self, path: Path, picture: Path, task: Task, world: Simulator) -> None:
-        self._film, self._picture = Film(path, RATE, QUALITY), picture
-        self._task, self._world = task, world
+        super().__init__(path, RATE, QUALITY)
+        self._picture, self._world = picture, world
         self._last: RolloutStep | None = None
-
-    def __enter__(self) -> Self:
-        self._film.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._film.__exit__(kind, error, trace)
 
     def begun(self, scene: Scene) -> None:
         """The start, which nobody has judged."""
@@ -50,13 +39,13 @@ class RolloutFilm:
         """One control step."""
         self._last = step
         if step.scene.step % EVERY == 0:
-            self._film.add(self._frame(step, ""))
+            self.add(self._frame(step, ""))
 
     def ended(self, result: Rollout) -> None:
         """The last moment, with how it ended."""
         assert self._last is not None  # a rollout has at least one step
         last = self._frame(self._last, ", succeeded" if result.success else ", failed")
-        self._film.add(last, REST_FRAMES)
+        self.add(last, REST_FRAMES)
         Image.fromarray(last).save(self._picture)
 
     def _frame(self, step: RolloutStep, ending: str) -> NDArray[np.uint8]:

@@ -35,22 +35,22 @@ class Markdown(str):
     __slots__ = ()
 
 
-def text(value: object, longest: int = LONGEST_TEXT) -> Markdown:
+def text(value: object) -> Markdown:
     """Words for a line of a paragraph, a heading or an item."""
-    return Markdown(_BEGINNING.sub(_reference, cell(value, longest)))
+    return Markdown(_BEGINNING.sub(_reference, cell(value)))
 
 
-def cell(value: object, longest: int = LONGEST_TEXT) -> Markdown:
+def cell(value: object) -> Markdown:
     """Words within a line, of a cell of a table for instance."""
-    return Markdown(_MARKUP.sub(_reference, printable(value, longest)))
+    return Markdown(_MARKUP.sub(_reference, printable(value, LONGEST_TEXT)))
 
 
-def code(value: object, longest: int = LONGEST_TEXT) -> Markdown:
+def code(value: object) -> Markdown:
     """Code within a line or a cell."""
-    line = printable(value, longest)
+    line = printable(value, LONGEST_TEXT)
     if not line:
         return Markdown("")
-    return Markdown(f"<code>{cell(line, longest)}</code>" if {"`", "|"} & {*line} else f"`{line}`")
+    return Markdown(f"<code>{cell(line)}</code>" if {"`", "|"} & {*line} else f"`{line}`")
 
 
 def block(value: str, language: str = "") -> Markdown:

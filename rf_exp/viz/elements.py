@@ -1,26 +1,23 @@
-"""Our values as rerun shows them."""
+"""Our values as rerun shows them; normals and colours from plain triangles and linear light."""
 
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
-from rerun.components import FillMode, MarkerShape
+from rerun.components import MarkerShape
+from scipy.sparse import csr_array
 
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import Robot
 from rf_exp.transforms import Matrix
 from rf_exp.types import FINGERS, GRIPPER_CLOSED, GRIPPER_OPEN, CameraModel
 from rf_exp.viz.layout import Rgb, shade
-from rf_exp.viz.shading import creased, srgb
 
-JPEG_QUALITY = 80
+CREASE_DEG = 40.0  # faces that meet at more than this keep a sharp edge
 FRUSTUM_M = 0.07  # length of the drawn cameras
-VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
-VOXEL_EDGE_M = 0.0004
 PREDICTED_PX = 1.5  # size of the dots that stand for what was predicted
 
 
@@ -53,6 +50,36 @@ def mesh3d(entity: str, mesh: Mesh, colour: Rgb) -> rr.Mesh3D:
         vertex_normals=normals,
         vertex_colors=np.broadcast_to(tint, (count, 3))[vertices].astype(np.uint8),
     )
+
+
+def srgb(linear: ArrayLike) -> NDArray[np.uint8]:
+    """Linear RGB in [0, 1] to sRGB in 0..255 (IEC 61966-2-1)."""
+    value = np.clip(np.asarray(linear, dtype=float), 0.0, 1.0)
+    curved = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
+    return np.round(255 * curved).astype(np.uint8)
+
+
+def creased(
+    vertices: NDArray[np.floating], faces: NDArray[np.integer]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]:
+    """A mesh (V, 3), (F, 3) with normals: vertex indices (K,), unit normals (K, 3), faces (F, 3) into K.
+
+    A vertex is doubled where its faces meet at more than `CREASE_DEG`. Without normals the viewer
+    draws flat silhouettes, and with one normal for each vertex a box looks round.
+    """
+    first, second, third = (vertices[faces[:, corner]] for corner in range(3))
+    areas = np.cross(second - first, third - first)  # (F, 3) along the normal, twice the area long
+    units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-12)
+    vertex, face = faces.ravel(), np.repeat(np.arange(len(faces)), 3)  # of each corner (3F,)
+    incidence = csr_array((np.ones(len(vertex)), (np.arange(len(vertex)), vertex)))
+    one, other = (incidence @ incidence.T).nonzero()  # pairs of corners at one vertex
+    smooth = np.einsum("ij,ij->i", units[face[one]], units[face[other]]) > np.cos(np.deg2rad(CREASE_DEG))
+    normals = np.zeros((len(vertex), 3))
+    np.add.at(normals, one[smooth], areas[face[other[smooth]]])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    corners = np.column_stack([vertex, normals.round(3)])
+    _, kept, indices = np.unique(corners, axis=0, return_index=True, return_inverse=True)
+    return vertex[kept].astype(np.int64), normals[kept], indices.reshape(-1, 3)
 
 
 def expect(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype | None = None) -> None:
@@ -89,22 +116,6 @@ def pinhole(camera: CameraModel) -> rr.Pinhole:
         height=camera.height_px,
         camera_xyz=rr.ViewCoordinates.RDF,
         image_plane_distance=FRUSTUM_M,
-    )
-
-
-def compressed(picture: NDArray[np.uint8]) -> rr.EncodedImage:
-    _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
-
-
-def voxels(centres_m: NDArray[np.floating], size_m: float, colour: Rgb) -> rr.Boxes3D:
-    """Cubes of an edge, with centres (K, 3), that what is inside shines through."""
-    return rr.Boxes3D(
-        centers=centres_m,
-        half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
-        colors=[(*colour, VOXEL_ALPHA)],
-        radii=VOXEL_EDGE_M,
-        fill_mode=FillMode.TransparentFillMajorWireframe,
     )
 
 

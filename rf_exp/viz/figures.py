@@ -14,16 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from rf_exp.types import CONTROL_DT_S, Schedule, Trajectory, spans
-from rf_exp.viz.layout import (
-    BACKGROUND,
-    INK,
-    ORDERED,
-    VIOLATED,
-    WAITS,
-    Rgb,
-    agent_colour,
-    primitive_colour,
-)
+from rf_exp.viz.layout import BACKGROUND, INK, ORDERED, VIOLATED, WAITS, Rgb, agent_colour, primitive_colour
 
 Pair = tuple[int, int]  # agents i < j
 Mask = NDArray[np.bool_]
@@ -34,18 +25,17 @@ LEGEND_IN = 0.35
 COLUMNS = 3
 WIDTH_IN, LANE_IN = 10.0, 0.5  # of the picture of lanes
 RIBBON = 0.035  # width of the coloured path beside a diagram, as a part of its side
-FACE = "#{:02x}{:02x}{:02x}".format(*BACKGROUND)
-TEXT = "#{:02x}{:02x}{:02x}".format(*INK)
+
+
+def _hex(colour: Rgb) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+FACE, TEXT = _hex(BACKGROUND), _hex(INK)
 STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "figure.facecolor": FACE,
-    "axes.facecolor": FACE,
-    "axes.edgecolor": TEXT,
-    "text.color": TEXT,
-    "axes.labelcolor": TEXT,
-    "xtick.color": TEXT,
-    "ytick.color": TEXT,
-    "legend.frameon": False,
+    **{"font.size": 9, "legend.frameon": False},
+    **dict.fromkeys(("figure.facecolor", "axes.facecolor"), FACE),
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), TEXT),
 }
 
 
@@ -86,18 +76,13 @@ def coordination(
             axes.plot(line[:, 0], line[:, 1], color="white", lw=1.6)
         for axes in grid[len(pairs) :]:
             axes.set_axis_off()
-        figure.legend(
-            handles=[
-                Patch(color=_hex(VIOLATED), label="too close"),
-                Patch(color=_hex(ORDERED), label="order forbids"),
-                Line2D([], [], color="white", label="schedule"),
-            ],
-            loc="outside lower center",
-            ncols=3,
-            fontsize=8,
-            handlelength=1.2,
-            columnspacing=1.2,
-        )
+        handles = [
+            Patch(color=_hex(VIOLATED), label="too close"),
+            Patch(color=_hex(ORDERED), label="order forbids"),
+            Line2D([], [], color="white", label="schedule"),
+        ]
+        packed = {"ncols": 3, "fontsize": 8, "handlelength": 1.2, "columnspacing": 1.2}
+        figure.legend(handles=handles, loc="outside lower center", **packed)
         picture = _drawn(figure)
         corners = [
             axes.transData.transform([[0.0, 0.0], [CONTROL_DT_S, CONTROL_DT_S]])
@@ -190,7 +175,3 @@ def _drawn(figure: Figure) -> NDArray[np.uint8]:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def _hex(colour: Rgb) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)

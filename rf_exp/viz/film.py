@@ -1,7 +1,6 @@
 """Frames as an MP4 that browsers play: H.264, its index first."""
 
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import imageio_ffmpeg
@@ -56,9 +55,7 @@ class Film:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def close(self) -> None:

@@ -84,20 +84,41 @@ def camera_entity(name: str) -> str:
 
 
 def blueprint(
-    agents: int, cameras: tuple[str, ...], panels: Panels, diagrams_px: tuple[int, int] | None = None
+    agents: int, cameras: tuple[str, ...], panels: Panels, diagrams_px: tuple[int, int] | None
 ) -> rrb.Blueprint:
     """How the viewer opens: the scene and what each agent does on the left, evidence on the right.
 
     `diagrams_px`: width and height of the picture of coordination diagrams, None without one.
     """
+    curves = [
+        *((f"agent {agent} joints (rad)", f"joints/agent{agent}") for agent in range(1, agents + 1)),
+        ("grippers (mm open)", "gripper"),
+    ]
+    series = [rrb.TimeSeriesView(name=name, origin=origin) for name, origin in curves]
+    log = rrb.TextLogView(
+        name="log",
+        contents=["log/**", f"{MOTIONS}/**", "checks/**", f"{CONDITIONS}/**"],
+        columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["loglevel", "body"]),
+    )
+    right: list[rrb.View | rrb.Container]
+    if panels == "plan":  # who does what when; why: the diagrams, what RoboBrain wanted, what was checked
+        motions = rrb.StateTimelineView(name="who does what when", origin=MOTIONS)
+        below, low = _tabs(motions, *series), 0.35 + 0.2 * agents
+        document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
+        right = [_tabs(*_reasons(diagrams_px)), _tabs(document, log)]
+        shares = [1.15, 1.0]
+    else:  # predicted beside commanded and measured; which conditions hold; how near arms are; the verdict
+        conditions = rrb.StateTimelineView(name="conditions over time", origin=CONDITIONS)
+        margins = rrb.TimeSeriesView(name="value / bound", origin=MARGINS)
+        below, low = rrb.Horizontal(_tabs(*series), _tabs(conditions, margins)), 1.6
+        near = forces = rrb.TimeSeriesView(name="contacts (N)", origin=CONTACTS)
+        if agents > 1:
+            distances = rrb.TimeSeriesView(name="distance of arms (cm)", origin=DISTANCES)
+            near = rrb.Horizontal(distances, forces)
+        verdict = rrb.TextDocumentView(name="verdict", origin=VERDICT)
+        right = [near, _tabs(verdict, log)]
+        shares = [0.8, 1.0]
     pictures = [rrb.Spatial2DView(name=name, origin=camera_entity(name)) for name in cameras]
-    if panels == "plan":
-        below, low = _curves(agents), 0.35 + 0.2 * agents
-        middle, bottom, shares = _reasons(diagrams_px), _evidence(), [1.15, 1.0]
-    else:
-        below, low = rrb.Horizontal(_joints(agents), _conditions()), 1.6
-        middle, bottom, shares = _near(agents), _outcome(), [0.8, 1.0]
-    right: list[rrb.View | rrb.Container] = [middle, bottom]
     if pictures:
         columns = min(len(pictures), PICTURE_COLUMNS)
         right.insert(0, rrb.Grid(*pictures, grid_columns=columns))
@@ -129,50 +150,10 @@ def _scene() -> rrb.Tabs:
         )
         for name, visible in (("scene with occupancy", True), ("scene", False))
     ]
-    return rrb.Tabs(*views, active_tab=0)
+    return _tabs(*views)
 
 
-def _curves(agents: int) -> rrb.Tabs:
-    """A lane for each agent: what it does when; in the tabs beside it its joints."""
-    motions = rrb.StateTimelineView(name="who does what when", origin=MOTIONS)
-    return rrb.Tabs(motions, *_series(agents), active_tab=0)
-
-
-def _series(agents: int) -> list[rrb.View]:
-    grippers = rrb.TimeSeriesView(name="grippers (mm open)", origin="gripper")
-    joints = [
-        rrb.TimeSeriesView(name=f"agent {agent} joints (rad)", origin=f"joints/agent{agent}")
-        for agent in range(1, agents + 1)
-    ]
-    return [*joints, grippers]
-
-
-def _joints(agents: int) -> rrb.Tabs:
-    """Predicted beside commanded and measured."""
-    return rrb.Tabs(*_series(agents), active_tab=0)
-
-
-def _conditions() -> rrb.Tabs:
-    """The conditions of success over time: which hold, and how near to its bound each number is."""
-    lanes = rrb.StateTimelineView(name="conditions over time", origin=CONDITIONS)
-    margins = rrb.TimeSeriesView(name="value / bound", origin=MARGINS)
-    return rrb.Tabs(lanes, margins, active_tab=0)
-
-
-def _near(agents: int) -> rrb.Container | rrb.View:
-    """How near the arms are to one another, and who pushes what."""
-    forces = rrb.TimeSeriesView(name="contacts (N)", origin=CONTACTS)
-    if agents == 1:
-        return forces
-    return rrb.Horizontal(rrb.TimeSeriesView(name="distance of arms (cm)", origin=DISTANCES), forces)
-
-
-def _outcome() -> rrb.Tabs:
-    """The verdict; everything that was said, in order."""
-    return rrb.Tabs(rrb.TextDocumentView(name="verdict", origin=VERDICT), _log(), active_tab=0)
-
-
-def _reasons(diagrams_px: tuple[int, int] | None) -> rrb.Tabs:
+def _reasons(diagrams_px: tuple[int, int] | None) -> list[rrb.View]:
     """Why everybody moves when they do: the diagrams; what RoboBrain wanted."""
     views: list[rrb.View] = [
         rrb.TextDocumentView(name="proposals", origin=PROPOSALS),
@@ -187,18 +168,8 @@ def _reasons(diagrams_px: tuple[int, int] | None) -> rrb.Tabs:
             visual_bounds=rrb.VisualBounds2D(x_range=[0, width], y_range=[0, height]),
         )
         views.insert(0, diagrams)
+    return views
+
+
+def _tabs(*views: rrb.View) -> rrb.Tabs:
     return rrb.Tabs(*views, active_tab=0)
-
-
-def _evidence() -> rrb.Tabs:
-    """What was checked, with the verdicts; everything that was said, in order."""
-    document = rrb.TextDocumentView(name="check code and evidence", origin=CHECKS)
-    return rrb.Tabs(document, _log(), active_tab=0)
-
-
-def _log() -> rrb.TextLogView:
-    return rrb.TextLogView(
-        name="log",
-        contents=["log/**", f"{MOTIONS}/**", "checks/**", f"{CONDITIONS}/**"],
-        columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["loglevel", "body"]),
-    )

@@ -2,47 +2,41 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Self
 
 import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
+from rf_exp.errors import ArgumentError, StageError, choices
 from rf_exp.findings import Violation
-from rf_exp.robots import Robot
+from rf_exp.robots import DEFAULT, Robot
 from rf_exp.statements import Proposal
 from rf_exp.texts.markdown import Markdown
 from rf_exp.texts.markdown import text as words
 from rf_exp.transforms import Matrix
-from rf_exp.types import CameraModel, KeypointDetection, Schedule, Trajectory, fingers_of
-from rf_exp.viz import text
-from rf_exp.viz.elements import Mesh, compressed, dots, expect, lane, opening_mm, placed, voxels
-from rf_exp.viz.figures import Coordination, Mask, Pair, coordination
-from rf_exp.viz.layout import (
-    CHECKS,
-    CONDITIONS,
-    CONTACTS,
-    DIAGRAMS,
-    DISTANCES,
-    HOLDS,
-    JOINT_COLOURS,
-    MARGINS,
-    MOTIONS,
-    NOT_YET,
-    PATHS,
-    PROPOSALS,
-    VERDICT,
-    VIOLATED,
-    WAITS,
-    Panels,
-    Rgb,
-    agent_colour,
-    camera_entity,
-    primitive_colour,
-    shade,
+from rf_exp.types import (
+    CONTROL_DT_S,
+    FINGERS,
+    CameraModel,
+    KeypointDetection,
+    Schedule,
+    Trajectory,
+    fingers_of,
 )
-from rf_exp.viz.stream import Stream
+from rf_exp.viz import figures, layout, text
+from rf_exp.viz.elements import Mesh, dots, expect, lane, lines, mesh3d, opening_mm, pinhole, placed
+from rf_exp.viz.figures import Coordination, Mask, Pair
+from rf_exp.viz.layout import HOLDS, VIOLATED, Panels, Rgb, agent_colour, camera_entity
 
+rr.set_strict_mode(True)  # else rerun drops what it cannot take, with a warning
+
+FLUSH_S = 5.0  # rows are written in batches; few large ones load faster than many small
+FAINT = 110  # alpha of commanded curves, next to measured ones
+JPEG_QUALITY = 80
+VOXEL_ALPHA = 110  # of 255: the arm inside stays visible
+VOXEL_EDGE_M = 0.0004
 MARK_STEPS = 10  # control steps that the mark of a violation stays in the scene: half a second
 MARK_RADIUS_M = 0.05  # stands out of a gripper
 NOW: Rgb = (255, 255, 255)
@@ -51,7 +45,7 @@ NEXT_PX, DETECTED_PX = 5.0, 2.0  # radii of detected keypoints: where an agent g
 NO_FAULT = ("not yet", "waits")  # states of a lane
 
 
-class Recorder(Stream):
+class Recorder:
     """Writes one recording. A context manager: the file is complete also after an exception.
 
     `cameras`: camera name -> CameraModel; empty without rendering. `moving`: the cameras whose pose
@@ -78,22 +72,70 @@ class Recorder(Stream):
         panels: Panels = "plan",
         robots: Sequence[Robot] = (),
     ) -> None:
-        super().__init__(
-            path,
-            task=task,
-            title=title,
-            agents=agents,
-            cameras=cameras,
-            meshes=meshes,
-            moving=moving,
-            panels=panels,
-            robots=robots,
-        )
+        if path.suffix != ".rrd":
+            raise ArgumentError(f"recording {path}: the viewer opens only names that end in .rrd")
+        if agents < 1:
+            raise ArgumentError(f"recording of {agents} agents; expected at least 1")
+        self._path, self._agents, self._cameras, self._step = path, agents, dict(cameras), 0
+        self._robots = tuple(robots) or (DEFAULT,) * agents
+        self._dof = max(robot.dof for robot in self._robots)
+        for name in moving:
+            if name not in cameras:
+                raise choices("moving camera", name, cameras)
+        self._moving = frozenset(moving)
+        self._posed = {*meshes, *map(camera_entity, moving)}  # entities that a step may place
+        self._documents: dict[str, list[str]] = {}  # entity -> texts, newest first
+        self._curves: dict[str, list[str]] = {}  # group -> entities in it so far
+        self._styled: set[str] = set()  # entities that have their style
+        self._closed = False
         self._motions: list[dict[str, Rgb]] = [{} for _ in range(agents)]  # states of each agent's lane
         self._checks: dict[str, bool] = {}  # lanes seen -> they have a state now
         self._marks: list[tuple[str, NDArray[np.float64]]] = []  # (check, where) now in the scene
         self._marked_step = 0
         self._coordination: Coordination | None = None
+
+        # One application per task and kind: the viewer keeps one layout for each, and tasks differ in agents.
+        batches = rr.ChunkBatcherConfig.DEFAULT()
+        batches.flush_tick = FLUSH_S
+        application = f"rf_exp {task}{'' if panels == 'plan' else f' {panels}'}"
+        self._stream = rr.RecordingStream(application, batcher_config=batches)
+        self._stream.set_log_time_enabled(False)  # the machine's clock is no part of an episode
+        self._stream.set_log_tick_enabled(False)
+        pairs = agents * (agents - 1) // 2
+        diagrams_px = figures.coordination_size_px(pairs) if pairs else None
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream.save(
+                path, default_blueprint=layout.blueprint(agents, tuple(cameras), panels, diagrams_px)
+            )
+        except (OSError, RuntimeError) as error:
+            raise StageError(f"cannot write the recording {path}: {error}") from error
+        try:
+            self._stream.send_recording_name(title)
+            self._static(cameras, meshes)
+            self._set_time(0)
+            self.note(title)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if error is not None and not self._closed:
+            self.note(f"ended by {type(error).__name__}: {error}", level="ERROR")
+        self.close()
+
+    def close(self) -> None:
+        """Write everything that waits, and the footer. Nothing can be recorded afterwards."""
+        self._closed = True
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def note(self, line: str, level: str = "INFO") -> None:
+        """A line in the log: INFO, WARN or ERROR."""
+        self._log("log", rr.TextLog(line, level=level))
 
     def step(
         self,
@@ -126,7 +168,9 @@ class Recorder(Stream):
                 self._log(f"joints/agent{agent}/target", rr.Scalars(target[: robot.dof]))
                 self._log(f"gripper/agent{agent}/target", rr.Scalars(opening_mm(robot, target)))
         for name, picture in (pictures or {}).items():
-            self._log(camera_entity(name), compressed(picture))
+            _, jpeg = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            shown = rr.EncodedImage(contents=jpeg.tobytes(), media_type="image/jpeg")
+            self._log(camera_entity(name), shown)
 
     def occupancy(self, owner: str, centres_m: NDArray[np.floating] | None, size_m: float = 0.05) -> None:
         """Show the voxels that `owner` (`agent<k>` or an object) occupies, from now on.
@@ -139,14 +183,19 @@ class Recorder(Stream):
             self._log(entity, rr.Clear(recursive=False))
             return
         expect(f"centres_m of {owner}", centres_m, (len(centres_m), 3))
-        self._log(entity, voxels(centres_m, size_m, colour))
+        cubes = rr.Boxes3D(
+            centers=centres_m,
+            half_sizes=np.full((len(centres_m), 3), 0.5 * size_m),
+            colors=[(*colour, VOXEL_ALPHA)],
+            radii=VOXEL_EDGE_M,
+            fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+        )
+        self._log(entity, cubes)
 
     def verdict(self, check: str, ok: bool, reason: str) -> None:
         """What a check says now. Its lane on the timeline keeps this state until its next verdict."""
         lane = f"checks/{rr.escape_entity_path_part(check)}"
-        if check not in self._checks:
-            style = rr.StateConfiguration(values=["holds", "violated"], colors=[HOLDS, VIOLATED])
-            self._log(lane, style, static=True)
+        self._style(lane, rr.StateConfiguration(values=["holds", "violated"], colors=[HOLDS, VIOLATED]))
         self._checks[check] = True
         line = rr.TextLog(f"{check}: {reason}", level="INFO" if ok else "ERROR")
         self._log(lane, line, rr.StateChange(state="holds" if ok else "violated"))
@@ -161,7 +210,7 @@ class Recorder(Stream):
         for name, result in names.items():
             self.verdict(name, result.ok, result.reason)
         parts = text.summary(results), text.judged_code(results), text.verdicts(results)
-        self._document(CHECKS, "Check code", Markdown("\n\n".join(parts)))
+        self._document(layout.CHECKS, "Check code", Markdown("\n\n".join(parts)))
 
     def violation(self, violation: Violation, places_m: ArrayLike | None = None) -> None:
         """A violated check with its evidence, marked for half a second at `places_m` (K, 3) if known."""
@@ -169,7 +218,7 @@ class Recorder(Stream):
         expect("places_m", places, (len(places), 3))
         line = text.violation(violation)
         self.verdict(violation.check, False, line)
-        self._document(CHECKS, "Violation", Markdown(f"**{violation.check}**: {words(line)}"))
+        self._document(layout.CHECKS, "Violation", Markdown(f"**{violation.check}**: {words(line)}"))
         if not len(places):
             return
         if self._marked_step < self._step:
@@ -184,9 +233,9 @@ class Recorder(Stream):
         """What an agent (from 1) does from now on. No primitive: it waits; no subgoal: it has no plan."""
         self._colour(f"agent{agent}")
         state = f"{primitive}: {subgoal}" if primitive else "waits" if subgoal else ""
-        lane, seen = f"{MOTIONS}/agent{agent}", self._motions[agent - 1]
+        lane, seen = f"{layout.MOTIONS}/agent{agent}", self._motions[agent - 1]
         if state and state not in seen:
-            seen[state] = primitive_colour(primitive) if primitive else WAITS
+            seen[state] = layout.primitive_colour(primitive) if primitive else layout.WAITS
             # The style of a lane lists its states, so it is written anew with each new one.
             style = rr.StateConfiguration(values=list(seen), colors=list(seen.values()))
             self._log(lane, style, static=True)
@@ -194,7 +243,7 @@ class Recorder(Stream):
 
     def proposal(self, proposal: Proposal) -> None:
         """RoboBrain's answer as a document, and its subgoals in the log."""
-        self._document(PROPOSALS, "Proposal", text.proposal(proposal))
+        self._document(layout.PROPOSALS, "Proposal", text.proposal(proposal))
         for goal in proposal.subgoals:
             self.note(f"agent {goal.agent} is to {goal.text}")
 
@@ -208,36 +257,31 @@ class Recorder(Stream):
         """The coordination diagrams of a plan, see `figures.coordination`."""
         if not close:
             return
-        self._coordination = coordination(trajectories, schedule, close, ordered)
+        self._coordination = figures.coordination(trajectories, schedule, close, ordered)
         _, png = cv2.imencode(".png", self._coordination.picture[..., ::-1])
-        self._log(DIAGRAMS, rr.EncodedImage(contents=png.tobytes(), media_type="image/png"))
+        self._log(layout.DIAGRAMS, rr.EncodedImage(contents=png.tobytes(), media_type="image/png"))
 
     def positions(self, positions: NDArray[np.integer]) -> None:
         """Where all agents (N,) are on their paths now: a point in every coordination diagram."""
         if self._coordination is not None:
             where = self._coordination.at(positions)
             now = rr.Points2D(where, radii=rr.Radius.ui_points(NOW_POINTS), colors=[NOW], draw_order=1.0)
-            self._log(f"{DIAGRAMS}/now", now)
-
-    # -- what a policy does and how it is judged ---------------------------------------------------
+            self._log(f"{layout.DIAGRAMS}/now", now)
 
     def predicted(self, agent: int, first: int, targets: NDArray[np.floating]) -> None:
         """What a policy predicts for an agent from step `first` on: (T, A) rad and gripper command."""
         self._colour(f"agent{agent}")
         robot = self._robots[agent - 1]
         expect("targets", targets, (len(targets), self._dof + 1))
-        entity, colour = f"joints/agent{agent}/predicted", agent_colour(agent)
-        if entity not in self._styled:
-            self._styled.add(entity)
-            opaque = [(*each, 255) for each in JOINT_COLOURS[: robot.dof]]
-            self._log(entity, dots(opaque, ["predicted"] * robot.dof), static=True)
-            gripper = dots([(*colour, 255)], [f"agent {agent} predicted"])
-            self._log(f"gripper/agent{agent}/predicted", gripper, static=True)
+        joints, gripper = f"joints/agent{agent}/predicted", f"gripper/agent{agent}/predicted"
+        opaque = [(*each, 255) for each in layout.JOINT_COLOURS[: robot.dof]]
+        self._style(joints, dots(opaque, ["predicted"] * robot.dof))
+        self._style(gripper, dots([(*agent_colour(agent), 255)], [f"agent {agent} predicted"]))
         now = self._step
         for step, target in enumerate(targets, start=first):
             self._set_time(step)
-            self._log(entity, rr.Scalars(target[: robot.dof]))
-            self._log(f"gripper/agent{agent}/predicted", rr.Scalars(opening_mm(robot, target)))
+            self._log(joints, rr.Scalars(target[: robot.dof]))
+            self._log(gripper, rr.Scalars(opening_mm(robot, target)))
         self._set_time(now)
 
     def detections(self, keypoints: Sequence[KeypointDetection]) -> None:
@@ -256,36 +300,120 @@ class Recorder(Stream):
         """A path of an agent's hand (K, 3) in the scene: `predicted` is pale."""
         colour = self._colour(f"agent{agent}")
         expect("places_m", places_m, (len(places_m), 3))
-        shown = shade(colour, 3.0) if kind == "predicted" else colour
+        shown = layout.shade(colour, 3.0) if kind == "predicted" else colour
         radius = rr.Radius.ui_points(3.0 if kind == "predicted" else 2.0)
         strip = rr.LineStrips3D([places_m], colors=[shown], radii=radius)
-        self._log(f"{PATHS}/agent{agent}/{rr.escape_entity_path_part(kind)}", strip)
+        self._log(f"{layout.PATHS}/agent{agent}/{rr.escape_entity_path_part(kind)}", strip)
 
     def distance(self, a: int, b: int, distance_m: float) -> None:
         """How far two arms are from one another, drawn in cm."""
-        self._curve(DISTANCES, f"agents {a} and {b}", 100 * distance_m)
+        self._curve(layout.DISTANCES, f"agents {a} and {b}", 100 * distance_m)
 
     def contact(self, what: str, force_n: float) -> None:
         """With which force something is pushed now, 0 when it no longer is."""
-        self._curve(CONTACTS, what, force_n)
+        self._curve(layout.CONTACTS, what, force_n)
 
     def margin(self, condition: str, value: float) -> None:
         """A condition's number as a part of its bound: 1 is where it begins to hold, or ends."""
-        self._curve(MARGINS, condition, value)
+        self._curve(layout.MARGINS, condition, value)
 
     def condition(
         self, name: str, holds: bool, line: str, states: tuple[str, str] = ("holds", "not yet")
     ) -> None:
         """A condition of success as a lane, from now on; the line goes to the log."""
-        entity = f"{CONDITIONS}/{lane(name)}"
-        if entity not in self._styled:
-            self._styled.add(entity)
-            colours = [HOLDS, NOT_YET if states[1] in NO_FAULT else VIOLATED]
-            self._log(entity, rr.StateConfiguration(values=list(states), colors=colours), static=True)
-        self._log(
-            entity, rr.TextLog(line, level="INFO"), rr.StateChange(state=states[0] if holds else states[1])
-        )
+        entity = f"{layout.CONDITIONS}/{lane(name)}"
+        colours = [HOLDS, layout.NOT_YET if states[1] in NO_FAULT else VIOLATED]
+        self._style(entity, rr.StateConfiguration(values=list(states), colors=colours))
+        state = rr.StateChange(state=states[0] if holds else states[1])
+        self._log(entity, rr.TextLog(line, level="INFO"), state)
 
     def judged(self, markdown: Markdown) -> None:
         """What the judge says, from now on."""
-        self._log(VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+        self._log(layout.VERDICT, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+
+    def _check_step(
+        self,
+        step: int,
+        poses: Mapping[str, Matrix],
+        qpos: NDArray[np.floating],
+        action: NDArray[np.floating] | None,
+        pictures: Mapping[str, NDArray[np.uint8]],
+    ) -> None:
+        if step < self._step:
+            raise ArgumentError(f"step {step} comes after step {self._step}; steps do not go back")
+        for entity, pose in poses.items():
+            if entity not in self._posed:
+                raise choices("entity in poses", entity, self._posed)
+            expect(f"poses[{entity!r}]", pose, (4, 4))
+        expect("qpos", qpos, (self._agents, self._dof + FINGERS))
+        if action is not None:
+            expect("action", action, (self._agents, self._dof + 1))
+        for name, picture in pictures.items():
+            if name not in self._cameras:
+                raise choices("camera in pictures", name, self._cameras)
+            shape = (self._cameras[name].height_px, self._cameras[name].width_px, 3)
+            expect(f"pictures[{name!r}]", picture, shape, np.dtype(np.uint8))
+
+    def _set_time(self, step: int) -> None:
+        self._step = step
+        self._stream.set_time("step", sequence=step)
+        self._stream.set_time("time", duration=step * CONTROL_DT_S)
+
+    def _log(self, entity: str, *values: rr.AsComponents, static: bool = False) -> None:
+        if self._closed:
+            raise StageError(f"the recording {self._path} is closed; nothing more can be recorded in it")
+        first, *rest = values
+        self._stream.log(entity, first, *rest, static=static)
+
+    def _style(self, entity: str, style: rr.AsComponents) -> None:
+        """How an entity is drawn, unless it is known already."""
+        if entity not in self._styled:
+            self._styled.add(entity)
+            self._log(entity, style, static=True)
+
+    def _document(self, entity: str, title: str, markdown: Markdown) -> None:
+        """Add to a document that shows everything so far, newest first: attempts share a step."""
+        texts = self._documents.setdefault(entity, [])
+        number = 1 + sum(each.startswith(f"## {title} ") for each in texts)
+        texts.insert(0, f"## {title} {number}, step {self._step}\n\n{markdown}")
+        self._log(entity, rr.TextDocument("\n\n".join(texts), media_type=rr.MediaType.MARKDOWN))
+
+    def _colour(self, owner: str) -> Rgb:
+        """The colour of `agent<k>` or of an object. Raises for an agent that does not exist."""
+        number = owner.removeprefix("agent")
+        if number == owner or not number.isdigit():
+            return layout.OBJECT
+        if not 1 <= int(number) <= self._agents:
+            raise choices("agent", owner, (f"agent{agent}" for agent in range(1, self._agents + 1)))
+        return agent_colour(int(number))
+
+    def _static(self, cameras: Mapping[str, CameraModel], meshes: Mapping[str, Mesh]) -> None:
+        """What never changes: axes, cameras, meshes, the style of the curves."""
+        self._log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for name, camera in cameras.items():
+            self._log(camera_entity(name), pinhole(camera), static=True)
+            if name not in self._moving:
+                expect(f"world_from_camera of camera {name!r}", camera.world_from_camera, (4, 4))
+                self._log(camera_entity(name), placed(camera.world_from_camera), static=True)
+        for entity, mesh in meshes.items():
+            self._log(entity, mesh3d(entity, mesh, self._colour(entity.split("/")[1])), static=True)
+        for agent, robot in enumerate(self._robots, start=1):
+            colour, name, colours = agent_colour(agent), f"agent {agent}", layout.JOINT_COLOURS[: robot.dof]
+            names = [f"q{joint}" for joint in range(1, robot.dof + 1)]
+            self._log(f"joints/agent{agent}/measured", lines(colours, names, 2), static=True)
+            faint = [(*colour, FAINT) for colour in colours]
+            # One name for all targets: one line in the legend.
+            self._log(f"joints/agent{agent}/target", lines(faint, ["target"] * robot.dof, 1), static=True)
+            self._log(f"gripper/agent{agent}/measured", lines([colour], [name], 2), static=True)
+            target = lines([(*colour, FAINT)], [f"{name} target"], 1)
+            self._log(f"gripper/agent{agent}/target", target, static=True)
+
+    def _curve(self, group: str, name: str, value: float) -> None:
+        """A number now, in a group of curves that are told apart by their colours."""
+        entity = f"{group}/{rr.escape_entity_path_part(name)}"
+        curves = self._curves.setdefault(group, [])
+        if entity not in curves:
+            curves.append(entity)
+            colour = layout.AGENT_COLOURS[(len(curves) - 1) % len(layout.AGENT_COLOURS)]
+            self._style(entity, lines([colour], [name], 2))
+        self._log(entity, rr.Scalars(value))

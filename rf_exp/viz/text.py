@@ -36,18 +36,13 @@ def subgoals(goals: Sequence[Subgoal]) -> Markdown:
     return Markdown("\n".join(lines))
 
 
-def constraints(proposal: Proposal) -> Markdown:
-    """The constraints as RoboBrain stated them, by kind."""
-    lines = [
-        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {markdown.text(each.sentence)}"
-        for each in proposal.constraints
-    ]
-    return Markdown("\n".join(lines))
-
-
 def proposal(answer: Proposal) -> Markdown:
-    """RoboBrain's answer: subgoals of each agent, then the constraints."""
-    return Markdown(f"{subgoals(answer.subgoals)}\n**Constraints**\n\n{constraints(answer)}")
+    """RoboBrain's answer: subgoals of each agent, then the constraints as it stated them, by kind."""
+    stated = [
+        f"- *{each.kind}*, agents {', '.join(map(str, each.agents))}: {markdown.text(each.sentence)}"
+        for each in answer.constraints
+    ]
+    return Markdown(f"{subgoals(answer.subgoals)}\n**Constraints**\n\n" + "\n".join(stated))
 
 
 def code(checks: Sequence[str]) -> Markdown:
@@ -57,12 +52,11 @@ def code(checks: Sequence[str]) -> Markdown:
 
 def judged_code(results: Sequence[CheckResult]) -> Markdown:
     """Check code with the value and the bound of each check beside it."""
-    return code([f"{each.code}  # {_judged(each)}" for each in results])
-
-
-def _judged(result: CheckResult) -> str:
-    value, bound = (quantity(number, result.unit) for number in (result.value, result.bound))
-    return f"{'holds' if result.ok else 'VIOLATED'}: {value}, bound {bound}"
+    lines = []
+    for each in results:
+        value, bound = (quantity(number, each.unit) for number in (each.value, each.bound))
+        lines.append(f"{each.code}  # {'holds' if each.ok else 'VIOLATED'}: {value}, bound {bound}")
+    return code(lines)
 
 
 def verdicts(results: Sequence[CheckResult]) -> Markdown:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rf_exp.ablation import EvaluationRow, GenerationRow, append_row
+from rf_exp.ablation import EvaluationRow, GenerationRow, append_row, configured, publish
 from rf_exp.findings import Account, Cause, CheckName, Finding, Unmet, Violation
 
 BUDGET = 4  # violations that end an attempt
@@ -59,6 +59,11 @@ def evaluation(
         )
         for i, touched in zip(range(wins + losses), cycle(violations), strict=False)
     ]  # fmt: skip
+
+
+def write_report(out: Path) -> Path:
+    """The report on an output folder, for the tasks of the suite."""
+    return publish(out, configured())[1]
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import pytest
 
 from rf_exp.ablation import Estimate
-from rf_exp.ablation.tables.cells import Cell, Length, Rate, Text, Violations
+from rf_exp.ablation.tables.table import Cell, Length, Rate, Text, Violations
 
 CLEAN = Estimate(0.5, 0.25, 0.75, 8)
 

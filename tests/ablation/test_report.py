@@ -14,12 +14,11 @@ from PIL import Image
 
 from rf_exp.ablation import append_row, configured, paper, plots, publish
 from rf_exp.ablation.__main__ import main
-from rf_exp.ablation.report import write_report
 from rf_exp.errors import StageError
 from rf_exp.findings import Account, Closest, Lost, Unmet
 from rf_exp.store import Store
 from rf_exp.types import Episode
-from tests.ablation.conftest import evaluation, generation
+from tests.ablation.conftest import evaluation, generation, write_report
 
 VOID = {"meta", "img", "br", "hr", "link", "input"}
 

@@ -8,8 +8,8 @@ import pytest
 
 from rf_exp.ablation import Results
 from rf_exp.ablation.formats import markdown
-from rf_exp.ablation.suite import TaskFacts
 from rf_exp.ablation.tables import build
+from rf_exp.ablation.tables.known import TaskFacts
 from rf_exp.datagen import Outcome, Settings
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.demonstration.notes import Phase, Round

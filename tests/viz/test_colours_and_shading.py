@@ -5,7 +5,7 @@ import trimesh
 
 from rf_exp import viz
 from rf_exp.viz import HOLDS, VIOLATED
-from rf_exp.viz.shading import creased, srgb
+from rf_exp.viz.elements import creased, srgb
 
 
 def test_boxes_keep_sharp_edges_and_balls_stay_smooth():

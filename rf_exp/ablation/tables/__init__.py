@@ -9,68 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.suite import Suite
-from rf_exp.ablation.tables.baseline import benchmark
-from rf_exp.ablation.tables.cells import (
-    CLEAN,
-    MISSING,
-    Cell,
-    Difference,
-    Length,
-    Rate,
-    Score,
-    Text,
-    Violations,
-    escape_latex,
-)
+from rf_exp.ablation.tables.counting import ours, unvaried
 from rf_exp.ablation.tables.expert import ablation_length, ablation_success
+from rf_exp.ablation.tables.known import Suite
 from rf_exp.ablation.tables.notes import learnt_from
-from rf_exp.ablation.tables.others import foreign
-from rf_exp.ablation.tables.overview import comparison, tasks
-from rf_exp.ablation.tables.policies import architectures, shield
-from rf_exp.ablation.tables.published import Paper, paper
-from rf_exp.ablation.tables.recipes import recipes
-from rf_exp.ablation.tables.robustness import in_order, robustness
-from rf_exp.ablation.tables.selection import (
-    BASELINE_ARCH,
-    BASELINE_CONSTRAINTS,
-    both_ways,
-    core_minutes,
-    is_baseline,
-    ours,
-    unvaried,
-)
-from rf_exp.ablation.tables.table import Column, Line, Table, title_of
-
-__all__ = [
-    "BASELINE_ARCH",
-    "BASELINE_CONSTRAINTS",
-    "CLEAN",
-    "MISSING",
-    "TABLES",
-    "Cell",
-    "Column",
-    "Difference",
-    "Length",
-    "Line",
-    "Paper",
-    "Rate",
-    "Score",
-    "Table",
-    "Text",
-    "Violations",
-    "both_ways",
-    "build",
-    "core_minutes",
-    "escape_latex",
-    "in_order",
-    "is_baseline",
-    "ours",
-    "paper",
-    "robustness",
-    "title_of",
-    "unvaried",
-]
+from rf_exp.ablation.tables.overview import benchmark, comparison, tasks
+from rf_exp.ablation.tables.policies import architectures, foreign, recipes, shield
+from rf_exp.ablation.tables.robustness import robustness
+from rf_exp.ablation.tables.table import Table
 
 TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
     builder.__name__: builder

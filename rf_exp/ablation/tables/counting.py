@@ -1,13 +1,101 @@
-"""Rows in, cells out: every attempt counts, failed ones too, of the newest version of the criteria."""
+"""Which rows a table is of, in which order, and the cells that they make.
 
+Every attempt counts, failed ones too, of the newest version of the criteria.
+"""
+
+from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from statistics import fmean
 
-from rf_exp.ablation.rows import EvaluationRow, GenerationRow, newest
+from rf_exp.ablation.results import Results
+from rf_exp.ablation.rows import EvaluationRow, GenerationRow, grouped, newest
 from rf_exp.ablation.statistics import mean, wilson
-from rf_exp.ablation.tables.cells import Length, Rate, Violations
+from rf_exp.ablation.tables.known import paper
+from rf_exp.ablation.tables.table import Length, Rate, Violations
+from rf_exp.types import FOREIGN, UNVARIED
 
-NO_SUCCESS = "no success"
+BASELINE_ARCH = "separate_local"  # the paper's fourth, used for its benchmark
+COORDINATED_ARCH = "separate_coordinated"  # ours
+BASELINE_CONSTRAINTS = "full"  # whose demonstrations the paper's policies learn from
+BASELINE_BRAIN = "scripted"
+
+
+def tasks_of(known: Iterable[str], rows: Iterable[GenerationRow | EvaluationRow]) -> list[str]:
+    """The known tasks in their order, then any further one that has rows."""
+    listed = list(dict.fromkeys(known))
+    return listed + sorted({row.task for row in rows} - set(listed))
+
+
+def unshielded(results: Results) -> list[EvaluationRow]:
+    """The rollouts without a shield; shielded ones have a table of their own."""
+    return [row for row in results.evaluation if not row.shield]
+
+
+def ours(results: Results) -> Results:
+    """The results without rollouts of policies that are somebody else's."""
+    return replace(results, evaluation=tuple(row for row in results.evaluation if row.arch != FOREIGN.name))
+
+
+def varies(row: EvaluationRow) -> bool:
+    """Whether anything varied, the scenes or what was learned from."""
+    return {row.variation, row.learned_on} != {UNVARIED}
+
+
+def unvaried(results: Results) -> Results:
+    """The results of scenes and policies without variation, of which all tables are but `robustness`."""
+    generated = tuple(row for row in results.generation if row.variation == UNVARIED)
+    return replace(
+        results, generation=generated, evaluation=tuple(row for row in results.evaluation if not varies(row))
+    )
+
+
+def is_baseline(row: EvaluationRow) -> bool:
+    return (row.arch, row.constraints) == (BASELINE_ARCH, BASELINE_CONSTRAINTS)
+
+
+def demos_of(rows: Iterable[EvaluationRow]) -> list[int]:
+    """The paper's numbers of demonstrations and any further one that has rows."""
+    return sorted({*paper().demos, *(row.demos for row in rows if is_baseline(row))})
+
+
+def recipes_of(rows: Iterable[EvaluationRow]) -> list[str]:
+    """The recipes that have rows: first the one with the most, last those that are told the state.
+
+    Of those with as many, the ones that profiles choose come first: others differ from them.
+    """
+    privileged = {row.recipe: row.observation == "state" for row in rows}
+    counts = Counter(row.recipe for row in rows)
+    key = {name: (privileged[name], -counts[name], name not in ("fast", "paper"), name) for name in counts}
+    return sorted(counts, key=key.__getitem__) or ["paper"]
+
+
+def but_first(recipe: str, recipes: Sequence[str]) -> str:
+    """What the key of a line of a further recipe ends with."""
+    return "" if recipe == recipes[0] else f"-{recipe}"
+
+
+def generated(results: Results) -> dict[tuple[str, str, str, bool], list[GenerationRow]]:
+    """The attempts by task, constraints, brain, and whether the demonstration is disturbed."""
+    return grouped(
+        results.generation, lambda row: (row.task, row.constraints, row.brain, row.disturbance_rad > 0)
+    )
+
+
+def both_ways(rows: Sequence[EvaluationRow]) -> tuple[list[EvaluationRow], list[EvaluationRow]]:
+    """Rows without and with a shield: of the scenes that have both, or all where none has.
+
+    Rows are of one version of the criteria.
+    """
+    scenes = [{(r.train_seed, r.scene_seed) for r in rows if r.shield is way} for way in (False, True)]
+    both = scenes[0] & scenes[1]
+    compared = [r for r in rows if not both or (r.train_seed, r.scene_seed) in both]
+    return [r for r in compared if not r.shield], [r for r in compared if r.shield]
+
+
+def core_minutes(rows: Iterable[EvaluationRow]) -> float:
+    """CPU time of learning behind the rollouts of one architecture, the mean of its training seeds."""
+    return fmean({row.train_seed: row.core_s for row in rows}.values()) / 60
 
 
 def rate(rows: Iterable[GenerationRow | EvaluationRow], figure: float | None) -> Rate:
@@ -38,7 +126,7 @@ def length(rows: Iterable[GenerationRow], figure: float | None) -> Length:
     version, steps = kept[0].version, [float(row.steps) for row in kept if row.success]
     if not steps:
         none = "; ".join(filter(None, [f"no success in {len(kept)} attempts", note]))
-        return Length(instead=NO_SUCCESS, paper=figure, note=none, version=version)
+        return Length(instead="no success", paper=figure, note=none, version=version)
     estimate = mean(steps)
     interval = estimate.interval if len(steps) > 1 else None
     return Length(estimate.value, len(steps), interval, note, version, paper=figure)
@@ -54,12 +142,13 @@ def violations(rows: Iterable[GenerationRow | EvaluationRow], of: str = "violati
         return Violations()
     counts = [getattr(row, of) for row in kept]
     found = wilson(sum(count > 0 for count in counts), len(kept))
-    return Violations(
-        found.value, found.n, found.interval, note, kept[0].version, mean_violations=fmean(counts)
-    )
+    version = kept[0].version
+    return Violations(found.value, found.n, found.interval, note, version, mean_violations=fmean(counts))
 
 
-def rates(rows: Sequence[GenerationRow | EvaluationRow], figure: float | None) -> tuple[Rate, Violations]:
+def rates(
+    rows: Sequence[GenerationRow | EvaluationRow], figure: float | None = None
+) -> tuple[Rate, Violations]:
     """The rate of success, and the violations of the same attempts."""
     return rate(rows, figure), violations(rows)
 

@@ -1,39 +1,32 @@
 """The ablation: what the expert reaches under each row of constraints."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import GenerationRow
-from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
-from rf_exp.ablation.tables.cells import Cell, Length, Rate
-from rf_exp.ablation.tables.counting import lengths, rates
-from rf_exp.ablation.tables.notes import PROPOSAL_VIOLATIONS
-from rf_exp.ablation.tables.published import paper
-from rf_exp.ablation.tables.selection import BASELINE_BRAIN, generated, tasks_of
-from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_violations
+from rf_exp.ablation.tables.counting import BASELINE_BRAIN, generated, lengths, rates, tasks_of
+from rf_exp.ablation.tables.known import Grid, Suite, paper, title_of
+from rf_exp.ablation.tables.table import Cell, Column, Length, Line, Rate, Table, with_violations
 
 
 def ablation_success(results: Results, suite: Suite) -> Table:
     """Success rate of data generation, seeds as denominators (paper, ablation)."""
-    figures = paper().ablation_success
-    columns = _columns(results, suite, figures, Rate)
-    lines = _lines(results, figures, rates)
+    columns, lines = _measured(results, suite, paper().ablation_success, Rate, rates)
     gaps = []
     for index, column in enumerate(columns):
         cells = {line.key: cell for line in lines if isinstance(cell := line.cells[index], Rate)}
-        if cells:
-            estimates = {key: cell.estimate for key, cell in cells.items()}
-            clean = {key: cell.clean for key, cell in cells.items()}
-            gaps += notes.gaps(column.title, estimates, "logical")
-            if clean != estimates:
-                gaps += notes.gaps(f"{column.title} without a violation", clean, "logical")
+        estimates = {key: cell.estimate for key, cell in cells.items()}
+        clean = {key: cell.clean for key, cell in cells.items()}
+        gaps += notes.gaps(column.title, estimates, "logical")
+        if clean != estimates:
+            gaps += notes.gaps(f"{column.title} without a violation", clean, "logical")
     return Table(
         "ablation_success",
         "Ablation: success of generation",
         "Share of all tried scene seeds that gave a valid demonstration; without a violation: at the first "
-        "attempt, nothing refused, stopped or mended. " + PROPOSAL_VIOLATIONS.format(of="the seeds"),
+        "attempt, nothing refused, stopped or mended. " + notes.PROPOSAL_VIOLATIONS.format(of="the seeds"),
         "Constraints",
         columns,
         lines,
@@ -43,14 +36,12 @@ def ablation_success(results: Results, suite: Suite) -> Table:
 
 def ablation_length(results: Results, suite: Suite) -> Table:
     """Mean length of the valid demonstrations (paper, ablation)."""
-    figures = paper().ablation_length
-    columns = _columns(results, suite, figures, Length)
-    lines = _lines(results, figures, lengths)
+    columns, lines = _measured(results, suite, paper().ablation_length, Length, lengths)
     return Table(
         "ablation_length",
         "Ablation: episode length",
         "Mean control steps (20 Hz) of the successful demonstrations; shorter is better. "
-        + PROPOSAL_VIOLATIONS.format(of="these demonstrations"),
+        + notes.PROPOSAL_VIOLATIONS.format(of="these demonstrations"),
         "Constraints",
         columns,
         lines,
@@ -58,20 +49,15 @@ def ablation_length(results: Results, suite: Suite) -> Table:
     )
 
 
-def _columns(
-    results: Results, suite: Suite, figures: Mapping[str, Mapping[str, float]], kind: type[Cell]
-) -> tuple[Column, ...]:
-    names = tasks_of(figures["full"], results.generation)
-    return tuple(chain.from_iterable(with_violations(name, title_of(name, suite), kind) for name in names))
-
-
-def _lines(
+def _measured(
     results: Results,
-    figures: Mapping[str, Mapping[str, float]],
+    suite: Suite,
+    figures: Grid,
+    kind: type[Cell],
     cells_of: Callable[[Sequence[GenerationRow], float | None], tuple[Cell, Cell]],
-) -> tuple[Line, ...]:
-    """(constraints, task) over generation rows; other brains than the scripted one in rows of their own."""
-    names = tasks_of(figures["full"], results.generation)
+) -> tuple[tuple[Column, ...], tuple[Line, ...]]:
+    """Columns by task, lines by constraints; other brains than the scripted one have lines of their own."""
+    names, attempts = tasks_of(figures["full"], results.generation), generated(results)
     used = {(row.constraints, row.brain) for row in results.generation if not row.disturbance_rad}
     keys = [(constraints, BASELINE_BRAIN) for constraints in figures]
     keys += sorted(used - set(keys), key=lambda key: (key[1], key[0]))
@@ -79,9 +65,11 @@ def _lines(
     for constraints, brain in keys:
         own = brain == BASELINE_BRAIN
         known = figures.get(constraints, {}) if own else {}
-        cells = (cells_of(generated(results, name, constraints, brain), known.get(name)) for name in names)
+        some = ((name, attempts.get((name, constraints, brain, False), [])) for name in names)
+        cells = (cells_of(rows, known.get(name)) for name, rows in some)
         title = constraints.replace("_", " + ") if constraints != "full" else "logical + spatial + temporal"
         key = constraints if own else f"{constraints}-{brain}"
         shown = title if own else f"{title} ({brain} brain)"
         lines.append(Line(key, shown, tuple(chain.from_iterable(cells))))
-    return tuple(lines)
+    columns = chain.from_iterable(with_violations(name, title_of(name, suite), kind) for name in names)
+    return tuple(columns), tuple(lines)

@@ -1,14 +1,13 @@
 """What has to be said below a table: what it leaves out, what cannot be compared, how far rows are apart."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.rows import EvaluationRow
+from rf_exp.ablation.rows import EvaluationRow, grouped
 from rf_exp.ablation.statistics import Estimate, difference
-from rf_exp.ablation.tables.cells import Cell, Text
-from rf_exp.ablation.tables.selection import BASELINE_CONSTRAINTS, COORDINATED_ARCH
-from rf_exp.ablation.tables.table import Column, Line
+from rf_exp.ablation.tables.counting import BASELINE_CONSTRAINTS, COORDINATED_ARCH
+from rf_exp.ablation.tables.table import Column, Line, Rate, Text
 
 ROLLOUT_VIOLATIONS = (
     "Violations: share of the rollouts in which arms touched each other, and the mean number of control "
@@ -32,14 +31,12 @@ def learnt_from(results: Results) -> tuple[str, ...]:
         notes.append(
             f"Policies of recipe {', '.join(told)} are given the true poses of all things (privileged state)."
         )
-    by_strength: dict[float, set[str]] = {}
-    for row in results.evaluation:
-        if row.disturbance_rad:
-            by_strength.setdefault(row.disturbance_rad, set()).add(row.recipe)
+    disturbed = grouped(results.evaluation, lambda row: row.disturbance_rad)
     notes += [
-        f"Recipe {', '.join(sorted(who))} learns from demonstrations whose execution was disturbed, by "
-        f"{strength:g} rad."
-        for strength, who in sorted(by_strength.items())
+        f"Recipe {', '.join(sorted({row.recipe for row in rows}))} learns from demonstrations whose "
+        f"execution was disturbed, by {strength:g} rad."
+        for strength, rows in sorted(disturbed.items())
+        if strength
     ]
     return tuple(notes)
 
@@ -60,9 +57,9 @@ def coordinated(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
     )
 
 
-def left_out(results: Results) -> tuple[str, ...]:
+def left_out(rows: Iterable[EvaluationRow]) -> tuple[str, ...]:
     """Policies that learnt from weaker data stay out of the paper's tables, but not unsaid."""
-    counts = Counter(r.constraints for r in results.evaluation if r.constraints != BASELINE_CONSTRAINTS)
+    counts = Counter(row.constraints for row in rows if row.constraints != BASELINE_CONSTRAINTS)
     return tuple(
         f"{n} rollouts of policies that learnt from {name} data are not in this table."
         for name, n in sorted(counts.items())
@@ -71,7 +68,7 @@ def left_out(results: Results) -> tuple[str, ...]:
 
 def gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> list[str]:
     """Differences to a reference in percentage points, with Newcombe's interval, as one note."""
-    base = rates[reference]
+    base = rates.get(reference)
     if base is None:
         return []
     parts = []
@@ -83,12 +80,21 @@ def gaps(label: str, rates: Mapping[str, Estimate | None], reference: str) -> li
     return [f"{label}, against {reference}: {'; '.join(parts)}."] if parts else []
 
 
+def gaps_by_column(
+    lines: Sequence[Line], columns: Sequence[Column], reference: str, told: str
+) -> Iterator[str]:
+    """How far the rates of lines are from those of the one of a title; `told` says of what they all are."""
+    for index, column in enumerate(columns):
+        cells = {line.title: line.cells[index] for line in lines}
+        rates = {title: cell.estimate for title, cell in cells.items() if isinstance(cell, Rate)}
+        yield from gaps(f"{column.title}, {told}", rates, reference)
+
+
 def mixed_versions(lines: Sequence[Line], by_column: Sequence[Column] = ()) -> tuple[str, ...]:
     """Cells of one task that were judged by different criteria cannot be compared: say so.
 
     A task is a row, or with `by_column` a column.
     """
-    cells: dict[str, list[Cell]]
     if by_column:
         compared = [(i, column) for i, column in enumerate(by_column) if column.compared]
         cells = {column.title: [line.cells[i] for line in lines] for i, column in compared}

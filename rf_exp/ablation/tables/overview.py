@@ -1,35 +1,49 @@
-"""What the suite holds: its tasks and how far they are solved, and what other benchmarks cover."""
+"""What the suite holds: its tasks, how far they are solved, and what other benchmarks cover."""
 
 from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.suite import Suite
+from rf_exp.ablation.rows import EvaluationRow, grouped
 from rf_exp.ablation.tables import notes
-from rf_exp.ablation.tables.baseline import baseline_cells, demos_columns
-from rf_exp.ablation.tables.cells import Cell, Length, Text
-from rf_exp.ablation.tables.counting import length, rates
-from rf_exp.ablation.tables.notes import ROLLOUT_VIOLATIONS
-from rf_exp.ablation.tables.published import paper
-from rf_exp.ablation.tables.selection import (
+from rf_exp.ablation.tables.counting import (
     BASELINE_ARCH,
     BASELINE_BRAIN,
     BASELINE_CONSTRAINTS,
-    agents_of,
+    average,
+    but_first,
+    core_minutes,
     demos_of,
     generated,
+    is_baseline,
+    length,
+    rates,
     recipes_of,
     tasks_of,
     unshielded,
 )
-from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_violations
+from rf_exp.ablation.tables.known import Suite, agents_of, paper, title_of
+from rf_exp.ablation.tables.table import (
+    Cell,
+    Column,
+    Length,
+    Line,
+    Rate,
+    Table,
+    Text,
+    Violations,
+    with_violations,
+)
 
 LEVEL = "Plan & Control"  # of every task here: RoboBrain answers with subgoals, policies with joint targets
 
 
-def tasks(everything: Results, suite: Suite) -> Table:
+def tasks(results: Results, suite: Suite) -> Table:
     """Every task: what it asks (paper, supplementary task table) and how far it is solved."""
-    results = unshielded(everything)
-    demos, recipe = demos_of(results), recipes_of(results.evaluation)[0]
+    rows, attempts = unshielded(results), generated(results)
+    demos, recipe = demos_of(rows), recipes_of(rows)[0]
+    baseline = [row for row in rows if is_baseline(row) and row.recipe == recipe]
     disturbed = any(row.disturbance_rad for row in results.generation)
     columns = (
         Column("agents", "Agents", Text),
@@ -37,45 +51,114 @@ def tasks(everything: Results, suite: Suite) -> Table:
         *with_violations("generated", "Data generation"),
         Column("length", "Episode length", Length),
         *(with_violations("disturbed", "Data generation, disturbed") if disturbed else ()),
-        *demos_columns(demos),
+        *_demos_columns(demos),
         Column("description", "Description", Text),
         Column("condition", "Target condition", Text),
     )
-    listed = tasks_of([*paper().levels, *suite], (*results.generation, *results.evaluation))
-    lines = tuple(
-        Line(name, title_of(name, suite), _solved(results, suite, name, demos, recipe, disturbed))
-        for name in listed
-    )
-    caption = (
-        f"All tasks: demonstrations made under all constraints by the {BASELINE_BRAIN} brain, and "
-        f"{BASELINE_ARCH} policies that learnt from them (recipe {recipe}). {ROLLOUT_VIOLATIONS} For data "
-        "generation, share of "
-        "the seeds with a proposal that ended in a violation, and the mean number of such proposals."
-    )
+    lines = []
+    for task in tasks_of([*paper().levels, *suite], (*results.generation, *rows)):
+        known = suite.get(task)
+        made, mended = (
+            attempts.get((task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, way), []) for way in (False, True)
+        )
+        cells = (
+            Text(str(agents_of(task, suite) or "")),
+            Text(known.version if known else ""),
+            *rates(made, paper().ablation_success["full"].get(task)),
+            length(made, paper().ablation_length["full"].get(task)),
+            *(rates(mended) if disturbed else ()),
+            *_baseline_cells([row for row in baseline if row.task == task], task, demos),
+            Text(known.description if known else ""),
+            Text(known.condition if known else ""),
+        )
+        lines.append(Line(task, title_of(task, suite), cells))
     absent = [title_of(task, suite) for task in paper().levels if task not in suite]
     gap = [f"Tasks of the paper without a configuration: {', '.join(absent)}."] if absent else []
-    said = (*gap, *notes.left_out(results), *notes.shielded(everything), *notes.mixed_versions(lines))
-    return Table("tasks", "Tasks", caption, "Task", columns, lines, said)
+    return Table(
+        "tasks",
+        "Tasks",
+        f"All tasks: demonstrations made under all constraints by the {BASELINE_BRAIN} brain, and "
+        f"{BASELINE_ARCH} policies that learnt from them (recipe {recipe}). {notes.ROLLOUT_VIOLATIONS} For "
+        "data generation, share of the seeds with a proposal that ended in a violation, and the mean number "
+        "of such proposals.",
+        "Task",
+        columns,
+        tuple(lines),
+        (*gap, *notes.left_out(rows), *notes.shielded(results), *notes.mixed_versions(lines)),
+    )
 
 
-def _solved(
-    results: Results, suite: Suite, task: str, demos: list[int], recipe: str, disturbed: bool
-) -> tuple[Cell, ...]:
-    """The cells of one task."""
-    known = suite.get(task)
-    made, mended = (
-        generated(results, task, BASELINE_CONSTRAINTS, BASELINE_BRAIN, way) for way in (False, True)
+def benchmark(results: Results, suite: Suite) -> Table:
+    """Success of the diffusion policy by number of agents and demonstrations (paper, DP baseline).
+
+    The averages are over the paper's tasks of a level, so that they stand beside the paper's. The first
+    recipe has a line for every task, measured or not; below it, further ones have those of tasks with rows.
+    """
+    rows = unshielded(results)
+    demos, recipes = demos_of(rows), recipes_of(rows)
+    columns = (
+        Column("agents", "Agents", Text),
+        Column("recipe", "Recipe", Text),
+        *_demos_columns(demos),
+        Column("core_minutes", "Core-minutes", Text),
     )
-    return (
-        Text(str(agents_of(task, suite) or "")),
-        Text(known.version if known else ""),
-        *rates(made, paper().ablation_success["full"].get(task)),
-        length(made, paper().ablation_length["full"].get(task)),
-        *(rates(mended, None) if disturbed else ()),
-        *baseline_cells(results, task, demos, recipe),
-        Text(known.description if known else ""),
-        Text(known.condition if known else ""),
+    measured = grouped(filter(is_baseline, rows), lambda row: (row.task, row.recipe))
+
+    def lines_of(tasks: Iterable[str], recipe: str) -> Iterator[Line]:
+        for task in tasks:
+            own = measured.get((task, recipe), [])
+            if not own and recipe != recipes[0]:
+                continue
+            by_demos = grouped((row for row in own if row.core_s), lambda row: row.demos)
+            minutes = " / ".join(f"{core_minutes(some):.1f}" for _, some in sorted(by_demos.items()))
+            said = Text(str(agents_of(task, suite) or "")), Text(recipe)
+            cells = (*said, *_baseline_cells(own, task, demos), Text(minutes))
+            yield Line(task + but_first(recipe, recipes), title_of(task, suite), cells)
+
+    lines: list[Line] = []
+    for recipe, agents in product(recipes, paper().averages):
+        level = [name for name, count in paper().levels.items() if count == agents]
+        of_level = list(lines_of(level, recipe))
+        lines += of_level
+        if len(of_level) == len(level):
+            key = f"average_{agents}{but_first(recipe, recipes)}"
+            lines.append(_average(key, agents, recipe, columns, of_level))
+    further = [name for name in tasks_of(suite, rows) if name not in paper().levels]
+    for recipe in recipes:
+        lines += lines_of(further, recipe)
+    return Table(
+        "benchmark",
+        "Diffusion policy baseline",
+        f"Success rate of {BASELINE_ARCH} policies by number of demonstrations. {notes.ROLLOUT_VIOLATIONS} "
+        "Core-minutes: CPU time of learning, of all policies of the task together, at each of these numbers.",
+        "Task",
+        columns,
+        tuple(lines),
+        notes.left_out(rows) + notes.shielded(results) + notes.mixed_versions(lines),
     )
+
+
+def _demos_columns(demos: Iterable[int]) -> Iterator[Column]:
+    for count in demos:
+        yield from with_violations(f"demos_{count}", f"{count} demos", demos=count)
+
+
+def _baseline_cells(rows: Sequence[EvaluationRow], task: str, demos: Iterable[int]) -> Iterator[Cell]:
+    """A rate with its violations for each number of demonstrations, of rows of one task and recipe."""
+    for count in demos:
+        figure = paper().baseline.get(task, {}).get(count)
+        yield from rates([row for row in rows if row.demos == count], figure)
+
+
+def _average(key: str, agents: int, recipe: str, columns: Sequence[Column], lines: Sequence[Line]) -> Line:
+    """The line of a level below those of its tasks."""
+    cells: list[Cell] = [Text(str(agents)), Text(recipe)]
+    for index, column in enumerate(columns):
+        below = [cell for line in lines if isinstance(cell := line.cells[index], Rate | Violations)]
+        if below:
+            figure = None if column.demos is None else paper().averages[agents].get(column.demos)
+            cells.append(average(below, figure))
+    return Line(key, "Average", (*cells, Text("")), average=True)
 
 
 def comparison(results: Results, suite: Suite) -> Table:

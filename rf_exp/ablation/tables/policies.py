@@ -1,35 +1,36 @@
-"""Policies against each other: the architectures, and the same policies with and without a shield."""
+"""Policies against each other: architectures, recipes, with and without a shield, and those of others."""
 
 from itertools import chain
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.rows import EvaluationRow, newest
-from rf_exp.ablation.suite import Suite
+from rf_exp.ablation.rows import EvaluationRow, grouped, newest
 from rf_exp.ablation.tables import notes
-from rf_exp.ablation.tables.cells import Rate, Text, Violations
-from rf_exp.ablation.tables.counting import rates, violations
-from rf_exp.ablation.tables.notes import ROLLOUT_VIOLATIONS
-from rf_exp.ablation.tables.published import paper
-from rf_exp.ablation.tables.selection import (
+from rf_exp.ablation.tables.counting import (
     BASELINE_ARCH,
     BASELINE_CONSTRAINTS,
     both_ways,
     but_first,
+    is_baseline,
+    rates,
     recipes_of,
     tasks_of,
     unshielded,
+    violations,
 )
-from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_violations
+from rf_exp.ablation.tables.known import Suite, paper, title_of
+from rf_exp.ablation.tables.table import Cell, Column, Line, Table, Text, Violations, with_violations
+from rf_exp.types import FOREIGN
 
 
-def architectures(everything: Results, suite: Suite) -> Table:
+def architectures(results: Results, suite: Suite) -> Table:
     """The four architectures (paper, section 4.2), a row for each number of demonstrations at hand.
 
     Further recipes than the first have rows of the architectures that were measured, where they are several.
     """
-    results = unshielded(everything)
-    rows = [row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS]
-    names, recipes = tasks_of(paper().architectures[BASELINE_ARCH], rows), recipes_of(rows)
+    everything = unshielded(results)
+    rows = [row for row in everything if row.constraints == BASELINE_CONSTRAINTS]
+    known, names = paper().architectures, tasks_of(paper().architectures[BASELINE_ARCH], rows)
+    recipes = recipes_of(rows)
     columns = (
         Column("demos", "Demos", Text),
         Column("recipe", "Recipe", Text),
@@ -39,20 +40,24 @@ def architectures(everything: Results, suite: Suite) -> Table:
     at_hand = sorted({(recipes.index(row.recipe), row.demos) for row in rows})
     for order, demos in at_hand or [(0, paper().demos[-1])]:
         recipe = recipes[order]
-        alike = [r for r in rows if (r.demos, r.recipe) == (demos, recipe)]
-        known, found = paper().architectures, {row.arch for row in alike}
+        alike = grouped(
+            (row for row in rows if (row.demos, row.recipe) == (demos, recipe)), lambda row: row.arch
+        )
         archs = [*known, *sorted({row.arch for row in rows} - {*known})]
         if order:
-            archs = [arch for arch in archs if arch in found] if len(found) > 1 else []
-        end = f"-{demos}{but_first(recipe, recipes)}"
-        some = [_architecture(arch, end, Text(str(demos)), Text(recipe), alike, names) for arch in archs]
+            archs = [arch for arch in archs if arch in alike] if len(alike) > 1 else []
+        some = []
+        for arch in archs:
+            cells = _by_task(alike.get(arch, []), {name: known.get(arch, {}).get(name) for name in names})
+            key = f"{arch}-{demos}{but_first(recipe, recipes)}"
+            some.append(Line(key, arch, (Text(str(demos)), Text(recipe), *cells)))
         lines += some
-        gaps += _gaps(some, columns, f"{demos} demos, {recipe}")
+        gaps += notes.gaps_by_column(some, columns, BASELINE_ARCH, f"{demos} demos, {recipe}")
     return Table(
         "architectures",
         "Architectures",
         "Success rate of the four architectures: shared or separate policy, global or local view. "
-        + ROLLOUT_VIOLATIONS,
+        + notes.ROLLOUT_VIOLATIONS,
         "Architecture",
         columns,
         tuple(lines),
@@ -60,33 +65,53 @@ def architectures(everything: Results, suite: Suite) -> Table:
             f"The paper's figures are with {paper().demos[-1]} demonstrations.",
             *gaps,
             *notes.coordinated(rows),
-            *notes.left_out(results),
-            *notes.shielded(everything),
+            *notes.left_out(everything),
+            *notes.shielded(results),
             *notes.mixed_versions(lines, by_column=columns),
         ),
     )
 
 
-def _architecture(
-    arch: str, end: str, demos: Text, recipe: Text, rows: list[EvaluationRow], names: list[str]
-) -> Line:
-    """The line of an architecture, over rows of one number of demonstrations and one recipe."""
-    figures = paper().architectures.get(arch, {})
-    cells = (
-        rates([r for r in rows if (r.arch, r.task) == (arch, name)], figures.get(name)) for name in names
+def recipes(results: Results, suite: Suite) -> Table:
+    """Success by recipe, where several have learned the same task from as many demonstrations.
+
+    What conf/experiment/policy_ablation.yaml compares.
+    """
+    rows = [row for row in unshielded(results) if is_baseline(row)]
+    alike = grouped(rows, lambda row: (row.task, row.demos))
+    rows = [row for row in rows if len({each.recipe for each in alike[row.task, row.demos]}) > 1]
+    order, present = recipes_of(rows), {row.task for row in rows}
+    tasks = [task for task in tasks_of([*paper().levels, *suite], rows) if task in present]
+    columns = (
+        Column("demos", "Demos", Text),
+        *chain.from_iterable(with_violations(task, title_of(task, suite)) for task in tasks),
     )
-    return Line(f"{arch}{end}", arch, (demos, recipe, *chain.from_iterable(cells)))
+    lines, gaps = [], []
+    for demos in sorted({row.demos for row in rows}):
+        measured = grouped((row for row in rows if row.demos == demos), lambda row: row.recipe)
+        figures = {task: paper().baseline.get(task, {}).get(demos) for task in tasks}
+        some = [
+            Line(f"{recipe}-{demos}", recipe, (Text(str(demos)), *_by_task(measured[recipe], figures)))
+            for recipe in order
+            if recipe in measured
+        ]
+        lines += some
+        gaps += notes.gaps_by_column(some, columns, order[0], f"{demos} demos")
+    return Table(
+        "recipes",
+        "Recipes",
+        f"Success rate of {BASELINE_ARCH} policies by recipe, in the same scenes. {notes.ROLLOUT_VIOLATIONS}",
+        "Recipe",
+        columns,
+        tuple(lines),
+        (*gaps, *notes.mixed_versions(lines, by_column=columns)),
+    )
 
 
-def _gaps(lines: list[Line], columns: tuple[Column, ...], label: str) -> list[str]:
-    """How far the architectures of some lines are apart, for each task."""
-    found = []
-    for index, column in enumerate(columns):
-        cells = {line.title: line.cells[index] for line in lines}
-        estimates = {arch: cell.estimate for arch, cell in cells.items() if isinstance(cell, Rate)}
-        if estimates:
-            found += notes.gaps(f"{column.title}, {label}", estimates, BASELINE_ARCH)
-    return found
+def _by_task(rows: list[EvaluationRow], figures: dict[str, float | None]) -> tuple[Cell, ...]:
+    """A rate with its violations for each task, beside the paper's figure."""
+    cells = (rates([row for row in rows if row.task == task], figure) for task, figure in figures.items())
+    return tuple(chain.from_iterable(cells))
 
 
 def shield(results: Results, suite: Suite) -> Table:
@@ -94,17 +119,18 @@ def shield(results: Results, suite: Suite) -> Table:
 
     Only scenes that were rolled out both ways are compared, where there are such scenes.
     """
-    groups: dict[tuple[str, str, int, str], list[EvaluationRow]] = {}
-    for row in results.evaluation:
-        if row.constraints == BASELINE_CONSTRAINTS:
-            groups.setdefault((row.task, row.arch, row.demos, row.recipe), []).append(row)
+    groups = grouped(
+        (row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS),
+        lambda row: (row.task, row.arch, row.demos, row.recipe),
+    )
     order = tasks_of([*paper().levels, *suite], results.evaluation)
     lines, gaps = [], []
-    for task, arch, demos, recipe in sorted(groups, key=lambda group: (order.index(group[0]), *group[1:])):
-        without, shielded = both_ways(newest(groups[task, arch, demos, recipe])[0])
+    for policy in sorted(groups, key=lambda each: (order.index(each[0]), *each[1:])):
+        task, arch, demos, recipe = policy
+        without, shielded = both_ways(newest(groups[policy])[0])
         if not shielded:
             continue
-        bare, guarded = rates(without, None), rates(shielded, None)
+        bare, guarded = rates(without), rates(shielded)
         cells = (
             *(Text(str(demos)), Text(recipe)),
             *(*bare, violations(without, "contacts")),
@@ -119,23 +145,56 @@ def shield(results: Results, suite: Suite) -> Table:
         "Shielded rollouts",
         "The same policies in the same scenes, as they are and with RoboChecker between them and the arms: "
         "predicted chunks are checked before they are executed, and an arm that would come too close to "
-        f"another one waits. {ROLLOUT_VIOLATIONS} Contacts and interventions alike: share of the rollouts, "
-        "and mean number of control steps with a contact between arms, or with an arm that the shield kept "
-        "from its command.",
+        f"another one waits. {notes.ROLLOUT_VIOLATIONS} Contacts and interventions alike: share of the "
+        "rollouts, and mean number of control steps with a contact between arms, or with an arm that the "
+        "shield kept from its command.",
         "Task, architecture",
-        _shield_columns(),
+        (
+            Column("demos", "Demos", Text),
+            Column("recipe", "Recipe", Text),
+            *with_violations("without", "Without shield"),
+            Column("without_contacts", "contacts", Violations),
+            *with_violations("with", "With shield"),
+            Column("with_contacts", "contacts", Violations),
+            Column("interventions", "interventions", Violations),
+        ),
         tuple(lines),
-        (*gaps, *notes.coordinated(results.evaluation), *notes.left_out(results)),
+        (*gaps, *notes.coordinated(results.evaluation), *notes.left_out(results.evaluation)),
     )
 
 
-def _shield_columns() -> tuple[Column, ...]:
-    return (
-        Column("demos", "Demos", Text),
-        Column("recipe", "Recipe", Text),
-        *with_violations("without", "Without shield"),
-        Column("without_contacts", "contacts", Violations),
-        *with_violations("with", "With shield"),
-        Column("with_contacts", "contacts", Violations),
-        Column("interventions", "interventions", Violations),
+def foreign(results: Results, suite: Suite) -> Table:
+    """A row for each policy that is somebody else's and each task, shielded rollouts apart."""
+    rows = [row for row in results.evaluation if row.arch == FOREIGN.name]
+    groups = grouped(
+        (row for row in rows if row.constraints == BASELINE_CONSTRAINTS),
+        lambda row: (row.task, row.recipe, row.demos, row.shield),
+    )
+    order = tasks_of(suite, rows)
+    lines = []
+    for policy in sorted(groups, key=lambda each: (order.index(each[0]), *each[1:])):
+        (task, name, demos, guarded), some = policy, groups[policy]
+        told = "true poses" if some[-1].observation == "state" else "what can be measured"
+        cells = (
+            *(Text(str(demos)), Text(told), Text("yes" if guarded else "no")),
+            *(*rates(some), violations(some, "contacts")),
+        )
+        line = f"{task}-{name}-{demos}{'-shield' * guarded}"
+        lines.append(Line(line, f"{title_of(task, suite)}, {name}", cells))
+    return Table(
+        "foreign",
+        "Policies of others",
+        "Policies that this suite has not trained, in the scenes and by the criteria of those that it has. "
+        f"{notes.ROLLOUT_VIOLATIONS} Contacts alike. Demos: demonstrations of this suite that they learned "
+        "from, as the person said who evaluated them.",
+        "Task, policy",
+        (
+            Column("demos", "Demos", Text),
+            Column("told", "Told", Text),
+            Column("shield", "Shield", Text),
+            *with_violations("success", "Success"),
+            Column("contacts", "contacts", Violations),
+        ),
+        tuple(lines),
+        notes.left_out(rows),
     )

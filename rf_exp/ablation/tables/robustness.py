@@ -1,25 +1,20 @@
 """What policies lose where scenes vary: what conf/experiment/robustness.yaml compares."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
 from statistics import fmean
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.rows import EvaluationRow, newest
+from rf_exp.ablation.rows import EvaluationRow, grouped, newest
 from rf_exp.ablation.statistics import paired
-from rf_exp.ablation.suite import Suite
 from rf_exp.ablation.tables import notes
-from rf_exp.ablation.tables.cells import Difference, Score, Text
-from rf_exp.ablation.tables.counting import rates
-from rf_exp.ablation.tables.published import paper
-from rf_exp.ablation.tables.selection import BASELINE_ARCH, BASELINE_CONSTRAINTS, tasks_of
-from rf_exp.ablation.tables.table import Column, Line, Table, title_of, with_violations
+from rf_exp.ablation.tables.counting import BASELINE_ARCH, BASELINE_CONSTRAINTS, rates, tasks_of, varies
+from rf_exp.ablation.tables.known import Suite, paper, title_of
+from rf_exp.ablation.tables.table import Column, Difference, Line, Score, Table, Text, with_violations
 from rf_exp.types import UNVARIED
 
 ALL = "full"  # the variation of all factors together, which comes last
-Policy = tuple[
-    str, str, str, int, bool, str
-]  # task, recipe, learned on, demonstrations, shielded, architecture
+# Task, recipe, what it learned on, demonstrations, whether it is shielded, architecture.
+Policy = tuple[str, str, str, int, bool, str]
 
 
 def robustness(results: Results, suite: Suite) -> Table:
@@ -27,18 +22,19 @@ def robustness(results: Results, suite: Suite) -> Table:
 
     Each is paired with the same policies in the same scenes without variation. Policies of others count too.
     """
-    groups: dict[Policy, list[EvaluationRow]] = {}
-    for row in results.evaluation:
-        if row.constraints == BASELINE_CONSTRAINTS:
-            how = row.recipe, row.learned_on, row.demos, row.shield, row.arch
-            groups.setdefault((row.task, *how), []).append(row)
+    groups: dict[Policy, list[EvaluationRow]] = grouped(
+        (row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS),
+        lambda row: (row.task, row.recipe, row.learned_on, row.demos, row.shield, row.arch),
+    )
     varied = {policy: rows for policy, rows in groups.items() if any(map(varies, rows))}
-    kept = [row for rows in varied.values() for row in rows]
-    order = tasks_of([*paper().levels, *suite], kept)
-    lines = []
-    for policy in sorted(varied, key=lambda each: (order.index(each[0]), *_sorted(each))):
-        lines += _of_policy(policy, varied[policy], suite)
-    weaker = replace(results, evaluation=tuple(row for row in results.evaluation if varies(row)))
+    order = tasks_of([*paper().levels, *suite], (row for rows in varied.values() for row in rows))
+
+    def place(policy: Policy) -> tuple[object, ...]:
+        task, recipe, learned_on, demos, shield, arch = policy
+        learned = learned_on != UNVARIED, learned_on
+        return order.index(task), _recipe(recipe, learned_on), arch, *learned, demos, shield
+
+    lines = [line for policy in sorted(varied, key=place) for line in _lines(policy, varied[policy], suite)]
     return Table(
         "robustness",
         "Robustness",
@@ -57,13 +53,8 @@ def robustness(results: Results, suite: Suite) -> Table:
             Column("score", "Score", Score),
         ),
         tuple(lines),
-        (*notes.left_out(weaker), *notes.mixed_versions(lines)) if lines else (),
+        (*notes.left_out(filter(varies, results.evaluation)), *notes.mixed_versions(lines)) if lines else (),
     )
-
-
-def varies(row: EvaluationRow) -> bool:
-    """Whether anything varied, the scenes or what was learned from."""
-    return {row.variation, row.learned_on} != {UNVARIED}
 
 
 def in_order(variations: Iterable[str]) -> list[str]:
@@ -71,7 +62,22 @@ def in_order(variations: Iterable[str]) -> list[str]:
     return sorted(set(variations), key=lambda name: (name != UNVARIED, name == ALL, name))
 
 
-def difference(rows: Sequence[EvaluationRow], without: Sequence[EvaluationRow]) -> Difference:
+def _lines(policy: Policy, rows: Sequence[EvaluationRow], suite: Suite) -> Iterator[Line]:
+    """A line for each variation of the scenes in which a policy acted."""
+    task, recipe, learned_on, demos, shield, arch = policy
+    by_variation = grouped(newest(rows)[0], lambda row: row.variation)
+    acting = ([arch] if arch != BASELINE_ARCH else []) + ["shielded"] * shield
+    told = Text(", ".join([_recipe(recipe, learned_on), *acting])), Text(learned_on), Text(str(demos))
+    for variation in in_order(by_variation):
+        some = by_variation[variation]
+        gap = Difference(instead="-")
+        if variation != UNVARIED:
+            gap = _difference(some, by_variation.get(UNVARIED, []))
+        key = "-".join([task, recipe, str(demos), *acting, variation])
+        yield Line(key, title_of(task, suite), (*told, Text(variation), *rates(some), gap, _score(some)))
+
+
+def _difference(rows: Sequence[EvaluationRow], without: Sequence[EvaluationRow]) -> Difference:
     """How far rows are above those without variation, over the scenes that both have; missing without one."""
     before = {(row.version, row.train_seed, row.scene_seed): row.success for row in without}
     keys = [(row.version, row.train_seed, row.scene_seed) for row in rows]
@@ -85,7 +91,7 @@ def difference(rows: Sequence[EvaluationRow], without: Sequence[EvaluationRow]) 
     return Difference(gap.value, gap.n, gap.interval, note, rows[0].version, p=found.p)
 
 
-def score(rows: Sequence[EvaluationRow]) -> Score:
+def _score(rows: Sequence[EvaluationRow]) -> Score:
     """The mean of the scores that are known."""
     known = [row.score for row in rows if row.score is not None]
     lost = len(rows) - len(known)
@@ -95,30 +101,6 @@ def score(rows: Sequence[EvaluationRow]) -> Score:
     return Score(fmean(known), len(known), note=note, version=rows[0].version)
 
 
-def _sorted(policy: Policy) -> tuple[object, ...]:
-    _, recipe, learned_on, demos, shield, arch = policy
-    return _recipe(recipe, learned_on), arch, learned_on != UNVARIED, learned_on, demos, shield
-
-
 def _recipe(recipe: str, learned_on: str) -> str:
     """Its name without the variation."""
     return recipe.replace(f"+{learned_on}", "", 1)
-
-
-def _of_policy(policy: Policy, rows: Sequence[EvaluationRow], suite: Suite) -> list[Line]:
-    """A line for each variation of the scenes in which a policy acted."""
-    task, recipe, learned_on, demos, shield, arch = policy
-    by_variation: dict[str, list[EvaluationRow]] = {}
-    for row in newest(rows)[0]:
-        by_variation.setdefault(row.variation, []).append(row)
-    acting = ([arch] if arch != BASELINE_ARCH else []) + ["shielded"] * shield
-    told = Text(", ".join([_recipe(recipe, learned_on), *acting])), Text(learned_on), Text(str(demos))
-    lines = []
-    for variation in in_order(by_variation):
-        some = by_variation[variation]
-        first = variation == UNVARIED
-        gap = Difference(instead="-") if first else difference(some, by_variation.get(UNVARIED, []))
-        key = "-".join([task, recipe, str(demos), *acting, variation])
-        cells = (*told, Text(variation), *rates(some, None), gap, score(some))
-        lines.append(Line(key, title_of(task, suite), cells))
-    return lines

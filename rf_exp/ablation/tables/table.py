@@ -1,10 +1,211 @@
-"""A table: columns of one kind of cell each, and lines of cells."""
+"""A table: columns of one kind of cell each, and lines of cells, each of which formats itself."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
-from rf_exp.ablation.suite import Suite
-from rf_exp.ablation.tables.cells import Cell, Length, Rate, Text, Violations
+from rf_exp.ablation.statistics import Estimate
 from rf_exp.errors import choices
+from rf_exp.texts import markdown, one_line
+
+MISSING = "missing"
+CLEAN = "without a violation"  # generation: at the first attempt
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Text:
+    """Words, or a number that is not compared."""
+
+    unit: ClassVar = "text"
+    value: str
+
+    def markdown(self) -> str:
+        return markdown.cell(self.value)
+
+    def latex(self) -> str:
+        return escape_latex(self.value)
+
+    def csv(self) -> dict[str, object]:
+        return {"status": "text", "value": self.value, "n": 0}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What all figures have. `value` None means: nothing was measured yet, or `instead` tells what was."""
+
+    unit: ClassVar[str]
+    value: float | None = None
+    n: int = 0  # attempts behind it; behind a length successes
+    interval: Interval | None = None  # 95 %
+    note: str = ""
+    version: str = ""  # of the success criteria
+    instead: str = ""  # what stands in its place, such as `no success`
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        """In the unit of the cell: `97.5 %`, `80.7`; without its sign `97.5`."""
+        return f"{100 * value:.1f}" + " %" * sign
+
+    @property
+    def figure(self) -> str:
+        """Ours alone: `97.5 %`, `80.7`, `missing`."""
+        return (self.instead or MISSING) if self.value is None else self.number(self.value)
+
+    @property
+    def missing(self) -> bool:
+        return self.value is None and not self.instead
+
+    @property
+    def details(self) -> list[str]:
+        """What belongs to the figure: first its interval, with the size of the sample."""
+        size = f"n={self.n}" if self.n else ""
+        spread = " ".join(filter(None, [self.bracketed(self.interval), size]))
+        return [spread] if spread else []
+
+    def bracketed(self, interval: Interval | None) -> str:
+        """`[93.1, 99.1]`; empty without one."""
+        return f"[{', '.join(self.number(end, sign=False) for end in interval)}]" if interval else ""
+
+    def markdown(self) -> str:
+        return "".join(f"**{text}**" if strong else text for text, strong in self._spans())
+
+    def latex(self) -> str:
+        spans = ((escape_latex(text), strong) for text, strong in self._spans())
+        return "".join(rf"\textbf{{{text}}}" if strong else text for text, strong in spans)
+
+    def csv(self) -> dict[str, object]:
+        """The numbers as they are: rates in [0, 1], lengths in control steps."""
+        low, high = self.interval or (None, None)
+        status = MISSING if self.missing else "measured"
+        said = {"status": status, "value": self.instead or self.value, "low": low, "high": high, "n": self.n}
+        common = {each.name for each in fields(Figure)}
+        further = {name: value for name, value in vars(self).items() if name not in common}
+        return {**said, "version": self.version, "note": self.note, **further}
+
+    def _spans(self) -> list[tuple[str, bool]]:
+        """(text, whether it is emphasised) for the figure and all that belongs to it."""
+        if self.value is None:
+            return [(self.figure, False)]
+        return [(self.figure, True), *((f", {text}", False) for text in self.details)]
+
+
+@dataclass(frozen=True)
+class Rate(Figure):
+    """A share of attempts that succeeded, in [0, 1], beside the paper's."""
+
+    unit: ClassVar = "rate"
+    paper: float | None = None
+    success_paper: float | None = None  # by the paper's own criterion
+    clean: Estimate | None = None  # strict success without a violation on the way
+
+    @property
+    def details(self) -> list[str]:
+        loose = self.success_paper
+        by_paper = [] if loose in (None, self.value) else [f"paper's criterion {self.number(loose)}"]
+        return [*super().details, *by_paper]
+
+    @property
+    def clean_figure(self) -> tuple[str, str]:
+        """The rate without a violation and its interval; empty without it."""
+        if self.clean is None:
+            return "", ""
+        return self.number(self.clean.value), self.bracketed(self.clean.interval)
+
+    @property
+    def unmended(self) -> Estimate | None:
+        """The rate without a violation, where it is another than the rate."""
+        return self.clean if self.clean is not None and self.clean.value != self.value else None
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The figure with its interval, where there is one."""
+        if self.value is None or self.interval is None:
+            return None
+        return Estimate(self.value, *self.interval, self.n)
+
+    def csv(self) -> dict[str, object]:
+        clean = self.clean
+        rate, low, high = (clean.value, *clean.interval) if clean else (None, None, None)
+        return {**super().csv(), "clean": rate, "clean_low": low, "clean_high": high}
+
+    def _spans(self) -> list[tuple[str, bool]]:
+        spans = super()._spans()
+        if self.clean is None or self.value is None:
+            return spans
+        rate, interval = self.clean_figure
+        return [*spans[:2], (f", {CLEAN} ", False), (rate, True), (f" {interval}", False), *spans[2:]]
+
+
+@dataclass(frozen=True)
+class Length(Figure):
+    """Mean control steps of the successes, beside the paper's."""
+
+    unit: ClassVar = "steps"
+    paper: float | None = None
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return f"{value:.1f}" if value < 1000 else f"{value:.0f}"
+
+
+@dataclass(frozen=True)
+class Violations(Figure):
+    """The share of attempts with a violation, in [0, 1]; of the same sample as the figure before it."""
+
+    unit: ClassVar = "violations"
+    mean_violations: float | None = None  # of an attempt
+
+    @property
+    def details(self) -> list[str]:
+        average = "" if self.mean_violations is None else f"mean {self.mean_violations:.2f}"
+        return [text for text in (self.bracketed(self.interval), average) if text]
+
+
+@dataclass(frozen=True)
+class Difference(Figure):
+    """How far a rate is from another one of the same scenes, in [-1, 1]; `n` are these scenes."""
+
+    unit: ClassVar = "difference"
+    p: float | None = None  # of McNemar's exact test, two-sided
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return f"{100 * value:+.1f}" + " points" * sign
+
+    @property
+    def details(self) -> list[str]:
+        return [*super().details, *([] if self.p is None else [p_value(self.p)])]
+
+
+@dataclass(frozen=True)
+class Score(Figure):
+    """How far attempts came on average, from 0 to 1, which is success."""
+
+    unit: ClassVar = "score"
+
+    @staticmethod
+    def number(value: float, sign: bool = True) -> str:
+        return f"{value:.2f}"
+
+
+Cell = Rate | Length | Violations | Difference | Score | Text
+
+
+def p_value(p: float) -> str:
+    """`p=0.031`; what is smaller than a thousandth, as less than it."""
+    return "p<0.001" if p < 0.001 else f"p={p:.2g}" if p < 0.1 else f"p={p:.2f}"
+
+
+def escape_latex(text: str) -> str:
+    special = {
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+    }
+    special |= {character: "\\" + character for character in "&%$#_{}"}
+    return "".join(special.get(character, character) for character in one_line(text))
 
 
 @dataclass(frozen=True)
@@ -79,9 +280,3 @@ def with_violations(
     """A column of figures and the one beside it, of the violations of the same attempts."""
     beside = Column(f"{key}_violations", "violations", Violations, beside=True)
     return Column(key, title, kind, demos), beside
-
-
-def title_of(task: str, suite: Suite) -> str:
-    """The configured title of a task; where it is not in the suite its name in title case."""
-    known = suite.get(task)
-    return known.title if known else task.replace("_", " ").title()

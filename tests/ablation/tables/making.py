@@ -9,8 +9,9 @@ from typing import Any
 from rich.console import Console
 
 from rf_exp.ablation import EvaluationRow, GenerationRow, Results, formats, page, paper
-from rf_exp.ablation.suite import Suite, TaskFacts
-from rf_exp.ablation.tables import TABLES, Column, Length, Rate, Table
+from rf_exp.ablation.tables import TABLES
+from rf_exp.ablation.tables.known import Suite, TaskFacts
+from rf_exp.ablation.tables.table import Column, Length, Rate, Table
 from tests.ablation.conftest import BUDGET, evaluation, generation
 
 NAMES = ["tasks", "comparison", "benchmark", "architectures", "recipes", "shield"]

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from rf_exp.ablation import Results, formats, wilson
-from rf_exp.ablation.tables import Rate, build
+from rf_exp.ablation.tables import build
+from rf_exp.ablation.tables.table import Rate
 from tests.ablation.conftest import evaluation, generation
 from tests.ablation.tables.making import SUITE, at, generated, made
 

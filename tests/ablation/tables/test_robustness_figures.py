@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from rf_exp.ablation import EvaluationRow, Results, append_row, formats, paired, plots, publish, unvaried
-from rf_exp.ablation.tables import TABLES, Table, build
+from rf_exp.ablation.tables import TABLES, build
+from rf_exp.ablation.tables.table import Table
 from rf_exp.findings import Account, Closest
 from tests.ablation.conftest import evaluation, generation
 from tests.ablation.tables.making import EMPTY, SUITE, at, evaluated

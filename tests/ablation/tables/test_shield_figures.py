@@ -3,7 +3,7 @@
 import pytest
 
 from rf_exp.ablation import Results
-from rf_exp.ablation.tables import Violations
+from rf_exp.ablation.tables.table import Violations
 from tests.ablation.conftest import evaluation
 from tests.ablation.tables.making import at, evaluated, made
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from rf_exp.ablation import Results, configured, formats, load
-from rf_exp.ablation.tables import Rate, build
-from rf_exp.ablation.tables.cells import Figure
+from rf_exp.ablation.tables import build
+from rf_exp.ablation.tables.table import Figure, Rate
 from rf_exp.errors import StageError
 from tests.ablation.tables.making import EMPTY, NAMES, counted, made, shown
 

@@ -6,7 +6,8 @@ import io
 import pytest
 
 from rf_exp.ablation import Results, formats, paper, wilson
-from rf_exp.ablation.tables import Violations, build
+from rf_exp.ablation.tables import build
+from rf_exp.ablation.tables.table import Violations
 from tests.ablation.conftest import BUDGET, generation
 from tests.ablation.tables.making import (
     NAMES,

@@ -1,6 +1,6 @@
-"""The paper's figures as a frozen value; the numbers are in `paper.yaml`. Rates are fractions here."""
+"""What tables know beside rows: the paper's figures, which are in `paper.yaml`, and the facts about tasks."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -8,12 +8,14 @@ from typing import Any
 
 import yaml
 
+from rf_exp.tasks import CONFIGURED, Task, read_task
+
 Grid = Mapping[str, Mapping[str, float]]  # row -> task -> figure
 
 
 @dataclass(frozen=True)
 class Paper:
-    """Every figure of the paper's tables."""
+    """Every figure of the paper's tables. Rates are fractions here."""
 
     source: str
     levels: Mapping[str, int]  # task -> number of agents, in the order of the baseline table
@@ -51,3 +53,47 @@ def paper() -> Paper:
         ablation_length=raw["ablation_length"],
         comparison={name: tuple(row) for name, row in raw["comparison"].items()},
     )
+
+
+@dataclass(frozen=True)
+class TaskFacts:
+    """One task, in the words of its YAML file: plain values, no simulator."""
+
+    title: str
+    agents: int
+    description: str
+    condition: str
+    version: str  # of the success criteria
+
+
+Suite = Mapping[str, TaskFacts]  # by the name of the task
+
+
+def facts(tasks: Iterable[Task]) -> Suite:
+    """The facts about tasks that were composed elsewhere."""
+    return {
+        task.name: TaskFacts(
+            task.title, len(task.agents), task.description, task.target_condition, task.version
+        )
+        for task in tasks
+    }
+
+
+@cache
+def configured(folder: Path = CONFIGURED) -> Suite:
+    """The facts about every task in a folder of YAML files, whether it was ever run or not.
+
+    Raises ArgumentError, as any run would, for a file that is no valid task.
+    """
+    return facts(read_task(path) for path in sorted(folder.glob("*.yaml")))
+
+
+def title_of(task: str, suite: Suite) -> str:
+    """The configured title of a task; where it is not in the suite its name in title case."""
+    known = suite.get(task)
+    return known.title if known else task.replace("_", " ").title()
+
+
+def agents_of(task: str, suite: Suite) -> int | None:
+    known = suite.get(task)
+    return known.agents if known else paper().levels.get(task)

@@ -1,0 +1,299 @@
+"""Episodes and rollouts as recordings: the bridge from simulator, checker and loops to `rf_exp.viz`."""
+
+from collections import deque
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from rf_exp.constraints import Check, CheckedPlan, Evidence, Paths, RoboChecker
+from rf_exp.coordination import Demands
+from rf_exp.datagen import Planned
+from rf_exp.findings import Violation
+from rf_exp.geometry import Mask, PlanningScene, centres_m, voxels
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Task
+from rf_exp.texts.markdown import Markdown
+from rf_exp.types import CONTROL_HZ, KeypointDetection, Rollout, RolloutStep, Scene, Verdict, activity
+from rf_exp.viz import Mesh, Panels, Recorder, camera_entity, link_entity, object_entity, text
+from rf_exp.viz.text import CheckResult
+
+OCCUPANCY_EVERY = DISTANCES_EVERY = 2  # control steps
+TRAIL_STEPS = 2 * CONTROL_HZ  # of the hand, shown behind it
+HIGHEST = 3.0  # a number that is further off than this many bounds is drawn there
+TABLE_M = (2.4, 2.4, 0.02)  # what is drawn of the table
+TABLE_COLOUR = (0.45, 0.40, 0.35)
+CAMERAS = "cameras"  # owner of the voxels that they see
+
+
+class SceneRecorder:
+    """Records scenes; a context manager. The file is complete also when the body ends in an exception."""
+
+    def __init__(self, path: Path, task: Task, world: Simulator, title: str, panels: Panels) -> None:
+        self._moving = [name for name in world.cameras if task.cameras[name].mount == "wrist"]
+        self._task, self._world = task, world
+        self._arms = tuple(task.arms.values())
+        self._recorder = Recorder(
+            path,
+            task=task.name,
+            title=title,
+            agents=len(task.agents),
+            cameras=world.camera_models(),
+            meshes=_meshes(task),
+            moving=self._moving,
+            panels=panels,
+            robots=[robot.model for robot in task.robots],
+        )
+        self._scene: Scene | None = None  # as seen last
+
+    def __enter__(self) -> Self:
+        self._recorder.__enter__()
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        self._recorder.__exit__(kind, error, trace)
+
+    def look(
+        self,
+        scene: Scene,
+        action: NDArray[np.float64] | None = None,
+        pictures: Mapping[str, NDArray[np.uint8]] | None = None,
+    ) -> None:
+        """The scene as it is, without a plan."""
+        self._scene = scene
+        poses = {object_entity(name): pose for name, pose in {**scene.poses, **scene.clutter}.items()}
+        for agent, arm in zip(self._task.agents, self._arms, strict=True):
+            links = arm.links(scene.qpos[agent - 1])
+            poses |= {
+                link_entity(agent, link): pose for link, pose in zip(arm.robot.links, links, strict=True)
+            }
+        for name in self._moving:
+            poses[camera_entity(name)] = self._world.camera_models()[name].world_from_camera
+        self._recorder.step(scene.step, poses=poses, qpos=scene.qpos, action=action, pictures=pictures)
+        if scene.step % OCCUPANCY_EVERY == 0:
+            self._occupancy(scene)
+
+    def _occupancy(self, scene: Scene) -> None:
+        """Voxels of every arm with what it holds, and of the objects that nobody holds."""
+        planning_scene = PlanningScene(self._task, scene)
+        names = (*self._task.objects, *self._task.clutter)
+        objects = {name: voxels(planning_scene.standing([name])) for name in names}
+        for agent, held in zip(self._task.agents, scene.held, strict=True):
+            occupied = [voxels(planning_scene.measured(agent))]
+            occupied += [objects[held]] if held is not None else []
+            self._recorder.occupancy(f"agent{agent}", centres_m(np.unique(np.concatenate(occupied), axis=0)))
+        for name, occupied in objects.items():
+            self._recorder.occupancy(name, None if name in scene.held else centres_m(occupied))
+
+    def _hands_m(self, agents: tuple[int, ...]) -> NDArray[np.float64]:
+        """(K, 3) tool centre points of some agents, as seen last."""
+        if self._scene is None:
+            return np.zeros((0, 3))
+        qpos = self._scene.qpos
+        hands = [self._arms[agent - 1].tcp(qpos[agent - 1])[:3, 3] for agent in agents]
+        return np.array(hands).reshape(-1, 3)
+
+
+def _meshes(task: Task) -> dict[str, Mesh]:
+    """Every entity that is drawn: links of each arm, objects, the table."""
+    meshes = {
+        link_entity(agent, link): Mesh(vertices, faces, colours)
+        for agent, robot in zip(task.agents, task.robots, strict=True)
+        for link, (vertices, faces, colours) in robot.model.meshes.items()
+        if link in robot.model.links
+    }
+    meshes |= {object_entity(name): _object(task, name) for name in (*task.objects, *task.clutter)}
+    slab = trimesh.creation.box(TABLE_M)
+    slab.apply_translation((0.0, 0.0, -TABLE_M[2] / 2))
+    meshes[object_entity("table")] = Mesh(slab.vertices, slab.faces, TABLE_COLOUR)
+    return meshes
+
+
+def _object(task: Task, name: str) -> Mesh:
+    parts = task.asset(name).parts
+    colours = np.concatenate([np.tile(part.colour, (len(part.mesh.vertices), 1)) for part in parts])
+    offsets = np.cumsum([0, *(len(part.mesh.vertices) for part in parts)])
+    vertices = np.concatenate([part.mesh.vertices for part in parts])
+    faces = np.concatenate([part.mesh.faces + offset for part, offset in zip(parts, offsets, strict=False)])
+    return Mesh(vertices, faces, colours)
+
+
+class EpisodeRecorder(SceneRecorder):
+    """Records one episode; an observer of the generation loop, a context manager."""
+
+    def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
+        super().__init__(path, task, world, title, "plan")
+        self._plan: Planned | None = None
+        self._since = 0  # step at which the plan began
+        self._doing: dict[int, tuple[str, str]] = {}  # agent -> subgoal, primitive
+
+    def planned(self, plan: Planned) -> None:
+        """Proposal, check code, the evidence of every check, the diagrams, and what the cameras saw."""
+        self._plan, self._since = plan, 0 if self._scene is None else self._scene.step + 1
+        self._recorder.proposal(plan.proposal)
+        self._recorder.checked(check_results(plan.checked))
+        paths = plan.checked.plan.paths
+        if paths.scene.seen is not None:
+            self._recorder.occupancy(CAMERAS, centres_m(paths.scene.seen))
+        self._recorder.coordination(
+            plan.trajectories, plan.schedule, paths.diagrams, orders(plan.checker, paths)
+        )
+
+    def rejected(self, violation: Violation) -> None:
+        """A violation, marked at the hands of the agents involved; it ends what was going on."""
+        self._recorder.violation(violation, self._hands_m(violation.agents))
+        self._plan = None
+        for agent in self._task.agents:
+            self._do(agent, "", "")
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        """One control step: poses, curves, pictures, occupancy, and what each agent is about."""
+        self.look(scene, action, pictures)
+        if self._plan is None:
+            return
+        schedule, step = self._plan.schedule, scene.step - self._since + 1  # of the plan, the first being 1
+        self._recorder.positions(schedule.positions[min(step, len(schedule))])
+        for trajectory in self._plan.trajectories:
+            now = activity(trajectory, schedule, step)
+            subgoal, primitive = "", ""
+            if now.segment is not None:
+                subgoal, primitive = now.segment.subgoal.text, now.segment.primitive if now.moves else ""
+            self._do(trajectory.agent, subgoal, primitive)
+
+    def _do(self, agent: int, subgoal: str, primitive: str) -> None:
+        if self._doing.get(agent, ("", "")) != (subgoal, primitive):
+            self._doing[agent] = subgoal, primitive
+            self._recorder.motion(agent, subgoal, primitive)
+
+
+def check_results(checked: CheckedPlan) -> tuple[CheckResult, ...]:
+    """The evidence of all checks on a plan, ready to be shown."""
+    return tuple(map(check_result, checked.checks, checked.evidence))
+
+
+def check_result(check: Check, evidence: Evidence) -> CheckResult:
+    """A check with its evidence, ready to be shown."""
+    return CheckResult(
+        repr(check),
+        check.text,
+        evidence.ok,
+        evidence.value,
+        evidence.bound,
+        check.unit,
+        evidence.time_s,
+        evidence.sentence,
+    )
+
+
+def orders(checker: RoboChecker, paths: Paths) -> Mapping[tuple[int, int], Mask]:
+    """(P_i, P_j) for pairs of agents i < j: True where what a plan demands of timing forbids to be."""
+    demands = Demands(paths.trajectories)
+    for rule in checker.rules(paths):
+        rule.demand(demands)
+    return demands.cells
+
+
+class RolloutRecorder(SceneRecorder):
+    """Records one rollout; an observer of the rollout loop, a context manager."""
+
+    def __init__(self, path: Path, task: Task, world: Simulator, title: str) -> None:
+        super().__init__(path, task, world, title, "rollout")
+        self._trails = {agent: deque[NDArray[np.float64]](maxlen=TRAIL_STEPS) for agent in task.agents}
+        self._since: dict[str, int] = {}  # condition -> step since which it is as it is
+        self._evidence: dict[str, bool] = {}
+        self._pushes: set[str] = set()  # who pushes what, as shown so far
+        self._violated = False
+        self._table = Markdown()
+        self._withheld = ""  # what the shield did last
+        self._doing: dict[int, int] = {}  # agent -> number of its subgoal
+        self._detections: tuple[KeypointDetection, ...] = ()
+
+    def begun(self, scene: Scene) -> None:
+        """The start."""
+        self.look(scene, None, self._world.images())
+        self._distances(scene)
+
+    def rolled(self, step: RolloutStep) -> None:
+        """One control step."""
+        for agent, chunk in step.predicted.items():  # made before the step, from where the hands were
+            self._recorder.predicted(agent, step.scene.step, chunk)
+            ahead = self._arms[agent - 1].tcp(chunk)[:, :3, 3]
+            self._recorder.path(agent, "predicted", ahead)
+        self.look(step.scene, step.action, self._world.images())
+        if step.detections != self._detections:
+            self._detections = step.detections
+            self._recorder.detections(step.detections)
+        for agent in self._task.agents:
+            self._trails[agent].append(self._hands_m((agent,))[0])
+            self._recorder.path(agent, "done", np.array(self._trails[agent]))
+        if step.scene.step % DISTANCES_EVERY == 0:
+            self._distances(step.scene)
+        self._contacts(step.scene)
+        self._judged(step.scene, step.verdict)
+        self._shielded(step)
+        for agent, (number, goes_on) in step.phases.items():
+            self._state(f"agent {agent}", goes_on, step.scene.step, ("goes on", "waits"))
+            if self._doing.get(agent) != number:
+                self._doing[agent] = number
+                self._recorder.note(f"agent {agent} takes itself to be at its subgoal {number + 1}")
+        if step.violation is not None and not self._violated:
+            self._recorder.violation(step.violation, self._hands_m(step.violation.agents))
+        self._violated = step.violation is not None
+
+    def ended(self, result: Rollout) -> None:
+        """The verdict on the whole."""
+        self._recorder.judged(Markdown(f"{text.outcome(result)}\n\n{self._table}"))
+        self._recorder.note(f"{'success' if result.success else result.reason}, step {result.steps}")
+
+    def _distances(self, scene: Scene) -> None:
+        planning_scene = PlanningScene(self._task, scene)
+        for a, b in combinations(self._task.agents, 2):
+            self._recorder.distance(a, b, planning_scene.between(a, b).distance_m)
+
+    def _contacts(self, scene: Scene) -> None:
+        """Forces between arms, and of fingers on objects."""
+        forces = {f"agents {a} and {b}": force for a, b, force in scene.arm_contacts}
+        forces |= {
+            f"agent {agent} on {name}": float(np.linalg.norm(force))
+            for (agent, name), force in scene.finger_forces.items()
+        }
+        forces |= {f"{who} on {name}": force for who, name, force in scene.clutter_contacts}
+        for what in sorted(self._pushes | forces.keys()):
+            self._recorder.contact(what, forces.get(what, 0.0))
+        self._pushes |= forces.keys()
+        if len(self._task.agents) > 1:
+            self._state("arms apart", not scene.arm_contacts, scene.step, ("holds", "touching"))
+
+    def _judged(self, scene: Scene, verdict: Verdict) -> None:
+        for name, holds in verdict.evidence.items():
+            self._state(name, holds, scene.step, ("holds", "not yet"))
+        for name in self._task.objects:
+            self._state(f"{name} at hand", name not in verdict.lost, scene.step, ("holds", "lost"))
+        for name, found in verdict.measured.items():
+            self._recorder.margin(
+                f"{name} ({found.asked} {found.unit})", min(found.value / found.bound, HIGHEST)
+            )
+        self._table = text.conditions(verdict, self._since)
+        self._recorder.judged(self._table)
+
+    def _shielded(self, step: RolloutStep) -> None:
+        """A lane that tells when a shield keeps an arm from its command; in the log, whom and why."""
+        if step.withheld is None:
+            return
+        self._state("shield", not step.withheld, step.scene.step, ("holds", "steps in"))
+        said = text.withheld(step.withheld)
+        if step.withheld and said != self._withheld:
+            self._recorder.note(said)
+        self._withheld = said
+
+    def _state(self, name: str, holds: bool, step: int, states: tuple[str, str]) -> None:
+        """A lane changes where a condition does."""
+        if self._evidence.get(name) is not holds:
+            self._evidence[name], self._since[name] = holds, step
+            self._recorder.condition(name, holds, f"{name}: {states[0] if holds else states[1]}", states)
