@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.datagen.brain import FaultyBrain
-from rf_exp.datagen.episode.loop import EpisodeMaker
-from rf_exp.datagen.episode.outcome import Outcome
+from rf_exp.datagen.episode import EpisodeMaker, Outcome
 from rf_exp.datagen.planning import Settings
 from rf_exp.findings import Account
 from rf_exp.processes import Timeout, in_order
@@ -52,17 +51,10 @@ def generate(
     """
     jobs = (partial(make, seed) for seed in seeds)
     for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
-        yield _failed(seed, made) if isinstance(made, Timeout) else made
-
-
-def _failed(seed: int, timeout: Timeout) -> Outcome:
-    return Outcome(
-        seed,
-        success=False,
-        success_paper=False,
-        steps=0,
-        attempts=1,
-        contacts=0,
-        wall_s=timeout.limit_s,
-        account=Account(ended=str(timeout)),
-    )
+        if isinstance(made, Timeout):
+            account = Account(ended=str(made))
+            yield Outcome(
+                seed, False, False, steps=0, attempts=1, contacts=0, wall_s=made.limit_s, account=account
+            )
+        else:
+            yield made

@@ -23,6 +23,8 @@ from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, Voxels, among,
 from rf_exp.transforms import transform
 from rf_exp.types import CameraModel
 
+__all__ = ["SEEN", "Seen", "down_to_table", "look", "together"]
+
 NOISE_M = 0.01  # a point this near to the table, an arm, or what it holds may be theirs
 REACH_M = 1.2  # of an arm with its gripper and a load; what is farther from every base is in nobody's way
 POINT_M = 0.01  # of all points in a cube of this edge one is looked at
@@ -73,10 +75,7 @@ def points(depth: NDArray[np.float32], camera: CameraModel) -> Points:
 
 
 def within(body: Swept, found: Points, margin_m: float) -> NDArray[np.bool_]:
-    """(K,) True for points (K, 3) in a body at its first position, or at most about `margin_m` outside.
-
-    At an edge of a piece a little more: its faces, moved out by the margin, meet farther away.
-    """
+    """(K,) True for points (K, 3) in a body at its first position, or about `margin_m` outside its faces."""
     inside = np.zeros(len(found), dtype=bool)
     for column, piece in enumerate(body.pieces):
         pose = body.poses[0, column].astype(np.float32)

@@ -5,13 +5,11 @@ from functools import cache, partial
 from itertools import takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rf_exp.datagen.motion.branches import Arrivals, Points
-from rf_exp.datagen.motion.destination import ends
+from rf_exp.datagen.motion.branches import Arrivals
 from rf_exp.datagen.motion.reach import LookAhead, Reach, above, turned
-from rf_exp.datagen.motion.request import Request
-from rf_exp.datagen.motion.state import State, Unreachable
+from rf_exp.datagen.motion.request import Request, ends
+from rf_exp.datagen.motion.state import Floats, Points, State, Unreachable
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import Subgoal
@@ -26,7 +24,7 @@ _WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is hel
 def once_grasped(request: Request, name: str, state: State) -> LookAhead:
     """What the agent does with the thing in its hand, until it has let go and is at rest."""
 
-    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float]:
+    def after(goals: Floats) -> Callable[[int, Points], float]:
         @cache
         def lines(goal: int) -> Sequence[Line]:
             return tuple(_with_held(request, name, inverse(goals[goal]) @ state.poses[name], state))
@@ -43,16 +41,12 @@ def once_placed(request: Request, state: State) -> LookAhead:
     rest = posture_rad("home", request.task, request.agent)
     duration_s = request.reach.duration_s
 
-    def after(goals: NDArray[np.float64]) -> Callable[[int, Points], float]:
-        taken_s = (
-            np.zeros(len(goals))
-            if taker is None
-            else _taken_s(request, taker, goals @ tcp_from_object, state)
-        )
+    def after(goals: Floats) -> Callable[[int, Points], float]:
+        taken_s = None if taker is None else _taken_s(request, taker, goals @ tcp_from_object, state)
 
         def takes_s(goal: int, points: Points) -> float:
             back_s, home_s = duration_s(points[:-3:-1]), duration_s(np.stack([points[-2], rest]))
-            return float(back_s + (home_s if taker is None else max(AWAY * home_s, taken_s[goal])))
+            return float(back_s + (home_s if taken_s is None else max(AWAY * home_s, taken_s[goal])))
 
         return takes_s
 
@@ -63,6 +57,9 @@ def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: Stat
     """The motions of the subgoals that move the thing; a lift, where a later proposal will say what comes."""
     reach, agent = request.reach, request.agent
     moving = [*takewhile(lambda each: each.object == name and each.verb in _WITH_HELD, request.following)]
+    rest = None  # nobody waits until a giver is there
+    if request.taker(name) is None:
+        rest = posture_rad("home", request.task, agent)
     if not moving:
         yield partial(_lifted, reach, agent, EXPECTED_M)
     for each in moving:
@@ -71,33 +68,21 @@ def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: Stat
             yield partial(_lifted, reach, agent, each.height_m)
             continue
         try:
-            tiers = ends(request.task, reach.arms[agent], each, state, tcp_from_object)
+            tiers = ends(request.task, each, state, tcp_from_object)
         except Unreachable:  # that will be said when its turn comes
             return
-        if each.verb == "place":
-            taker = request.taker(name)
-            yield reach.arrive(agent, tiers, _rest_rad(request, taker))
-            yield from _leaving(request, taker)
-            return
-        yield reach.arrive(agent, tiers)
+        if each.verb != "place":
+            yield reach.arrive(agent, tiers)
+            continue
+        # Back the way it came, and to rest.
+        yield reach.arrive(agent, tiers, rest)
+        yield lambda points: points[:-3:-1]
+        if rest is not None:
+            yield lambda points: np.stack([points[-1], rest])
+        return
 
 
-def _leaving(request: Request, taker: Subgoal | None) -> Iterator[Line]:
-    """Back the way it came, from a place; nobody waits until a giver is at rest."""
-    yield lambda points: points[:-3:-1]
-    rest = _rest_rad(request, taker)
-    if rest is not None:
-        yield lambda points: np.stack([points[-1], rest])
-
-
-def _rest_rad(request: Request, taker: Subgoal | None) -> Points | None:
-    """(dof,) where an agent goes that has placed a thing, if that takes time that counts."""
-    return posture_rad("home", request.task, request.agent) if taker is None else None
-
-
-def _taken_s(
-    request: Request, taker: Subgoal, poses: NDArray[np.float64], state: State
-) -> NDArray[np.float64]:
+def _taken_s(request: Request, taker: Subgoal, poses: Floats, state: State) -> Floats:
     """(G,) s in which an agent grasps a thing at world_from_object (G, 4, 4); infinite: it cannot."""
     name = taker.object or ""
     point = request.task.asset(name).points[taker.point or ""]

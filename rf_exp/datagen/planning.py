@@ -1,0 +1,214 @@
+"""A checked plan: RoboBrain proposes, primitives move, RoboChecker schedules and checks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
+from rf_exp.coordination import Delays
+from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
+from rf_exp.datagen.motion.planner import Motions, in_turn, plan_motion
+from rf_exp.datagen.motion.state import Unreachable
+from rf_exp.datagen.obstacles import Obstacles, taken
+from rf_exp.datagen.yielding import Way, ways
+from rf_exp.errors import ArgumentError
+from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.geometry import PlanningScene
+from rf_exp.statements import Proposal
+from rf_exp.tasks import Task, default_of
+from rf_exp.types import CONTROL_HZ, ConstraintSet, JointLimits, Occupancy, Scene, Schedule, Trajectory
+
+LARGEST_DISTURBANCE_RAD = 0.2
+LONGEST_DELAY_S = 5.0
+PAUSES = 1 / 3  # of the moments at which an arm stands still anyway, are drawn out
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How episodes are made. All of it decides the bytes of the result, together with the seed."""
+
+    task: Task
+    constraint_set: ConstraintSet
+    brain: BrainSpec
+    limits: JointLimits
+    attempts: int
+    occupancy: Occupancy
+    disturbance_rad: float  # of executed motion; see disturb.py
+    delay_s: float  # how late an arm may be without meeting another; where disturbed, it pauses as long
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.disturbance_rad <= LARGEST_DISTURBANCE_RAD:
+            raise ArgumentError(
+                f"disturbance_rad is {self.disturbance_rad}; expected 0 to {LARGEST_DISTURBANCE_RAD} rad"
+            )
+        if not 0 <= self.delay_s <= LONGEST_DELAY_S:
+            raise ArgumentError(f"delay_s is {self.delay_s}; expected 0 to {LONGEST_DELAY_S} s")
+        if self.attempts < 1:
+            raise ArgumentError(f"attempts is {self.attempts}; at least 1 proposal is needed for an episode")
+
+    @classmethod
+    def configured(
+        cls, task: Task, constraint_set: ConstraintSet, brain: BrainSpec, **changes: Any
+    ) -> "Settings":
+        """As conf/config.yaml says, but for `changes`; undisturbed, as only recipes of policies disturb."""
+        said = {
+            "limits": JointLimits(**default_of("limits")),
+            "attempts": default_of("attempts"),
+            "occupancy": default_of("occupancy"),
+            "disturbance_rad": 0.0,
+            "delay_s": 0.0,
+        }
+        return cls(task, constraint_set, brain, **(said | changes))
+
+    def make_brain(self, seed: int) -> Brain:
+        return self.brain.make(self.task.of(seed), self.constraint_set, seed)
+
+    def of(self, seed: int) -> "Settings":
+        """The same for the task as it stands in the scene of a seed."""
+        return replace(self, task=self.task.of(seed))
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A proposal that has become motion and has passed its checks."""
+
+    proposal: Proposal
+    checker: RoboChecker  # which has passed it
+    trajectories: tuple[Trajectory, ...]
+    checked: CheckedPlan  # what the arms are sent along: the trajectories, or disturbed ones
+
+    @property
+    def schedule(self) -> Schedule:
+        return self.checked.plan.schedule
+
+    @property
+    def executed(self) -> tuple[Trajectory, ...]:
+        return self.checked.plan.trajectories
+
+
+class Planner:
+    """Plans what a brain proposes, under the constraints of a row."""
+
+    def __init__(self, settings: Settings, brain: Brain) -> None:
+        self._settings, self._brain = settings, brain
+
+    def plan(
+        self,
+        question: Question,
+        scene: Scene,
+        rng: np.random.Generator,
+        pauses: np.random.Generator | None = None,
+    ) -> Planned | Violation | None:
+        """A plan from `scene` on, the first reason why there is none, or None: the brain is content.
+
+        With `pauses` arms pause at random, where the settings have delays.
+        """
+        task, constraint_set = self._settings.task, self._settings.constraint_set
+        try:
+            proposal = from_json(self._brain.answer(question), task)
+        except BadAnswer as error:
+            return _refused(CheckName.BRAIN, scene, error)
+        if not proposal.subgoals:
+            return None
+        # Without a model of time agents take turns as they are listed; with one that must say nothing.
+        queues = in_turn(proposal, ()) if constraint_set.temporal else proposal
+        try:
+            checker = RoboChecker(task, queues, constraint_set)
+        except ArgumentError as error:
+            return _refused(CheckName.CODE, scene, error)
+        queues = in_turn(queues, checker.order) if constraint_set.temporal else queues
+        known = constraint_set.spatial and scene.seen is None  # where things stand
+        if known and (violation := taken(task, queues, scene)) is not None:
+            return violation
+        violation = None
+        tried = ways(queues, scene, constraint_set)
+        for way in tried:
+            result = self._motion(queues, checker, scene, way, rng, pauses)
+            if isinstance(result, Planned):
+                return replace(result, proposal=proposal)
+            # Of two reasons, that arms in the way leave no path says less than what a check has found.
+            if violation is None or result.check is not CheckName.MOTION:
+                violation = result
+        assert violation is not None  # there is at least one way
+        several = violation.cause is Cause.SPACE and len(tried) > 1
+        return replace(violation, tried=tuple(map(str, tried))) if several else violation
+
+    def _motion(
+        self,
+        proposal: Proposal,
+        checker: RoboChecker,
+        scene: Scene,
+        way: Way,
+        rng: np.random.Generator,
+        pauses: np.random.Generator | None,
+    ) -> Planned | Violation:
+        """Trajectories and a schedule that pass all checks, or the first reason why not."""
+        settings = self._settings
+        obstacles = Obstacles(settings.task, scene, settings.constraint_set, proposal)
+        try:
+            motions = plan_motion(
+                settings.task,
+                proposal,
+                scene,
+                blocked=obstacles.blocked(avoid_arms=way.avoid_arms),
+                limits=settings.limits,
+                lockstep=checker.lockstep,
+                order=checker.order,
+                yielding=way.yielding,
+                rng=rng,
+            )
+        except Unreachable as error:
+            about = {"cause": error.cause, "agents": error.agents, **error.facts}
+            if error.blockage is not None:
+                about |= obstacles.how_near(error.blockage)
+            return Violation(check=CheckName.MOTION, time_s=scene.time_s, **about)
+        trajectories = motions.trajectories
+        if checker.speeds_m_s:
+            trajectories = slowed(trajectories, PlanningScene(settings.task, scene).arms, checker.speeds_m_s)
+        paths = checker.paths(trajectories, scene)
+        schedule = self._schedule(checker, paths, motions, pauses)
+        if isinstance(schedule, Violation):
+            return schedule
+        checked = checker.check(paths, schedule)
+        if checked.violations:
+            return checked.violations[0]
+        return Planned(proposal, checker, trajectories, checked)
+
+    def _schedule(
+        self, checker: RoboChecker, paths: Paths, motions: Motions, pauses: np.random.Generator | None
+    ) -> Schedule | Violation:
+        """With as much of the delays as can be had."""
+        schedule = partial(checker.schedule, paths, turns=motions.subgoals, also=motions.handovers)
+        steps = round(self._settings.delay_s * CONTROL_HZ)
+        if steps:
+            several = len(paths.trajectories) > 1  # one arm alone waits for nobody
+            pausing = _pauses(paths.trajectories, steps, pauses) if several and pauses is not None else {}
+            for slack in (steps, steps // 2):
+                timed = schedule(Delays(slack, pausing))
+                if isinstance(timed, Schedule):
+                    return timed
+        return schedule()
+
+
+def _pauses(
+    trajectories: Sequence[Trajectory], longest: int, rng: np.random.Generator
+) -> dict[tuple[int, int], int]:
+    """(agent, knot) -> steps, but for knots amid what several arms carry together."""
+    found = {}
+    for trajectory in trajectories:
+        runs = zip(trajectory.segments, trajectory.segments[1:], trajectory.knots[1:], strict=False)
+        amid = {knot for one, other, knot in runs if one.joined is not None and one.joined == other.joined}
+        for knot in trajectory.knots[:-1]:
+            if rng.random() < PAUSES and knot not in amid:
+                found[trajectory.agent, knot] = int(rng.integers(1, longest + 1))
+    return found
+
+
+def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:
+    """An answer that is not understood; what its reader says of it goes back to RoboBrain as it is."""
+    return Violation(
+        check=check, cause=Cause.ANSWER, finding=Finding.REFUSED, time_s=scene.time_s, refusal=str(error)
+    )
