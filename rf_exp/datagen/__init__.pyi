@@ -10,8 +10,8 @@ from .episode import NullObserver as NullObserver
 from .episode import Observer as Observer
 from .episode import Outcome as Outcome
 from .episode import Trace as Trace
-from .generation import generate as generate
-from .generation import make_episode as make_episode
+from .episode import generate as generate
+from .episode import make_episode as make_episode
 from .motion.request import Request as Request
 from .motion.state import State as State
 from .motion.state import Unreachable as Unreachable

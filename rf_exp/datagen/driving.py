@@ -74,19 +74,15 @@ def drive(
     a step of the plan, by its row; without it the command of that row is taken. `rest` comes to rest after a
     row; without it the commands do.
     """
+    take = take or (lambda now: arms.take(commands[now]))
+    rest = rest or (lambda now: follow(arms, come_to_rest(commands, now, limits)))
     for now in range(1, len(commands)):
-        if take is None:
-            arms.take(commands[now])
-        else:
-            take(now)
+        take(now)
         if arms.over:
             break
         violation = monitor(arms.scene)
         if violation is not None:
-            if rest is None:
-                follow(arms, come_to_rest(commands, now, limits))
-            else:
-                rest(now)
+            rest(now)
             if violation.check is CheckName.COLLISION and arms.told is not None:
                 follow(arms, let_off(arms.told, arms.scene.qpos, violation.agents, limits))
             return violation

@@ -43,7 +43,11 @@ UNDER_M = 0.02
 CRAWLS_M_S, SOON_S = 0.02, 2.0  # 4 cm
 
 T = TypeVar("T")
-Change = Callable[[Proposal, Question, np.random.Generator], Proposal | None]
+Change = Callable[[Proposal, Question, np.random.Generator], Proposal]
+
+
+class _NoRoom(Exception):
+    """There is no place for the mistake in a proposal."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +55,19 @@ class Fault:
     """A named mistake."""
 
     name: str
-    change: Change  # None from it: there is no room for it here
+    made: Change
     breaks: bool  # True: something that was demanded cannot hold; False: a demand is left out
+
+    def change(self, proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+        """The proposal with the mistake in it; None where there is no room for it."""
+        try:
+            return self.made(proposal, question, rng)
+        except _NoRoom:
+            return None
 
     @property
     def description(self) -> str:
-        return " ".join((self.change.__doc__ or "").split())
+        return " ".join((self.made.__doc__ or "").split())
 
 
 FAULTS: dict[str, Fault] = {}
@@ -82,7 +93,7 @@ def fault_named(fault: str) -> Fault:
 
 # -- where and how an object is met
 @fault(breaks=True)
-def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent grasps an object at another of its points than the constraint demands."""
     options = [
         replace(subgoal, point=other)
@@ -92,96 +103,90 @@ def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator
         if point.kind == subgoal.verb and other != subgoal.point
     ]
     wrong = choose(options, rng)
-    if wrong is None:
-        return None
     same = wrong.agent, wrong.verb, wrong.object
     subgoals = (wrong if (s.agent, s.verb, s.object) == same else s for s in proposal.subgoals)
     return replace(proposal, subgoals=tuple(subgoals))
 
 
 @fault(breaks=True)
-def unknown_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def unknown_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A subgoal names an interaction point that its object does not have."""
     chosen = choose(contacts(proposal), rng)
-    return chosen and exchanged(proposal, chosen, replace(chosen, point="nowhere"))
+    return exchanged(proposal, chosen, replace(chosen, point="nowhere"))
 
 
 @fault(breaks=True)
-def wrong_direction(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def wrong_direction(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint demands another direction of approach than the annotated one."""
     chosen = choose(contacts(proposal), rng)
-    if chosen is None:
-        return None
     approach = contact_pose(chosen, question)[:3, 2]
     direction = "horizontal" if abs(approach[2]) > np.cos(np.pi / 4) else "vertical"
     return with_constraint(proposal, Direction(chosen.agent, chosen.object or "", direction))
 
 
 @fault(breaks=True)
-def uneven_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def uneven_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """One of two agents that must stay level lifts higher than the other."""
     level = {agent for c in proposal.constraints if isinstance(c, SameHeight) for agent in c.agents}
     chosen = choose([s for s in proposal.subgoals if s.agent in level and s.height_m is not None], rng)
-    if chosen is None or chosen.height_m is None:
-        return None
-    return exchanged(proposal, chosen, replace(chosen, height_m=chosen.height_m + UNEVEN_M))
+    return exchanged(proposal, chosen, replace(chosen, height_m=(chosen.height_m or 0.0) + UNEVEN_M))
 
 
 # -- who does what, and with what
 @fault(breaks=True)
-def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two agents have each other's subgoals; the constraints still speak of the right ones."""
     agents = list(dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals))
     if len(agents) < 2 or not any(demands_point(proposal, s) for s in contacts(proposal)):
-        return None
+        raise _NoRoom
     first, second = (int(agent) for agent in rng.choice(agents, 2, replace=False))
     other = {first: second, second: first}
     swapped = tuple(replace(s, agent=other.get(s.agent, s.agent)) for s in proposal.subgoals)
-    return None if set(swapped) == set(proposal.subgoals) else replace(proposal, subgoals=swapped)
+    if set(swapped) == set(proposal.subgoals):
+        raise _NoRoom
+    return replace(proposal, subgoals=swapped)
 
 
 @fault(breaks=True)
-def unknown_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def unknown_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint speaks of an agent that is not there."""
     return with_constraint(proposal, AvoidAgents((len(question.task.agents) + 1,)))
 
 
 @fault(breaks=True)
-def missing_object(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def missing_object(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A subgoal is about an object that is not there."""
     chosen = choose([s for s in proposal.subgoals if s.object], rng)
-    return chosen and exchanged(proposal, chosen, replace(chosen, object=f"second_{chosen.object}"))
+    return exchanged(proposal, chosen, replace(chosen, object=f"second_{chosen.object}"))
 
 
 @fault(breaks=True)
-def missing_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def missing_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Something is to be put at a place that is not there."""
     chosen = choose([s for s in proposal.subgoals if s.target], rng)
-    return chosen and exchanged(proposal, chosen, replace(chosen, target="nowhere", target_point=None))
+    return exchanged(proposal, chosen, replace(chosen, target="nowhere", target_point=None))
 
 
 @fault(breaks=False)
-def missing_subgoal(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def missing_subgoal(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """The last subgoal of an agent is left out."""
     lasts = {subgoal.agent: subgoal for subgoal in proposal.subgoals}
     left_out = choose(list(lasts.values()), rng)
-    if left_out is None or len(proposal.subgoals) < 2:
-        return None
+    if len(proposal.subgoals) < 2:
+        raise _NoRoom
     return replace(proposal, subgoals=tuple(s for s in proposal.subgoals if s is not left_out))
 
 
 @fault(breaks=False)
-def missing_constraint(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def missing_constraint(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """One constraint is left out."""
     left_out = choose(proposal.constraints, rng)
     rest = tuple(each for each in proposal.constraints if each is not left_out)
-    return left_out and replace(proposal, constraints=rest)
+    return replace(proposal, constraints=rest)
 
 
 @fault(breaks=True)
-def unreadable_constraint(
-    proposal: Proposal, question: Question, rng: np.random.Generator
-) -> Proposal | None:
+def unreadable_constraint(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint is stated in words that no check stands for."""
     chosen = int(rng.choice(question.task.agents))
     text = f"{agent_name(chosen)} should mind its manners."
@@ -190,7 +195,7 @@ def unreadable_constraint(
 
 # -- order and time
 @fault(breaks=True)
-def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two consecutive subgoals of one agent are in the wrong order."""
     pairs = [
         pair
@@ -199,39 +204,37 @@ def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generat
         if pair[0].verb == "grasp" and pair[1].object == pair[0].object
     ]
     pair = choose(pairs, rng)
-    if pair is None:
-        return None
     other = {pair[0]: pair[1], pair[1]: pair[0]}
     return replace(proposal, subgoals=tuple(other.get(s, s) for s in proposal.subgoals))
 
 
 @fault(breaks=True)
-def circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An order is demanded both ways round."""
     order = choose(list(orders(proposal)), rng)
-    return order and with_constraint(proposal, Before(order[1], order[0]))
+    return with_constraint(proposal, Before(order[1], order[0]))
 
 
 @fault(breaks=True)
-def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """One of two agents that must act together is told to wait for the other."""
     together = choose([c for c in proposal.constraints if isinstance(c, Together)], rng)
-    if together is None:
-        return None
     late, other = (int(agent) for agent in rng.permutation(together.agents[:2]))
     return with_constraint(proposal, Before(Step(other), Step(late), APART_S))
 
 
 @fault(breaks=True)
-def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to be finished before it can have moved."""
     movers = [s.agent for s in proposal.subgoals if s.verb not in ("hold", "home")]
-    return with_constraint(proposal, Deadline(Step(int(rng.choice(movers))), TOO_SOON_S)) if movers else None
+    if not movers:
+        raise _NoRoom
+    return with_constraint(proposal, Deadline(Step(int(rng.choice(movers))), TOO_SOON_S))
 
 
 # -- room
 @fault(breaks=True)
-def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent has to go through another arm, which grasps something there and is told no more."""
     options = [
         (parked, goes.agent)
@@ -241,35 +244,29 @@ def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator
         if not (is_brought(proposal, parked) or is_brought(proposal, goes))
         if apart_m(parked, goes, question) < IN_THE_WAY_M
     ]
-    option = choose(options, rng)
-    if option is None:
-        return None
-    parked, goes = option
+    parked, goes = choose(options, rng)
     subgoals = (parked, *proposal.of(goes))
     theirs = (c for c in proposal.constraints if set(c.agents) <= {parked.agent, goes})
     return Proposal(subgoals, tuple(c for c in theirs if c.kind != "temporal"))
 
 
 @fault(breaks=True)
-def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to lift something higher than its arm reaches."""
     lifts = [s for s in proposal.subgoals if s.verb == "lift"]
-    if (lift := choose(lifts, rng)) is not None:
+    if lifts:
+        lift = choose(lifts, rng)
         return exchanged(proposal, lift, replace(lift, height_m=TOO_HIGH_M))
     last = {s.agent: s for s in proposal.subgoals}
     grasp = choose([s for s in last.values() if s.verb == "grasp"], rng)
-    if grasp is None:
-        return None
     lift = Subgoal(grasp.agent, "lift", grasp.object, height_m=TOO_HIGH_M)
     return replace(proposal, subgoals=(*proposal.subgoals, lift))
 
 
 @fault(breaks=True)
-def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint forbids the space around the very point that an agent is to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
-    if chosen is None:
-        return None
     centre = contact_pose(chosen, question)[:3, 3]
     low, high = (np.round(centre + side, 3) + 0.0 for side in (-ZONE_HALF_M, ZONE_HALF_M))
     return with_constraint(proposal, KeepOut(chosen.agent, tuple(low.tolist()), tuple(high.tolist())))
@@ -277,7 +274,7 @@ def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Genera
 
 # -- limits that cannot be kept
 @fault(breaks=True)
-def impossible_distance(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def impossible_distance(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two agents that work side by side are to keep their grippers farther apart than they can."""
     pairs = [
         (one.agent, other.agent)
@@ -286,40 +283,38 @@ def impossible_distance(proposal: Proposal, question: Question, rng: np.random.G
         if one.agent < other.agent and apart_m(one, other, question) < FAR_M / 2
     ]
     pair = choose(pairs, rng)
-    return pair and with_constraint(proposal, KeepApart(pair, FAR_M))
+    return with_constraint(proposal, KeepApart(pair, FAR_M))
 
 
 @fault(breaks=True)
-def impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """What an agent puts somewhere may not be tilted at all, not even by what no such motion is without."""
     # A lift alone is no room for it: straight up, the tilt may be exactly none.
     chosen = choose([s for s in proposal.subgoals if s.verb == "place" and s.object], rng)
-    return chosen and with_constraint(proposal, KeepLevel(chosen.object or "", 0.0, chosen.agent))
+    return with_constraint(proposal, KeepLevel(chosen.object or "", 0.0, chosen.agent))
 
 
 @fault(breaks=True)
-def impossible_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def impossible_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to keep its gripper below the very point that it is to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
-    if chosen is None:
-        return None
     height_m = float(contact_pose(chosen, question)[2, 3])
     return with_constraint(proposal, KeepHeight(chosen.agent, max(0.0, round(height_m - UNDER_M, 3))))
 
 
 @fault(breaks=True)
-def impossible_speed(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal | None:
+def impossible_speed(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to move very slowly, and to be done soon."""
     chosen = choose(contacts_in_place(proposal), rng)
-    if chosen is None:
-        return None
     slowly = with_constraint(proposal, SpeedLimit(chosen.agent, CRAWLS_M_S))
     return with_constraint(slowly, Deadline(Step(chosen.agent), SOON_S))
 
 
 # -- what they are made of
-def choose(options: Sequence[T], rng: np.random.Generator) -> T | None:
-    return options[int(rng.integers(len(options)))] if options else None
+def choose(options: Sequence[T], rng: np.random.Generator) -> T:
+    if not options:
+        raise _NoRoom
+    return options[int(rng.integers(len(options)))]
 
 
 def contacts(proposal: Proposal) -> list[Subgoal]:

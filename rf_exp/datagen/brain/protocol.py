@@ -95,7 +95,7 @@ class BrainSpec(Protocol):
     """
 
     name: ClassVar[str]
-    reads: ClassVar[bool]  # title and description of the task, and sees its pictures: they decide its answers
+    reads: ClassVar[bool] = False  # title, description and pictures of the task: they decide its answers
 
     @property
     def identity(self) -> Mapping[str, object]:

@@ -37,7 +37,6 @@ class ScriptedSpec(BrainSpec):
     """`brain=scripted`."""
 
     name: ClassVar[str] = "scripted"
-    reads: ClassVar[bool] = False
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> ScriptedBrain:
         return ScriptedBrain()
@@ -96,7 +95,6 @@ class FaultySpec(BrainSpec):
     """`brain=faulty`."""
 
     name: ClassVar[str] = "faulty"
-    reads: ClassVar[bool] = False
 
     fault: str
 

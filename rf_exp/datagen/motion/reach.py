@@ -9,16 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.branches import Approaches, Arrivals, leaving_s, straight
-from rf_exp.datagen.motion.state import (
-    Blockage,
-    Blocked,
-    Floats,
-    Obstacle,
-    Points,
-    State,
-    Unreachable,
-    obstructed,
-)
+from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Arm
@@ -78,7 +69,7 @@ class Reach:
         It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis, or
         from as far above straight `down`. With `rise` it begins straight up. Raises Unreachable.
         """
-        obstacles: dict[Obstacle, Blockage] = {}  # what was in the way, in the order in which it was found
+        obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
         for line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead):

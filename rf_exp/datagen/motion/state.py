@@ -1,7 +1,7 @@
 """What planning believes while it looks ahead, and how it asks about obstacles."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -56,14 +56,6 @@ class State:
     def in_hand(self, agent: int) -> frozenset[str]:
         """What an agent holds, if anything."""
         return frozenset({self.held[agent][0]} if agent in self.held else ())
-
-    def moved(self, agent: int, joints: Floats, world_from_tcp: Matrix) -> "State":
-        """An agent is at joints (dof,), and what it holds with it."""
-        poses = dict(self.poses)
-        if agent in self.held:
-            name, tcp_from_object = self.held[agent]
-            poses[name] = world_from_tcp @ tcp_from_object
-        return replace(self, qpos={**self.qpos, agent: joints}, poses=poses)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,8 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.look_ahead import once_grasped, once_placed
 from rf_exp.datagen.motion.reach import CLEARANCE_M, above, turned
-from rf_exp.datagen.motion.request import Request, ends, support
+from rf_exp.datagen.motion.request import Request, ends, once_grasped, once_placed, support
 from rf_exp.datagen.motion.state import Blockage, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.yielding import posture_rad
