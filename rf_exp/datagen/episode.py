@@ -132,8 +132,7 @@ class Trace(NullObserver):
         """
         found = []
         for made, stopped in zip(self._plans, self._stopped, strict=True):
-            plan = made.checked.plan
-            begins = plan.scene.step
+            plan, begins = made.checked.plan, made.checked.plan.scene.step
             ends = min(begins + len(plan.schedule), stopped)
             scenes = [scene for scene in self._scenes if begins < scene.step <= ends]
             found.append((made, Execution(plan, scenes)))

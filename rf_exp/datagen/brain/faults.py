@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import TypeVar
 
@@ -73,15 +74,11 @@ class Fault:
 FAULTS: dict[str, Fault] = {}
 
 
-def fault(*, breaks: bool) -> Callable[[Change], Change]:
+def fault(made: Change, *, breaks: bool = True) -> Change:
     """Lists what changes a proposal among the faults; it has its name."""
-
-    def listed(change: Change) -> Change:
-        name = change.__name__  # pyright: ignore[reportFunctionMemberAccess]
-        FAULTS[name] = Fault(name, change, breaks)
-        return change
-
-    return listed
+    name = made.__name__  # pyright: ignore[reportFunctionMemberAccess]
+    FAULTS[name] = Fault(name, made, breaks)
+    return made
 
 
 def fault_named(fault: str) -> Fault:
@@ -92,7 +89,7 @@ def fault_named(fault: str) -> Fault:
 
 
 # -- where and how an object is met
-@fault(breaks=True)
+@fault
 def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent grasps an object at another of its points than the constraint demands."""
     options = [
@@ -108,14 +105,14 @@ def wrong_point(proposal: Proposal, question: Question, rng: np.random.Generator
     return replace(proposal, subgoals=tuple(subgoals))
 
 
-@fault(breaks=True)
+@fault
 def unknown_point(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A subgoal names an interaction point that its object does not have."""
     chosen = choose(contacts(proposal), rng)
     return exchanged(proposal, chosen, replace(chosen, point="nowhere"))
 
 
-@fault(breaks=True)
+@fault
 def wrong_direction(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint demands another direction of approach than the annotated one."""
     chosen = choose(contacts(proposal), rng)
@@ -124,7 +121,7 @@ def wrong_direction(proposal: Proposal, question: Question, rng: np.random.Gener
     return with_constraint(proposal, Direction(chosen.agent, chosen.object or "", direction))
 
 
-@fault(breaks=True)
+@fault
 def uneven_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """One of two agents that must stay level lifts higher than the other."""
     level = {agent for c in proposal.constraints if isinstance(c, SameHeight) for agent in c.agents}
@@ -133,7 +130,7 @@ def uneven_height(proposal: Proposal, question: Question, rng: np.random.Generat
 
 
 # -- who does what, and with what
-@fault(breaks=True)
+@fault
 def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two agents have each other's subgoals; the constraints still speak of the right ones."""
     agents = list(dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals))
@@ -147,27 +144,27 @@ def wrong_agent(proposal: Proposal, question: Question, rng: np.random.Generator
     return replace(proposal, subgoals=swapped)
 
 
-@fault(breaks=True)
+@fault
 def unknown_agent(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint speaks of an agent that is not there."""
     return with_constraint(proposal, AvoidAgents((len(question.task.agents) + 1,)))
 
 
-@fault(breaks=True)
+@fault
 def missing_object(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A subgoal is about an object that is not there."""
     chosen = choose([s for s in proposal.subgoals if s.object], rng)
     return exchanged(proposal, chosen, replace(chosen, object=f"second_{chosen.object}"))
 
 
-@fault(breaks=True)
+@fault
 def missing_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Something is to be put at a place that is not there."""
     chosen = choose([s for s in proposal.subgoals if s.target], rng)
     return exchanged(proposal, chosen, replace(chosen, target="nowhere", target_point=None))
 
 
-@fault(breaks=False)
+@partial(fault, breaks=False)
 def missing_subgoal(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """The last subgoal of an agent is left out."""
     lasts = {subgoal.agent: subgoal for subgoal in proposal.subgoals}
@@ -177,7 +174,7 @@ def missing_subgoal(proposal: Proposal, question: Question, rng: np.random.Gener
     return replace(proposal, subgoals=tuple(s for s in proposal.subgoals if s is not left_out))
 
 
-@fault(breaks=False)
+@partial(fault, breaks=False)
 def missing_constraint(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """One constraint is left out."""
     left_out = choose(proposal.constraints, rng)
@@ -185,7 +182,7 @@ def missing_constraint(proposal: Proposal, question: Question, rng: np.random.Ge
     return replace(proposal, constraints=rest)
 
 
-@fault(breaks=True)
+@fault
 def unreadable_constraint(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint is stated in words that no check stands for."""
     chosen = int(rng.choice(question.task.agents))
@@ -194,7 +191,7 @@ def unreadable_constraint(proposal: Proposal, question: Question, rng: np.random
 
 
 # -- order and time
-@fault(breaks=True)
+@fault
 def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two consecutive subgoals of one agent are in the wrong order."""
     pairs = [
@@ -208,14 +205,14 @@ def swapped_order(proposal: Proposal, question: Question, rng: np.random.Generat
     return replace(proposal, subgoals=tuple(other.get(s, s) for s in proposal.subgoals))
 
 
-@fault(breaks=True)
+@fault
 def circular_order(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An order is demanded both ways round."""
     order = choose(list(orders(proposal)), rng)
     return with_constraint(proposal, Before(order[1], order[0]))
 
 
-@fault(breaks=True)
+@fault
 def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """One of two agents that must act together is told to wait for the other."""
     together = choose([c for c in proposal.constraints if isinstance(c, Together)], rng)
@@ -223,7 +220,7 @@ def lost_synchronisation(proposal: Proposal, question: Question, rng: np.random.
     return with_constraint(proposal, Before(Step(other), Step(late), APART_S))
 
 
-@fault(breaks=True)
+@fault
 def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to be finished before it can have moved."""
     movers = [s.agent for s in proposal.subgoals if s.verb not in ("hold", "home")]
@@ -233,7 +230,7 @@ def impossible_deadline(proposal: Proposal, question: Question, rng: np.random.G
 
 
 # -- room
-@fault(breaks=True)
+@fault
 def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent has to go through another arm, which grasps something there and is told no more."""
     options = [
@@ -250,7 +247,7 @@ def through_arm(proposal: Proposal, question: Question, rng: np.random.Generator
     return Proposal(subgoals, tuple(c for c in theirs if c.kind != "temporal"))
 
 
-@fault(breaks=True)
+@fault
 def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to lift something higher than its arm reaches."""
     lifts = [s for s in proposal.subgoals if s.verb == "lift"]
@@ -263,7 +260,7 @@ def unreachable_target(proposal: Proposal, question: Question, rng: np.random.Ge
     return replace(proposal, subgoals=(*proposal.subgoals, lift))
 
 
-@fault(breaks=True)
+@fault
 def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """A constraint forbids the space around the very point that an agent is to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
@@ -273,7 +270,7 @@ def forbidden_zone(proposal: Proposal, question: Question, rng: np.random.Genera
 
 
 # -- limits that cannot be kept
-@fault(breaks=True)
+@fault
 def impossible_distance(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """Two agents that work side by side are to keep their grippers farther apart than they can."""
     pairs = [
@@ -286,7 +283,7 @@ def impossible_distance(proposal: Proposal, question: Question, rng: np.random.G
     return with_constraint(proposal, KeepApart(pair, FAR_M))
 
 
-@fault(breaks=True)
+@fault
 def impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """What an agent puts somewhere may not be tilted at all, not even by what no such motion is without."""
     # A lift alone is no room for it: straight up, the tilt may be exactly none.
@@ -294,7 +291,7 @@ def impossible_tilt(proposal: Proposal, question: Question, rng: np.random.Gener
     return with_constraint(proposal, KeepLevel(chosen.object or "", 0.0, chosen.agent))
 
 
-@fault(breaks=True)
+@fault
 def impossible_height(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to keep its gripper below the very point that it is to reach."""
     chosen = choose(contacts_in_place(proposal), rng)
@@ -302,7 +299,7 @@ def impossible_height(proposal: Proposal, question: Question, rng: np.random.Gen
     return with_constraint(proposal, KeepHeight(chosen.agent, max(0.0, round(height_m - UNDER_M, 3))))
 
 
-@fault(breaks=True)
+@fault
 def impossible_speed(proposal: Proposal, question: Question, rng: np.random.Generator) -> Proposal:
     """An agent is to move very slowly, and to be done soon."""
     chosen = choose(contacts_in_place(proposal), rng)

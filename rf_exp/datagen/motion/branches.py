@@ -126,14 +126,16 @@ def straight(arm: Arm, joints: Floats, goal: Matrix, limits: JointLimits) -> Poi
 
 def lines_to(arm: Arm, joints: Floats, goal: Matrix, turns: Floats) -> Floats:
     """Joint points (M, K, dof) of such lines; in each the last joint turns evenly, by another angle."""
-    poses = _poses(arm.tcp(joints), goal)
+    start = arm.tcp(joints)
+    count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
+    share = np.arange(1, count + 1) / count
     turns = turns if arm.robot.spare else turns[:1]
-    share = np.arange(1, len(poses) + 1) / len(poses)
-    found = arm.postures(poses, joints[-1] + turns[:, None] * share)  # (M, K, branches, dof)
+    # Postures are (M, K, branches, dof).
+    found = arm.postures(interpolate(start, goal, share), joints[-1] + turns[:, None] * share)
     rows = np.arange(len(turns))
-    lines = np.empty((len(turns), len(poses) + 1, len(joints)))
+    lines = np.empty((len(turns), count + 1, len(joints)))
     lines[:, 0] = joints
-    for k in range(len(poses)):
+    for k in range(count):
         away = np.abs(found[:, k] - lines[:, k, None]).max(axis=-1)
         lines[:, k + 1] = found[rows, k, _or_infinite(away).argmin(axis=1)]
     smooth = (np.abs(np.diff(lines, axis=1)) <= JUMP_RAD).all(axis=(1, 2))  # what is NaN is not
@@ -190,9 +192,3 @@ def _corners(*postures: Floats) -> Floats:
 def _or_infinite(values: Floats) -> Floats:
     """In place of NaN; np.nan_to_num takes several times as long."""
     return np.where(np.isnan(values), np.inf, values)
-
-
-def _poses(start: Matrix, goal: Matrix) -> Floats:
-    """Poses (K, 4, 4) of the straight line after its start."""
-    count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
-    return interpolate(start, goal, np.arange(1, count + 1) / count)

@@ -129,10 +129,6 @@ def leave(request: Request, state: State) -> Motion:
     return (leaving,), state
 
 
-def hold(request: Request, state: State) -> Motion:
-    return (), state
-
-
 _PRIMITIVES: dict[str, Primitive] = {
     "grasp": grasp,
     "lift": lift,
@@ -143,7 +139,7 @@ _PRIMITIVES: dict[str, Primitive] = {
     "press": press,
     "home": leave,
     "aside": leave,
-    "hold": hold,
+    "hold": lambda _, state: ((), state),
 }
 
 
