@@ -28,9 +28,7 @@ REACHED_STEPS, REACHED_M = 3, 0.005  # this near to the end of a segment an arm 
 SLACK_STEPS = 5  # that others may lack of where the plan has them
 AGAIN_STEPS = 20  # until RoboBrain is asked again when it had no plan
 NEAREST_M = 5e-4  # positions of a path this much farther than the nearest one are as near
-HAND_M = 0.1 * np.array(
-    [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-)  # points of a hand, in its TCP's frame
+HAND_M = 0.1 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])  # of a hand, in its TCP's frame
 
 
 class Coordinator:
@@ -47,9 +45,8 @@ class Coordinator:
         self._done: tuple[Subgoal, ...] = ()
         self._plan: Planned | None = None  # that is followed; None while there is none
         self._positions = np.zeros((1, len(settings.task.agents)), np.int64)  # (T + 1, N) of its schedule
-        self._paths: list[
-            NDArray[np.float64]
-        ] = []  # of each agent (P, dof + 1), where its hand is, and its knots
+        # Of each agent (P, dof + 1), where its hand is, and its knots.
+        self._paths: list[NDArray[np.float64]] = []
         self._hands: list[NDArray[np.float64]] = []
         self._knots: list[NDArray[np.int64]] = []
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
@@ -84,12 +81,11 @@ class Coordinator:
 
         `grippers` are the last commands by agent, open before the first.
         """
-        if self._plan is not None:
-            for k in range(len(self._at)):
-                self._at[k] = self._followed(k, scene.qpos[k], grippers[k + 1])
         if self._plan is None:
             over = scene.step - self._asked_at >= AGAIN_STEPS
         else:
+            for k in range(len(self._at)):
+                self._at[k] = self._followed(k, scene.qpos[k], grippers[k + 1])
             over = all(at == knots[-1] for at, knots in zip(self._at, self._knots, strict=True))
         if over:
             self._next(scene)

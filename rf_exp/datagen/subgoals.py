@@ -16,18 +16,15 @@ class Subgoals:
 
     def __init__(self, agents: int, known: Sequence[Iterable[str]] = ()) -> None:
         """What is `known` of each agent, from other episodes of the task, has the number it has there."""
-        self._texts: list[list[str]] = [list(texts) for texts in known] or [[] for _ in range(agents)]
+        # For each agent the texts that the numbers stand for.
+        self.texts: list[list[str]] = [list(texts) for texts in known] or [[] for _ in range(agents)]
         self._known = bool(known)
 
     def of_plan(self, trajectories: Sequence[Trajectory], schedule: Schedule) -> NDArray[np.int16]:
-        """(T + 1, N): row t is what the command of step t of the schedule is for, row 0 what comes first.
-
-        Who stands at the end of one subgoal waits for the next.
-        """
+        """(T + 1, N): row t is what the command of step t of the schedule is for, row 0 what comes first."""
         columns = []
-        for trajectory, texts in zip(trajectories, self._texts, strict=True):
-            numbers, ends = [], trajectory.knots[1:]
-            before = None
+        for trajectory, texts in zip(trajectories, self.texts, strict=True):
+            numbers, before = [], None
             for segment in trajectory.segments:
                 what = segment.subgoal.what
                 named = [what_of(text) for text in texts] if self._known else []
@@ -37,22 +34,12 @@ class Subgoals:
                 before = segment.subgoal
                 numbers.append(named.index(what) if self._known else len(texts) - 1)
             if not numbers:
-                columns.append(np.full(len(schedule) + 1, self._latest(texts)))
+                texts += [] if texts else [IDLE]
+                columns.append(np.full(len(schedule) + 1, len(texts) - 1))
                 continue
             positions = schedule.positions[:, trajectory.agent - 1]
             waits = np.diff(positions, prepend=-1) == 0
             # A command to a position is part of the segment that ends there or later; a wait, of the next.
-            segment_of = np.searchsorted(ends, positions + waits, side="left")
+            segment_of = np.searchsorted(trajectory.knots[1:], positions + waits, side="left")
             columns.append(np.array(numbers)[np.minimum(segment_of, len(numbers) - 1)])
         return np.stack(columns, axis=1).astype(np.int16)
-
-    @staticmethod
-    def _latest(texts: list[str]) -> int:
-        if not texts:
-            texts.append(IDLE)
-        return len(texts) - 1
-
-    @property
-    def texts(self) -> list[list[str]]:
-        """For each agent the texts that the numbers stand for."""
-        return [list(texts) for texts in self._texts]

@@ -30,9 +30,6 @@ def posture_rad(posture: Posture, task: Task, agent: int) -> NDArray[np.float64]
     return np.array(robot.model.aside_rad if posture == "aside" else robot.rest_rad)
 
 
-# -- in a plan ---------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Yielding:
     """Who yields in a plan beside what is proposed, each where a way is free."""
@@ -60,12 +57,13 @@ class Way:
 
 def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Sequence[Way]:
     """The ways to plan a proposal, the best first."""
-    agents = range(1, len(scene.held) + 1)
-    done = _once_done(proposal, agents, constraint_set)
-    free = tuple(agent for agent in agents if scene.held[agent - 1] is None)
+    if not constraint_set.spatial:  # then those do that share space one after the other, if time counts
+        shared = (each.agents for each in proposal.constraints if isinstance(each, ShareSpace))
+        sharing = frozenset(agent for pair in shared for agent in pair if constraint_set.temporal)
+        return [Way(False, Yielding(once_done=sharing))]
+    done = frozenset(range(1, len(scene.held) + 1))
+    free = tuple(agent for agent in sorted(done) if scene.held[agent - 1] is None)
     idle = tuple(agent for agent in free if not proposal.of(agent))
-    if not constraint_set.spatial:
-        return [Way(False, Yielding(once_done=done))]
     here, begins = Yielding(once_done=done), proposal.subgoals[0].agent
     still = {subgoal.agent for subgoal in proposal.subgoals if subgoal.verb == "hold"}
     waiting = tuple(agent for agent in free if agent != begins and agent not in still)
@@ -74,17 +72,6 @@ def ways(proposal: Proposal, scene: Scene, constraint_set: ConstraintSet) -> Seq
         return [Way(True, each) for each in dict.fromkeys((here, Yielding(idle, done), *farther))]
     # Who knows when arms move may pass one before it is in the way, and may send it farther off.
     return [Way(False, here), Way(True, here), *(Way(False, each) for each in farther)]
-
-
-def _once_done(proposal: Proposal, agents: Sequence[int], constraint_set: ConstraintSet) -> frozenset[int]:
-    """Where space counts all of them, where only time does those that share space one after the other."""
-    if constraint_set.spatial:
-        return frozenset(agents)
-    shared = (each.agents for each in proposal.constraints if isinstance(each, ShareSpace))
-    return frozenset(agent for pair in shared for agent in pair if constraint_set.temporal)
-
-
-# -- after a violation -------------------------------------------------------------------------------
 
 
 def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Scene) -> list[int]:
@@ -101,9 +88,7 @@ def yields_after(violation: Violation, proposal: Proposal, task: Task, scene: Sc
     if violation.cause not in (Cause.CONTACT, Cause.SPACE) or len(violation.agents) > 2 or alone:
         return []
     planned = [subgoal.agent for subgoal in proposal.subgoals]
-    able = [
-        agent for agent in violation.agents if not (_shares(agent, scene) or _has_yielded(agent, task, scene))
-    ]
+    able = [agent for agent in violation.agents if _can_yield(agent, task, scene)]
     later = sorted(able, key=lambda agent: -planned.index(agent) if agent in planned else 1)
     if violation.check is CheckName.COLLISION:
         return later
@@ -116,11 +101,9 @@ def yielding_proposal(agents: Sequence[int], task: Task) -> Proposal:
     return Proposal(tuple(Subgoal(agent, "aside") for agent in agents), (*order, *keep_clear(task.agents)))
 
 
-def _shares(agent: int, scene: Scene) -> bool:
-    held = scene.held[agent - 1]
-    return held is not None and len(holders(scene, held)) > 1
-
-
-def _has_yielded(agent: int, task: Task, scene: Scene) -> bool:
-    here = task.arms[agent].joints(scene.qpos[agent - 1])
-    return bool(np.abs(here - posture_rad("aside", task, agent)).max() < _NEAR_RAD)
+def _can_yield(agent: int, task: Task, scene: Scene) -> bool:
+    """Whether it carries nothing with another, and has not yielded already."""
+    held, here = scene.held[agent - 1], task.arms[agent].joints(scene.qpos[agent - 1])
+    if held is not None and len(holders(scene, held)) > 1:
+        return False
+    return bool(np.abs(here - posture_rad("aside", task, agent)).max() >= _NEAR_RAD)

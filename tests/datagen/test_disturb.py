@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from rf_exp.constraints import Paths, Plan
 from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.episode.object_motion import MOVED_M, ObjectMotionWatch, nearer
-from rf_exp.datagen.motion import ADDED, TALLEST, Disturbance
+from rf_exp.datagen.disturb import ADDED, MOVED_M, TALLEST, Disturbance, ObjectMotionWatch, nearer
 from rf_exp.datagen.subgoals import IDLE, Subgoals
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.inputs.coordination import hesitates

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 import pytest
 
 from rf_exp.datagen.brain import Question, ScriptedBrain
-from rf_exp.datagen.brain.chat.bodies import LARGEST_BODY
+from rf_exp.datagen.brain.request import LARGEST_BODY
 from tests.conftest import read_task
 from tests.datagen.language_server import LanguageServer, Reply, completion
 from tests.scenes import start_scene

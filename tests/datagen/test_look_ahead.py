@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion import branches, look_ahead
-from rf_exp.datagen.motion.look_ahead import EXPECTED_M
+from rf_exp.datagen.motion import branches, request
 from rf_exp.datagen.motion.reach import above
+from rf_exp.datagen.motion.request import EXPECTED_M
 from rf_exp.datagen.motion.timing import duration_s
 from rf_exp.geometry import PlanningScene
 from rf_exp.robots import DEFAULT
@@ -62,7 +62,7 @@ def test_a_thing_is_grasped_so_that_it_is_soon_lifted_though_nothing_is_said_of_
         return float(duration_s(points, LIMITS)) / CONTROL_DT_S
 
     known = sum(map(altogether, range(4)))
-    monkeypatch.setattr(look_ahead, "_lifted", lambda reach, agent, height_m, points: points[-1:])
+    monkeypatch.setattr(request, "_lifted", lambda reach, agent, height_m, points: points[-1:])
     assert known < sum(map(altogether, range(4)))
 
 

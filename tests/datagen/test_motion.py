@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen import Unreachable
-from rf_exp.datagen.motion import plan_motion
-from rf_exp.datagen.motion.path import find_path
+from rf_exp.datagen.motion.planner import plan_motion
+from rf_exp.datagen.motion.reach import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
-from rf_exp.datagen.planning.obstacles import Obstacles
+from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.datagen.yielding import Yielding, ways
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen.motion.planner import present_state
-from rf_exp.datagen.planning.obstacles import Obstacles
+from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.geometry import OBJECT_MARGIN_M, VOXEL_M, PlanningScene, closer_than, voxels
 from rf_exp.perception import SEEN
 from rf_exp.robots import DEFAULT

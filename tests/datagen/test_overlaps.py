@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from rf_exp.datagen import Planner, Settings
 from rf_exp.datagen.brain import Question, ScriptedSpec
-from rf_exp.datagen.planning.overlaps import taken
+from rf_exp.datagen.obstacles import taken
 from rf_exp.datagen.yielding import yields_after
 from rf_exp.findings import Finding, Violation
 from rf_exp.statements import Proposal

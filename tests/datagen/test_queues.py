@@ -11,8 +11,7 @@ import pytest
 from rf_exp.constraints.phases import times_s
 from rf_exp.datagen import Planned, Planner, Settings, Unreachable, commands_of
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
-from rf_exp.datagen.motion import in_turn
-from rf_exp.datagen.motion.queues import Queues
+from rf_exp.datagen.motion.planner import Queues, in_turn
 from rf_exp.findings import Cause, Finding, Violation
 from rf_exp.statements import Before, Proposal, Step
 from rf_exp.tasks import Task

@@ -8,7 +8,8 @@ import pytest
 from rf_exp.coordination import actions
 from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
 from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.motion import ADDED, come_to_rest, come_to_rest_disturbed, let_off
+from rf_exp.datagen.disturb import ADDED
+from rf_exp.datagen.driving import come_to_rest, come_to_rest_disturbed, let_off
 from rf_exp.sim import Simulator
 from rf_exp.tasks import default_of
 from rf_exp.types import CONTROL_DT_S, CONTROL_HZ, ConstraintSet, JointLimits

@@ -7,7 +7,7 @@ import trimesh
 from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, beside, centres_m, nearest, overlap, shared, voxels
 from rf_exp.geometry.occupancy import fill
 from rf_exp.geometry.swept import arm_pieces
-from rf_exp.perception.obstacles import boxes
+from rf_exp.perception import boxes
 from rf_exp.robots import DEFAULT
 from rf_exp.transforms import apply
 from tests.constraints.robots import random_qpos, scene_of, team

@@ -6,9 +6,7 @@ import trimesh
 
 from rf_exp.constraints import RoboChecker
 from rf_exp.geometry import VOXEL_M, Piece, PlanningScene, Swept, nearest, voxels
-from rf_exp.perception import SEEN, Seen, down_to_table, look
-from rf_exp.perception.depth import FEWEST, NOISE_M, points, within
-from rf_exp.perception.obstacles import boxes
+from rf_exp.perception import FEWEST, NOISE_M, SEEN, Seen, boxes, down_to_table, look, points, within
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
 from rf_exp.transforms import apply, from_axes, inverse

@@ -33,7 +33,7 @@ def test_a_new_kind_is_read_checked_and_shown_to_models():
         from rf_exp.constraints import RoboChecker
         from rf_exp.coordination import sequential
         from rf_exp.constraints.stl import Execution, judged, kept
-        from rf_exp.datagen.brain.questions import constraint_forms
+        from rf_exp.datagen.brain.language import constraint_forms
         from rf_exp.statements import Proposal, read
         from rf_exp.types import ConstraintSet
         from tests.constraints.robots import REST, idle, real, scene_of, walk

@@ -1,12 +1,25 @@
 """RoboBrain: proposes subgoals and textual constraints."""
 
-from rf_exp.datagen.brain.chat.probing import probe
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import dacite
+
 from rf_exp.datagen.brain.faults import FAULTS
-from rf_exp.datagen.brain.faulty import FaultyBrain, FaultySpec, applies, faults_for
-from rf_exp.datagen.brain.language import LanguageBrain, OpenAISpec, ReplaySpec
-from rf_exp.datagen.brain.protocol import BadAnswer, Brain, Question, from_json, to_json
-from rf_exp.datagen.brain.scripted import ScriptedBrain, ScriptedSpec
-from rf_exp.datagen.brain.spec import SPECS, BrainSpec, read_brain
+from rf_exp.datagen.brain.language import OpenAISpec, ReplaySpec
+from rf_exp.datagen.brain.protocol import BadAnswer, Brain, BrainSpec, Question, from_json, to_json
+from rf_exp.datagen.brain.scripted import (
+    FaultyBrain,
+    FaultySpec,
+    ScriptedBrain,
+    ScriptedSpec,
+    applies,
+    faults_for,
+)
+from rf_exp.datagen.brain.talk import probe
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.secrets import no_key_here
 
 __all__ = [
     "FAULTS",
@@ -16,7 +29,6 @@ __all__ = [
     "BrainSpec",
     "FaultyBrain",
     "FaultySpec",
-    "LanguageBrain",
     "OpenAISpec",
     "Question",
     "ReplaySpec",
@@ -29,3 +41,25 @@ __all__ = [
     "read_brain",
     "to_json",
 ]
+
+SPECS = {spec.name: spec for spec in (ScriptedSpec, OpenAISpec, ReplaySpec, FaultySpec)}
+
+
+def read_brain(node: Mapping[str, Any]) -> BrainSpec:
+    """The specification in a mapping of plain values. Raises ArgumentError that names the key."""
+    options = {key: value for key, value in node.items() if key != "name"}
+    name = node.get("name")
+    if name not in SPECS:
+        raise choices("brain", name, SPECS)
+    if "api_key" in options:
+        raise no_key_here("api_key")
+    config = dacite.Config(strict=True, type_hooks={Path: Path, float: _number})
+    try:
+        return cast(BrainSpec, dacite.from_dict(SPECS[name], options, config))
+    except (dacite.DaciteError, TypeError) as error:
+        raise ArgumentError(f"brain {name!r}: {error}") from error
+
+
+def _number(value: object) -> object:
+    """YAML's `1` where `1.0` is meant."""
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value

@@ -1,19 +1,82 @@
-"""The RoboBrain that is a language model, live or from a recording."""
+"""The RoboBrain that is a language model, live or from a recording: what it is shown and asked."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
-from typing import ClassVar
+from string import Template
+from typing import ClassVar, cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rf_exp.artifacts import without
-from rf_exp.datagen.brain.chat.connection import Connection
-from rf_exp.datagen.brain.chat.exchanges import Chat, exchanges_path
-from rf_exp.datagen.brain.chat.live import OpenAIChat
-from rf_exp.datagen.brain.chat.replay import ReplayChat
-from rf_exp.datagen.brain.protocol import BadAnswer, Question, from_json, strict_answer, to_json
-from rf_exp.datagen.brain.sight import Sight
-from rf_exp.errors import ArgumentError
+from rf_exp.datagen.brain.protocol import (
+    BadAnswer,
+    BrainSpec,
+    Question,
+    from_json,
+    read_object,
+    strict_answer,
+    to_json,
+)
+from rf_exp.datagen.brain.talk import Chat, Connection, Message, OpenAIChat, ReplayChat, exchanges_path
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.statements import Proposal, Unread, samples, subgoal_forms, understood
 from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet
+from rf_exp.transforms import Matrix
+from rf_exp.types import LARGEST_PX, SMALLEST_PX, CameraChoice, ConstraintSet, Pictures, camera_names
+
+JPEG_QUALITY = 90
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What a model is shown. Raises ArgumentError for other cameras, and for sizes no picture has."""
+
+    cameras: str  # all | local | global
+    longer_px: int | None  # longer side of a picture, to which it is scaled; None: as it was taken
+
+    def __post_init__(self) -> None:
+        if self.cameras not in get_args(CameraChoice):
+            raise choices("brain.cameras", self.cameras, get_args(CameraChoice))
+        if self.longer_px is not None and not SMALLEST_PX <= self.longer_px <= LARGEST_PX:
+            raise ArgumentError(
+                f"brain.picture_px is {self.longer_px}; possible are {SMALLEST_PX} to {LARGEST_PX} pixels, "
+                "and null: as the cameras take them"
+            )
+
+    def check(self, taken: Pictures) -> None:
+        """Raises ArgumentError where cameras are named whose pictures are not taken."""
+        if self.cameras == "all":
+            return
+        if not taken.render:
+            raise ArgumentError(
+                f"brain.cameras={self.cameras}, but render=false takes no pictures; use render=true, "
+                "brain.pictures=false or brain.cameras=all: of those there are"
+            )
+        if taken.cameras not in ("all", self.cameras):
+            raise ArgumentError(
+                f"brain.cameras={self.cameras}, but cameras={taken.cameras} takes other pictures; use "
+                f"cameras=all, cameras={self.cameras} or brain.cameras=all: of those there are"
+            )
+
+    def jpegs(self, pictures: Mapping[str, NDArray[np.uint8]], agents: int) -> dict[str, bytes]:
+        """Camera -> JPEG, of those chosen among pictures (H, W, 3) RGB of a scene with so many agents."""
+        chosen = camera_names(cast(CameraChoice, self.cameras), agents)
+        return {name: self._jpeg(picture) for name, picture in pictures.items() if name in chosen}
+
+    def _jpeg(self, picture: NDArray[np.uint8]) -> bytes:
+        import cv2  # slow to import for who asks no model
+
+        bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+        if self.longer_px is not None:
+            height, width = picture.shape[:2]
+            scale = self.longer_px / max(height, width)
+            size = max(1, round(width * scale)), max(1, round(height * scale))
+            bgr = cv2.resize(bgr, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+        return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 
 
 class LanguageBrain:
@@ -24,24 +87,19 @@ class LanguageBrain:
         self._chat, self._sight, self._restates = chat, sight, restates
 
     def answer(self, question: Question) -> str:
-        # Slow to import for who asks no model.
-        from rf_exp.datagen.brain.matching import restate
-        from rf_exp.datagen.brain.questions import messages
-
-        task = question.task
-        schema = strict_answer(task).model_json_schema()
-        text = self._chat.ask("propose", messages(question, self._sight), schema)
+        schema = strict_answer(question.task).model_json_schema()
+        text = self._chat.ask("propose", _messages(question, self._sight), schema)
         if not self._restates:
             return text
         try:
-            proposal = from_json(text, task)
+            proposal = from_json(text, question.task)
         except BadAnswer:
             return text  # the loop says what is wrong with it
-        return to_json(restate(proposal, task, self._chat))
+        return to_json(_restated(proposal, question.task, self._chat))
 
 
 @dataclass(frozen=True)
-class OpenAISpec(Connection):
+class OpenAISpec(Connection, BrainSpec):
     """`brain=openai`: any server that speaks chat completions."""
 
     name: ClassVar[str] = "openai"
@@ -71,16 +129,15 @@ class OpenAISpec(Connection):
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> LanguageBrain:
         path = exchanges_path(self.exchanges, task, constraint_set, seed) if self.exchanges else None
-        chat = OpenAIChat(self, path)
-        return LanguageBrain(self.name, chat, sight=self.sight, restates=self.restate)
+        return LanguageBrain(self.name, OpenAIChat(self, path), sight=self.sight, restates=self.restate)
 
-    def again(self) -> "OpenAISpec | ReplaySpec":
+    def again(self) -> BrainSpec:
         """The same answers once more, without asking where they were kept."""
         return ReplaySpec(self.exchanges, self.restate) if self.exchanges else self
 
 
 @dataclass(frozen=True)
-class ReplaySpec:
+class ReplaySpec(BrainSpec):
     """`brain=replay`: recorded exchanges."""
 
     name: ClassVar[str] = "replay"
@@ -102,5 +159,108 @@ class ReplaySpec:
             )
         return LanguageBrain(self.name, ReplayChat(path), sight=None, restates=self.restate)
 
-    def again(self) -> "ReplaySpec":
-        return self
+
+def constraint_forms() -> str:
+    """Sentences that are understood: some of every kind."""
+    return _listed(sample.sentence for sample in samples())
+
+
+def _messages(question: Question, sight: Sight | None) -> tuple[Message, Message]:
+    """The system prompt, and what is known of the present scene, with the pictures that are to be seen."""
+    task, scene = question.task, question.scene
+    system = _filled("propose", subgoals=_listed(subgoal_forms()), constraints=constraint_forms())
+    text = _filled(
+        "question",
+        title=task.title,
+        description=task.description,
+        target=task.target_condition,
+        agents=_listed(_agents(question)),
+        objects=_listed(_objects(question)),
+        places=_listed(f"{name}: {_at(pose)}" for name, pose in task.places(scene).items()),
+        previous=_listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in question.previous),
+        feedback=_listed(f"{violation.check}: {violation.sentence}" for violation in question.feedback),
+    )
+    pictures = {} if sight is None else sight.jpegs(question.images, len(task.agents))
+    return Message("system", system), Message("user", text, pictures)
+
+
+def _agents(question: Question) -> Iterator[str]:
+    task = question.task
+    for agent, robot, held in zip(task.agents, task.robots, question.scene.held, strict=True):
+        yield (
+            f"Agent_{agent}: base at ({robot.x_m:.2f}, {robot.y_m:.2f}), facing {robot.yaw_deg:.0f} deg; "
+            f"holds {held or 'nothing'}"
+        )
+
+
+def _objects(question: Question) -> Iterator[str]:
+    task = question.task
+    for name, pose in question.scene.poses.items():
+        asset = task.asset(name)
+        size_m = np.ptp(asset.bounds_m, axis=0)
+        yaw_deg = np.round(np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))) + 0.0
+        kind = "a mark on the table" if asset.ghost else "fixed" if asset.static else "movable"
+        yield (
+            f"{name}: {_at(pose)}, turned {yaw_deg:.0f} deg, "
+            f"{size_m[0]:.2f} x {size_m[1]:.2f} x {size_m[2]:.2f} m, {kind}"
+        )
+        for label, point in asset.points.items():
+            world_from_tcp = pose @ point.object_from_tcp
+            along = ", ".join(f"{value:.1f}" for value in np.round(world_from_tcp[:3, 2], 1) + 0.0)
+            yield f"{name}, point {label}: to {point.kind}, {_at(world_from_tcp)}, along ({along})"
+
+
+def _at(pose: Matrix) -> str:
+    # Adding zero turns -0.0 into 0.0, so that noise around zero does not change the text.
+    x, y, z = np.round(pose[:3, 3], 3) + 0.0
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f})"
+
+
+class _Restated(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    Sentences: list[str]
+
+
+def _restated(proposal: Proposal, task: Task, chat: Chat) -> Proposal:
+    """The proposal with constraints that are not understood said again, in one call for all of them.
+
+    The paper lets a model match each constraint to a validator and its parameters. Here it may only say the
+    constraint again, in a sentence that the grammar knows; the grammar does the matching. What a model writes
+    is read, never executed. Where it has no better sentence the constraint stays as it is, and the checker
+    says what is wrong with it: a sentence about something that does not exist is no question of wording.
+    """
+    unclear = [each for each in proposal.constraints if isinstance(each, Unread)]
+    if not unclear:
+        return proposal
+    text = _filled(
+        "unclear",
+        objects=_listed(f"{name}: {', '.join(task.asset(name).points) or 'none'}" for name in task.objects),
+        subgoals=_listed(f"Agent_{subgoal.agent}: {subgoal.text}" for subgoal in proposal.subgoals),
+        unclear="\n".join(f"{number}. {each.sentence}" for number, each in enumerate(unclear, start=1)),
+    )
+    system = Message("system", _filled("restate", constraints=constraint_forms()))
+    try:
+        text = chat.ask("restate", (system, Message("user", text)), _Restated.model_json_schema())
+        sentences = _Restated.model_validate(read_object(text, "Sentences")).Sentences
+    except (BadAnswer, ValidationError):
+        return proposal
+    if len(sentences) != len(unclear):
+        return proposal
+    better = {
+        old: new
+        for old, sentence in zip(unclear, sentences, strict=True)
+        if not isinstance(new := understood(sentence, task.vocabulary, old.kind, old.agents), Unread)
+    }
+    stated = (better.get(each, each) if isinstance(each, Unread) else each for each in proposal.constraints)
+    return replace(proposal, constraints=tuple(stated))
+
+
+def _filled(name: str, **parts: str) -> str:
+    """The text of `prompts/<name>.txt` with its placeholders, those of `string.Template`, filled in."""
+    text = files("rf_exp.datagen.brain").joinpath("prompts", f"{name}.txt").read_text(encoding="utf-8")
+    return Template(text).substitute(parts)
+
+
+def _listed(lines: Iterable[str]) -> str:
+    """One line each, with a dash; `none` where there are none."""
+    return "\n".join(f"- {line}" for line in lines) or "none"

@@ -1,17 +1,19 @@
-"""The JSON in which RoboBrain answers, and how it becomes a Proposal (paper, supplementary A).
+"""What RoboBrain is asked, and how the JSON that it answers becomes a Proposal (paper, supplementary A).
 
 Every answer passes through here, also the scripted one, so that a plan written by a person and
-one written by a language model are the same thing to the rest of the project.
+one written by a language model are the same thing to the rest of the project. A model may write its JSON
+bare, in prose, in fences, round or after its thinking, or in a tool call: exactly one object is read. Where
+there is none, or several, the error says what was found instead, fit to be sent back as feedback.
 """
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from enum import StrEnum
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,19 +27,43 @@ from pydantic import (
     model_validator,
 )
 
-from rf_exp.datagen.brain.reading import BadAnswer, plain, read_object
-from rf_exp.errors import ArgumentError
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
-from rf_exp.types import Kind, Scene, Subgoal
+from rf_exp.types import ConstraintSet, Kind, Scene, Subgoal
 
+KINDS: tuple[Kind, ...] = get_args(Kind)
 _COMMENTS = (  # keys under which a model says why it answers so
     "reason reasons reasoning rationale explanation explanations thought thoughts thinking analysis comment "
     "comments note notes id index"
 )
-_PARTS = ("subgoals", "constraints", "logical", "temporal", "spatial")
+
+LONGEST_TEXT = 200_000  # characters; an answer has a few thousand
+_DEEPEST = 4  # wrappers round an answer
+_MOST_FAILURES = 16  # braces after which no JSON comes, until the search is given up
+_BEGIN = 60  # characters of a text that are repeated
+_THOUGHT = r"(?:think|thinking|thought|thoughts|reasoning|analysis|reflection)"
+_OPENS, _CLOSES = re.compile(rf"<{_THOUGHT}>", re.IGNORECASE), re.compile(rf"</{_THOUGHT}>", re.IGNORECASE)
+_OBJECT = re.compile(r'\{\s*(?:["}]|$)')
+_REFUSES = re.compile(
+    r"\W*(?:i(?:['\u2019]m| am) sorry|sorry|as an ai|"
+    r"i (?:can(?:not|['\u2019]t)|am unable|won['\u2019]t|refuse))\b",
+    re.IGNORECASE,
+)
+
+
+class BadAnswer(StageError):
+    """No answer, or one that is not the paper's JSON or speaks of something that does not exist."""
+
+
+class Unreached(BadAnswer):
+    """The model was not asked: there is no way to it, the server is busy or broken, or wants another key."""
+
+
+class Rejected(BadAnswer):
+    """The server will not carry out the request as it is (status 400, 422 or 501)."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +85,131 @@ class Brain(Protocol):
     def answer(self, question: Question) -> str:
         """The paper's JSON as text. Raises BadAnswer where there is none to be had."""
         ...
+
+
+@runtime_checkable
+class BrainSpec(Protocol):
+    """What a brain is made from, as `conf/brain/<name>.yaml` says. Implementations are frozen dataclasses.
+
+    It travels to worker processes; the brain is made there, anew for every episode.
+    """
+
+    name: ClassVar[str]
+    reads: ClassVar[bool] = False  # title, description and pictures of the task: they decide its answers
+
+    @property
+    def identity(self) -> Mapping[str, object]:
+        """What decides the answers, as JSON values: runs that differ here must not be mixed."""
+        return {"name": self.name}
+
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Brain:
+        """The brain for one episode. Raises ArgumentError for what this machine lacks."""
+        ...
+
+    def again(self) -> "BrainSpec":
+        """The specification under which an episode that was made can be made once more, the same."""
+        return self
+
+
+def plain(key: str) -> str:
+    """A key without what models vary: `Sub-goals` and `subgoals` are one."""
+    return re.sub(r"[\W_]", "", key.casefold())
+
+
+def read_object(text: str, key: str) -> dict[str, Any]:
+    """The one JSON object with `key` in a text. Raises BadAnswer that says what there is instead."""
+    if len(text) > LONGEST_TEXT:
+        raise BadAnswer(f"the answer has {len(text)} characters; an answer has up to {LONGEST_TEXT}")
+    thought, said = _parted(text)
+    answers: list[dict[str, Any]] = []
+    why = "it is empty"
+    for part in (said, thought):
+        objects, broken = _objects(part)
+        answers = [answer for value in objects for answer in _holding(value, plain(key))]
+        if answers or broken:
+            why = broken
+        elif objects:
+            keys = ", ".join(printable(repr(name), 40) for name in list(objects[-1])[:5]) or "nothing"
+            why = f"its JSON lacks {key!r}; it holds {keys}"
+        elif part.strip():
+            why = _without_json(part) if part is said else "it is thinking only, which no JSON follows"
+        else:
+            continue
+        break
+    if any(answer != answers[0] for answer in answers):
+        raise BadAnswer(f"the answer holds {len(answers)} different objects with {key!r}; send one")
+    if not answers:
+        raise BadAnswer(f"the answer is not the expected JSON: {why}")
+    if why:  # an answer beside something that is broken: which of them was meant?
+        raise BadAnswer(f"the answer is not the expected JSON: beside a whole object, {why}")
+    return answers[0]
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """(what was thought, what was said). Templates leave out the first tag, or cut off before the last."""
+    closed = [match.end() for match in _CLOSES.finditer(text)]
+    if closed:
+        return text[: closed[-1]], text[closed[-1] :]
+    opened = _OPENS.search(text)
+    return (text[opened.start() :], text[: opened.start()]) if opened else ("", text)
+
+
+def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
+    """The outermost JSON objects in a text, and what is wrong with one that is none; empty for nothing."""
+    found: list[dict[str, Any]] = []
+    broken, at, failures = "", 0, 0
+    while failures < _MOST_FAILURES and (match := _OBJECT.search(text, at)):
+        try:
+            value, at = _DECODER.raw_decode(text, match.start())
+            found.append(value)
+        except json.JSONDecodeError as error:
+            # What lies within an object that is broken is a part of it, and no answer.
+            cut_off = error.msg.startswith("Unterminated string") or not text[error.pos :].strip(" \t\r\n`")
+            failures += 1
+            broken = broken or ("it is cut off" if cut_off else f"{error.msg}, line {error.lineno}")
+            at = len(text) if cut_off else max(error.pos, match.end())
+        except RecursionError:
+            return found, "it is nested too deeply"
+        except ValueError as error:
+            return found, str(error)
+    return found, broken
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object none of whose keys is there twice, of which all but the last would be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {printable(repr(twice), 40)} is there twice")
+    return found
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no number")
+
+
+_DECODER = json.JSONDecoder(object_pairs_hook=_once, parse_constant=_no_number, strict=False)
+
+
+def _holding(value: object, key: str, depth: int = 0) -> Iterator[dict[str, Any]]:
+    """The objects with the key: this one, or one that it wraps, as a tool call does."""
+    if isinstance(value, dict) and any(plain(name) == key for name in value):
+        yield value
+    elif depth < _DEEPEST:
+        inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        for each in inner:
+            if isinstance(each, str) and isinstance(value, dict) and value.get("arguments") is each:
+                for within in _objects(each)[0]:
+                    yield from _holding(within, key, depth + 1)
+            else:
+                yield from _holding(each, key, depth + 1)
+
+
+def _without_json(text: str) -> str:
+    if _REFUSES.match(text):
+        raise BadAnswer(f"the model refuses: {printable(text)}")
+    return f"there is no JSON in it, only text that begins {printable(text, _BEGIN)!r}"
 
 
 class _Part(BaseModel):
@@ -120,7 +271,8 @@ class _Answer(_Part):
     @classmethod
     def _says_nothing(cls, key: str, part: object) -> bool:
         """Round the answer a model may tell what it likes, but nothing that looks like a part of it."""
-        told = not isinstance(part, dict | list) and not get_close_matches(plain(key), _PARTS, cutoff=0.7)
+        parts = ("subgoals", "constraints", *KINDS)
+        told = not isinstance(part, dict | list) and not get_close_matches(plain(key), parts, cutoff=0.7)
         return told or plain(key) in _COMMENTS.split()
 
     @field_validator("subgoals", mode="before")
@@ -140,8 +292,7 @@ class _Answer(_Part):
 def strict_answer(task: Task) -> type[BaseModel]:
     """An answer whose JSON schema is for servers that can hold a model to one.
 
-    Narrower than what `from_json` takes: it lists the agents of the task, and every key is required,
-    as strict structured output wants it.
+    It lists the agents of the task, and every key is required, as strict structured output wants it.
     """
     names = [agent_name(agent) for agent in task.agents]
     strict = ConfigDict(extra="forbid")
@@ -149,7 +300,7 @@ def strict_answer(task: Task) -> type[BaseModel]:
     subgoals: dict[str, Any] = {name: (str, ...) for name in names}
     fields: dict[str, Any] = {"Agents": (list[agent], ...), "Constraint": (str, ...)}
     entry: Any = create_model("Entry", __config__=strict, **fields)
-    kinds: dict[str, Any] = {kind: (list[entry], ...) for kind in ("Logical", "Temporal", "Spatial")}
+    kinds: dict[str, Any] = {kind.capitalize(): (list[entry], ...) for kind in KINDS}
     return create_model(
         "Answer",
         __config__=strict,
@@ -164,17 +315,11 @@ def to_json(proposal: Proposal) -> str:
     for subgoal in proposal.subgoals:
         key = agent_name(subgoal.agent)
         subgoals[key] = f"{subgoals[key]}; {subgoal.text}" if key in subgoals else subgoal.text
-    kinds: tuple[Kind, ...] = ("logical", "temporal", "spatial")
-    return json.dumps(
-        {
-            "Subgoals": subgoals,
-            "Constraints": {
-                kind.capitalize(): [_entry(c) for c in proposal.constraints if c.kind == kind]
-                for kind in kinds
-            },
-        },
-        indent=2,
-    )
+    constraints = {
+        kind.capitalize(): [_entry(each) for each in proposal.constraints if each.kind == kind]
+        for kind in KINDS
+    }
+    return json.dumps({"Subgoals": subgoals, "Constraints": constraints}, indent=2)
 
 
 def _entry(stated: Statement) -> dict[str, object]:
@@ -201,19 +346,12 @@ def from_json(text: str, task: Task) -> Proposal:
         if lines.setdefault(agent_number(name, task), line) is not line:
             raise BadAnswer(f"the subgoals of Agent_{agent_number(name, task)} are there twice")
     subgoals = tuple(subgoal for agent, line in lines.items() for subgoal in _subgoals(agent, line, task))
-    groups: Sequence[tuple[Kind, list[_Constraint]]] = (
-        ("logical", answer.constraints.logical),
-        ("temporal", answer.constraints.temporal),
-        ("spatial", answer.constraints.spatial),
-    )
-    constraints = tuple(
-        understood(
-            entry.text, task.vocabulary, kind, tuple(agent_number(name, task) for name in entry.agents)
-        )
-        for kind, entries in groups
-        for entry in entries
-    )
-    return Proposal(subgoals, constraints)
+    constraints = []
+    for kind in KINDS:
+        for entry in getattr(answer.constraints, kind):
+            agents = tuple(agent_number(name, task) for name in entry.agents)
+            constraints.append(understood(entry.text, task.vocabulary, kind, agents))
+    return Proposal(subgoals, tuple(constraints))
 
 
 def agent_number(name: str, task: Task) -> int:
@@ -238,15 +376,11 @@ def _subgoals(agent: int, line: str, task: Task) -> list[Subgoal]:
             f"Agent_{agent} has {len(parts)} subgoals; in one answer for {task.name} an agent has up to "
             f"{most_subgoals(task)}"
         )
-    found = [_read_subgoal(agent, part, task) for part in parts]
+    try:
+        found = [read_subgoal(agent, part, task.vocabulary) for part in parts]
+    except ArgumentError as error:
+        raise BadAnswer(str(error)) from error
     for each, following in pairwise(found):
         if each == following:
             raise BadAnswer(f"Agent_{agent} has the subgoal {each.text!r} twice in a row")
     return found
-
-
-def _read_subgoal(agent: int, text: str, task: Task) -> Subgoal:
-    try:
-        return read_subgoal(agent, text, task.vocabulary)
-    except ArgumentError as error:
-        raise BadAnswer(str(error)) from error

@@ -1,12 +1,22 @@
-"""The RoboBrain that needs no network: the plan written in the task's module."""
+"""The RoboBrains that need no network: the plan in the task's module, or that with one mistake in it.
 
-from dataclasses import dataclass
+A mistake has a name (`faults.py`): so its detection and repair are measured. The first answer that it applies
+to is the scripted plan with the fault in it. Once RoboChecker has complained, the answer is as scripted.
+"""
+
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rf_exp.datagen.brain.protocol import Question, to_json
+import numpy as np
+
+from rf_exp.datagen.brain.faults import FAULTS, fault_named
+from rf_exp.datagen.brain.protocol import BrainSpec, Question, to_json
 from rf_exp.datagen.yielding import yielding_proposal, yields_after
+from rf_exp.errors import ArgumentError
 from rf_exp.tasks import Task
-from rf_exp.types import ConstraintSet
+from rf_exp.types import DISTURBANCES, ConstraintSet, Scene
+
+_SCENES = range(4)  # seeds of scenes in which a fault is given room
 
 
 class ScriptedBrain:
@@ -23,18 +33,85 @@ class ScriptedBrain:
 
 
 @dataclass(frozen=True)
-class ScriptedSpec:
+class ScriptedSpec(BrainSpec):
     """`brain=scripted`."""
 
     name: ClassVar[str] = "scripted"
-    reads: ClassVar[bool] = False
-
-    @property
-    def identity(self) -> dict[str, object]:
-        return {"name": self.name}
 
     def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> ScriptedBrain:
         return ScriptedBrain()
 
-    def again(self) -> "ScriptedSpec":
-        return self
+
+def applies(fault: str, task: Task, scene: Scene) -> bool:
+    """Whether the scripted plan for the scene has room for the fault."""
+    question = Question(task, scene, {})
+    proposal = task.module.plan(scene, task)
+    return fault_named(fault).change(proposal, question, np.random.default_rng(0)) is not None
+
+
+def faults_for(task: Task) -> tuple[str, ...]:
+    """The faults for which a first or second proposal of the scripted plan has room, in some scene."""
+    found: set[str] = set()
+    for seed in _SCENES:
+        begin = task.start(seed).scene
+        for scene in (begin, _grasped(task, begin)):
+            found |= {fault for fault in FAULTS if fault not in found and applies(fault, task, scene)}
+    return tuple(fault for fault in FAULTS if fault in found)
+
+
+def _grasped(task: Task, scene: Scene) -> Scene:
+    """The scene with every agent holding what it last grasps and does not put down in the scripted plan."""
+    held: dict[int, str | None] = {}
+    for subgoal in task.module.plan(scene, task).subgoals:
+        held[subgoal.agent] = subgoal.object if subgoal.verb not in ("place", "release") else None
+    return replace(scene, held=tuple(held.get(agent) for agent in task.agents))
+
+
+class FaultyBrain:
+    """Scripted, but for one mistake. `placed` says whether it has been made, in the scene of this episode."""
+
+    name = "faulty"
+
+    def __init__(self, fault: str, seed: int) -> None:
+        self.fault = fault_named(fault)
+        self._rng = np.random.default_rng([seed, DISTURBANCES])
+        self.placed = self._corrected = False
+
+    def answer(self, question: Question) -> str:
+        if not self.placed and not question.feedback:
+            proposal = question.task.module.plan(question.scene, question.task)
+            changed = self.fault.change(proposal, question, self._rng)
+            if changed is not None:
+                self.placed = True
+                return to_json(changed)
+        if self.placed and not self._corrected:
+            # What comes back first is about the fault: the plan as it should have been answers it.
+            self._corrected, question = True, replace(question, feedback=())
+        return ScriptedBrain().answer(question)
+
+
+@dataclass(frozen=True)
+class FaultySpec(BrainSpec):
+    """`brain=faulty`."""
+
+    name: ClassVar[str] = "faulty"
+
+    fault: str
+
+    def __post_init__(self) -> None:
+        fault_named(self.fault)
+
+    @property
+    def identity(self) -> dict[str, object]:
+        return {"name": self.name, "fault": self.fault}
+
+    def fits(self, task: Task) -> None:
+        """Raises ArgumentError for a task in whose plans the fault has no place."""
+        if self.fault not in (known := faults_for(task)):
+            raise ArgumentError(
+                f"brain.fault={self.fault} has no place in the plans of {task.name}; "
+                f"those that have: {', '.join(known)}"
+            )
+
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> FaultyBrain:
+        return FaultyBrain(self.fault, seed)

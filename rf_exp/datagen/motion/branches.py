@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rf_exp.datagen.motion.state import Floats, Points
 from rf_exp.datagen.motion.timing import duration_s
 from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, interpolate, wrapped_rad
@@ -22,8 +22,6 @@ JUMP_RAD = 0.35  # between neighbouring points of a straight line: more is a cha
 EASE = 0.01  # s/rad that the motion of all joints counts for, beside the time that it takes
 UPRIGHT = 0.03  # s/rad for the angle by which the elbow leaves the upright plane, where it is in others' way
 
-Points = NDArray[np.float64]  # (K, dof) rad
-
 
 @dataclass(frozen=True)
 class Approach:
@@ -36,37 +34,32 @@ class Approach:
     exact: bool = False
 
 
+@dataclass(frozen=True, eq=False)
 class Approaches:
-    """Straight motions from pre-grasp poses (G, 4, 4) to goals (G, 4, 4), after joint points (K, dof) rad.
+    """Straight motions from pre-grasp poses to goals.
 
     Of what is put down or struck, the pre-grasp pose is the one above the place. The arm has a joint to
     spare, so one pose has many postures; some lead through stretched arms, where a short line takes long.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        limits: JointLimits,
-        pregrasps: NDArray[np.float64],
-        goals: NDArray[np.float64],
-        before: Points,
-    ) -> None:
-        self._arm, self._limits, self._before = arm, limits, before
-        self._pregrasps, self._goals = pregrasps, goals
+    arm: Arm
+    limits: JointLimits
+    pregrasps: Floats  # (G, 4, 4)
+    goals: Floats  # (G, 4, 4)
+    before: Points  # that lead to where the motion begins
 
     def estimated(self, rest: Points | None = None) -> Iterator[Approach]:
         """The soonest few to each goal. With `rest` (dof,) rad, going back and on to there counts too."""
-        first, last = (  # (G, R, branches, dof)
-            self._arm.postures(poses[:, None], _turns(self._arm, poses))
-            for poses in (self._pregrasps, self._goals)
-        )
-        ends = np.stack([np.roll(each, k, axis=1) for each in (last, self._arm.crossed(last)) for k in NEXT])
-        nearest = _cost(self._arm, first, ends).argmin(axis=0)
+        # Postures are (G, R, branches, dof).
+        both = self.pregrasps, self.goals
+        first, last = (self.arm.postures(poses[:, None], _turns(self.arm, poses)) for poses in both)
+        ends = np.stack([np.roll(each, k, axis=1) for each in (last, self.arm.crossed(last)) for k in NEXT])
+        nearest = _cost(self.arm, first, ends).argmin(axis=0)
         end = np.take_along_axis(ends, nearest[None, ..., None], axis=0)[0]
         takes_s = self._takes_s(first, end)
         cost = takes_s + self._dislike_s(first, end)
         if rest is not None:
-            cost += leaving_s(first, end, rest, self._limits)
+            cost += leaving_s(first, end, rest, self.limits)
         cost = _or_infinite(cost)
         taken: list[tuple[int, int, int]] = []
         for flat in np.argsort(cost, axis=None, kind="stable"):
@@ -86,7 +79,7 @@ class Approaches:
         """The same with all its points (K, dof), or None where there is no such line."""
         for begin, end in (self._finer(estimate), estimate.points):
             turns = np.append(TURNS_RAD, end[-1] - begin[-1])
-            lines = lines_to(self._arm, begin, self._goals[estimate.goal], turns)
+            lines = lines_to(self.arm, begin, self.goals[estimate.goal], turns)
             if len(lines):
                 takes_s = self._takes_s(begin, lines[:, lines.shape[1] // 2], lines[:, -1])
                 best = int((takes_s + self._dislike_s(begin, lines[:, -1])).argmin())
@@ -97,38 +90,31 @@ class Approaches:
         """Ends (2, dof) of about the same motion that are sooner reached, if there are such."""
         goal, branch = estimate.goal, estimate.branch
         begin, end = estimate.points
-        first = self._arm.postures(self._pregrasps[goal], begin[-1] + FINE_RAD)[:, branch, None]
-        last = self._arm.postures(self._goals[goal], end[-1] + FINE_RAD)[
-            :, [branch, self._arm.beyond(branch)]
-        ]
-        last = last.reshape(-1, last.shape[-1])
+        first = self.arm.postures(self.pregrasps[goal], begin[-1] + FINE_RAD)[:, branch, None]
+        last = self.arm.postures(self.goals[goal], end[-1] + FINE_RAD)
+        last = last[:, [branch, self.arm.beyond(branch)]].reshape(-1, last.shape[-1])
         cost = _or_infinite(self._takes_s(first, last) + self._dislike_s(first, last))
         if not np.isfinite(cost).any():
             return estimate.points
         one, other = np.unravel_index(cost.argmin(), cost.shape)
         return np.stack([first[one, 0], last[other]])
 
-    def _takes_s(self, *after: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _takes_s(self, *after: Floats) -> Floats:
         """(...) s of going through postures (..., dof), one after the other."""
-        return duration_s(_corners(*self._before, *after), self._limits)
+        return duration_s(_corners(*self.before, *after), self.limits)
 
-    def _dislike_s(self, begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _dislike_s(self, begin: Floats, end: Floats) -> Floats:
         """(...) s that another approach may take longer: for moving joints, and for the elbow aside."""
-        return _dislike_s(self._arm, self._before[-1], begin) + _dislike_s(self._arm, begin, end)
+        return _dislike_s(self.arm, self.before[-1], begin) + _dislike_s(self.arm, begin, end)
 
 
-def leaving_s(
-    high: NDArray[np.float64], low: NDArray[np.float64], rest: Points, limits: JointLimits
-) -> NDArray[np.float64]:
+def leaving_s(high: Floats, low: Floats, rest: Points, limits: JointLimits) -> Floats:
     """(...) s from postures `low` back up to `high` (..., dof), where an arm stops, and on to `rest`."""
     return duration_s(_corners(low, high), limits) + duration_s(_corners(high, rest), limits)
 
 
-def straight(arm: Arm, joints: NDArray[np.float64], goal: Matrix, limits: JointLimits) -> Points | None:
-    """Joint points (K, dof) of the straight line of the TCP from joints (dof,) to a pose, or None.
-
-    The last joint turns evenly, by what makes the line take the least time.
-    """
+def straight(arm: Arm, joints: Floats, goal: Matrix, limits: JointLimits) -> Points | None:
+    """Joint points (K, dof) of the soonest straight line of the TCP from joints (dof,) to a pose, or None."""
     turns = np.append(TURNS_RAD, arm.facing(goal) - joints[-1])
     lines = lines_to(arm, joints, goal, turns)
     if not len(lines):
@@ -138,21 +124,18 @@ def straight(arm: Arm, joints: NDArray[np.float64], goal: Matrix, limits: JointL
     return lines[(takes_s + _dislike_s(arm, joints, end)).argmin()]
 
 
-def lines_to(
-    arm: Arm, joints: NDArray[np.float64], goal: Matrix, turns: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Joint points (M, K, dof) of straight lines of the TCP from joints (dof,) to a pose.
-
-    In each the last joint turns evenly, by another angle.
-    """
-    poses = _poses(arm.tcp(joints), goal)
+def lines_to(arm: Arm, joints: Floats, goal: Matrix, turns: Floats) -> Floats:
+    """Joint points (M, K, dof) of such lines; in each the last joint turns evenly, by another angle."""
+    start = arm.tcp(joints)
+    count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
+    share = np.arange(1, count + 1) / count
     turns = turns if arm.robot.spare else turns[:1]
-    share = np.arange(1, len(poses) + 1) / len(poses)
-    found = arm.postures(poses, joints[-1] + turns[:, None] * share)  # (M, K, branches, dof)
+    # Postures are (M, K, branches, dof).
+    found = arm.postures(interpolate(start, goal, share), joints[-1] + turns[:, None] * share)
     rows = np.arange(len(turns))
-    lines = np.empty((len(turns), len(poses) + 1, len(joints)))
+    lines = np.empty((len(turns), count + 1, len(joints)))
     lines[:, 0] = joints
-    for k in range(len(poses)):
+    for k in range(count):
         away = np.abs(found[:, k] - lines[:, k, None]).max(axis=-1)
         lines[:, k + 1] = found[rows, k, _or_infinite(away).argmin(axis=1)]
     smooth = (np.abs(np.diff(lines, axis=1)) <= JUMP_RAD).all(axis=(1, 2))  # what is NaN is not
@@ -160,18 +143,9 @@ def lines_to(
 
 
 class Arrivals:
-    """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above` (G, 4, 4).
+    """Where an arm may arrive at goals (G, 4, 4), each through its pose in `above`, and go on to `rest`."""
 
-    With `rest` (dof,) rad it goes back up, and on to there.
-    """
-
-    def __init__(
-        self,
-        arm: Arm,
-        above: NDArray[np.float64],
-        goals: NDArray[np.float64],
-        rest: NDArray[np.float64] | None = None,
-    ) -> None:
+    def __init__(self, arm: Arm, above: Floats, goals: Floats, rest: Points | None = None) -> None:
         self._high, low = (  # where the arm faces the goal is among them
             arm.postures(poses[:, None], _turns(arm, poses, every=2)) for poses in (above, goals)
         )
@@ -182,7 +156,7 @@ class Arrivals:
         if rest is not None:
             self._down = 2 * self._down + _cost(arm, self._high, rest)
 
-    def nearest(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    def nearest(self, joints: Floats) -> Floats:
         """(G, 3, dof) now, above each goal, at it, with the least motion; NaN where it is out of reach."""
         cost = np.moveaxis(_cost(self._arm, joints, self._high) + self._down, 1, 0)  # (G, 2, R, branches)
         goals = np.arange(len(cost))
@@ -192,38 +166,29 @@ class Arrivals:
         return found
 
 
-def _dislike_s(arm: Arm, begin: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dislike_s(arm: Arm, begin: Floats, end: Floats) -> Floats:
     """(...) s that another motion may take longer: for moving joints (..., dof), for an elbow aside."""
     return EASE * np.abs(end - begin).sum(axis=-1) + UPRIGHT * arm.aside_rad(end)
 
 
-def _turns(arm: Arm, goals: NDArray[np.float64], every: int = 1) -> NDArray[np.float64]:
-    """Angles (G, R) rad of the last joint that are tried for goals (G, 4, 4), or every so many of them.
-
-    Only one where no joint is to spare.
-    """
+def _turns(arm: Arm, goals: Floats, every: int = 1) -> Floats:
+    """Angles (G, R) rad of the last joint that are tried for goals (G, 4, 4); one where none is to spare."""
     away_rad = AWAY_RAD[every - 1 :: every] if arm.robot.spare else np.zeros(1)
     return wrapped_rad(arm.facing(goals)[:, None] + away_rad)
 
 
-def _cost(arm: Arm, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cost(arm: Arm, a: Floats, b: Floats) -> Floats:
     """(...) the effort between postures (..., dof); infinite where one of them is NaN."""
     moved = np.abs(b - a)
     aside = UPRIGHT * arm.aside_rad(b)
     return _or_infinite(moved.max(axis=-1) + EASE * moved.sum(axis=-1) + aside)
 
 
-def _corners(*postures: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corners(*postures: Floats) -> Floats:
     """(..., K, dof) of K postures (..., dof)."""
     return np.stack(np.broadcast_arrays(*postures), axis=-2)
 
 
-def _or_infinite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _or_infinite(values: Floats) -> Floats:
     """In place of NaN; np.nan_to_num takes several times as long."""
     return np.where(np.isnan(values), np.inf, values)
-
-
-def _poses(start: Matrix, goal: Matrix) -> NDArray[np.float64]:
-    """Poses (K, 4, 4) of the straight line after its start."""
-    count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
-    return interpolate(start, goal, np.arange(1, count + 1) / count)

@@ -1,32 +1,135 @@
-"""From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation)."""
+"""From a proposal to one trajectory for each agent (paper: unconstrained trajectory generation).
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+A proposal is a set of queues, one an agent: in which order it lists its agents says nothing. A queue waits
+while something that must be over first has not been planned, and while something is in its way, or out of its
+reach, that another queue may still move.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from rf_exp.coordination import Demands
-from rf_exp.datagen.motion.queues import Lockstep, Order, Queues
 from rf_exp.datagen.motion.reach import Reach
 from rf_exp.datagen.motion.request import Request
 from rf_exp.datagen.motion.state import Blocked, State, Unreachable
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.motion.verbs import Motion, leave, lift_line, plan
 from rf_exp.datagen.yielding import Yielding
-from rf_exp.findings import Cause, Finding
+from rf_exp.findings import Cause, Finding, agent_name
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
-from rf_exp.types import (
-    GRIPPER_CLOSED,
-    GRIPPER_OPEN,
-    JointLimits,
-    Scene,
-    Segment,
-    Subgoal,
-    Trajectory,
-)
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, JointLimits, Scene, Segment, Subgoal, Trajectory
+
+Lockstep = Collection[tuple[frozenset[int], str, str]]  # agents, verb, object: done as one motion
+Part = tuple[int, str | None, str | None]  # agent, verb, object; without a verb all that the agent does
+Order = Collection[tuple[Part, Part]]  # the first is over before the second begins
+
+
+@dataclass(frozen=True)
+class _Stuck:
+    """Why the next subgoal of an agent has no motion as things are."""
+
+    error: Unreachable
+    by: frozenset[str] | None  # things of which one has to move before it may have; None: or an arm
+    moved: bool = False  # whether one has
+
+
+def in_turn(proposal: Proposal, order: Order) -> Proposal:
+    """The same plan for every order in which it may list its agents.
+
+    First come agents that wait for nobody who is left, of several the one with the lowest number: so what
+    others meet stands already where it will stand when they do.
+    """
+    left, listed = sorted({subgoal.agent for subgoal in proposal.subgoals}), []
+    while left:
+        waiting = {then[0] for first, then in order if first[0] in left and first[0] != then[0]}
+        agent = next((each for each in left if each not in waiting), left[0])
+        left.remove(agent)
+        listed += proposal.of(agent)
+    return replace(proposal, subgoals=tuple(listed))
+
+
+class Queues:
+    """What is still to be planned. Of agents that can go on the one that is listed first does."""
+
+    def __init__(self, proposal: Proposal, lockstep: Lockstep, order: Order) -> None:
+        agents = dict.fromkeys(subgoal.agent for subgoal in proposal.subgoals)
+        self.left = {agent: list(proposal.of(agent)) for agent in agents}  # what each has still to do
+        self._lockstep, self._order = lockstep, order
+        self._stuck: dict[int, _Stuck] = {}
+
+    def next(self) -> Sequence[Subgoal]:
+        """The subgoal that is planned next, or those of several agents that are one motion; none: all are.
+
+        Raises Unreachable where nobody can go on: with the reason of the first that is stuck.
+        """
+        fronts = {agent: queue[0] for agent, queue in self.left.items() if queue}
+        if not fronts:
+            return ()
+        ready = [each for each in fronts.values() if each.agent not in self._stuck and not self._waits(each)]
+        if alone := [each for each in ready if not self._group(each)]:
+            return alone[:1]
+        if together := self._together(ready):
+            return together
+        still = {agent: each for agent, each in self._stuck.items() if not each.moved}
+        if len(still) < len(self._stuck):
+            self._stuck = still
+            return self.next()
+        for each in still.values():
+            raise each.error
+        circle = tuple(f"{agent_name(agent)}: {front.text}" for agent, front in fronts.items())
+        raise Unreachable(Cause.TIME, Finding.CIRCLE, tuple(fronts), subgoals=circle)
+
+    def planned(self, subgoals: Sequence[Subgoal], moved: Collection[str]) -> None:
+        """They have a motion, by which things are moved."""
+        for each in subgoals:
+            self.left[each.agent].pop(0)
+        for agent, each in self._stuck.items():
+            if each.by is None or each.by.intersection(moved):
+                self._stuck[agent] = replace(each, moved=True)
+
+    def stuck(self, subgoals: Sequence[Subgoal], error: Unreachable) -> None:
+        """They have none as things are, and wait while others go on. Raises what no other can help."""
+        if error.cause is Cause.REACH:
+            by = frozenset[str]().union(*(each.names for each in subgoals))
+        elif error.cause is Cause.SPACE:
+            alone = "obstacles" in error.facts and error.agents[1:] == ()
+            by = frozenset(error.facts["obstacles"]) if alone else None
+        else:
+            raise error
+        self._stuck |= {each.agent: _Stuck(error, by) for each in subgoals}
+
+    def _waits(self, subgoal: Subgoal) -> bool:
+        """Whether something that must be over before this subgoal has not been planned yet."""
+        return any(
+            _is_of(then, subgoal) and any(map(partial(_is_of, first), self.left.get(first[0], ())))
+            for first, then in self._order
+        )
+
+    def _group(self, subgoal: Subgoal) -> frozenset[int]:
+        """The agents that carry out this subgoal as one motion; none where it is no such one."""
+        for agents, verb, name in self._lockstep:
+            if subgoal.agent in agents and (subgoal.verb, subgoal.object) == (verb, name) and verb == "lift":
+                return agents
+        return frozenset()
+
+    def _together(self, ready: Sequence[Subgoal]) -> Sequence[Subgoal]:
+        """The joint subgoal that all its agents have come to."""
+        for first in ready:
+            agents, what = self._group(first), (first.verb, first.object)
+            members = [each for each in ready if each.agent in agents and what == (each.verb, each.object)]
+            if {each.agent for each in members} == agents:
+                return members
+        return ()
+
+
+def _is_of(part: Part, subgoal: Subgoal) -> bool:
+    agent, verb, name = part
+    return subgoal.agent == agent and (verb is None or (subgoal.verb, subgoal.object) == (verb, name))
 
 
 def present_state(task: Task, scene: Scene) -> State:
@@ -47,10 +150,7 @@ def present_state(task: Task, scene: Scene) -> State:
 
 @dataclass(frozen=True)
 class Handover:
-    """A thing is met where another agent has left it, so that comes later, whether it was asked for or not.
-
-    Knots are counted along the trajectories of both.
-    """
+    """A thing is met where another agent has left it, so that comes later, asked for or not."""
 
     giver: int
     left_at: int  # knot at which the giver is done with it
@@ -84,11 +184,10 @@ def plan_motion(
     yielding: Yielding,
     rng: np.random.Generator,
 ) -> Motions:
-    """Motions that carry out a proposal.
+    """Motions that carry out a proposal. Raises Unreachable.
 
-    Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in
-    `order` starts from where the earlier leaves the objects. Arms yield where a way is free. Raises
-    Unreachable.
+    Subgoals named in `lockstep` are timed as one motion of all their agents. What comes later in `order`
+    starts from where the earlier leaves the objects. Arms yield where a way is free.
     """
     begin, planned = present_state(task, scene), list[Subgoal]()
     ask = partial(Request, task, Reach(task.arms, limits, blocked, rng))
@@ -98,7 +197,12 @@ def plan_motion(
     queues = Queues(proposal, lockstep, order)
     while subgoals := queues.next():
         try:
-            motion = _motion_of(subgoals, queues, ask, made.state)
+            if len(subgoals) > 1:
+                motion = _joint_lift([ask(each) for each in subgoals], made.state)
+            else:
+                agent = subgoals[0].agent
+                others = [each for other, queue in queues.left.items() if other != agent for each in queue]
+                motion = plan(ask(subgoals[0], queues.left[agent][1:], others), made.state)
         except Unreachable as error:
             queues.stuck(subgoals, error)
             continue
@@ -107,23 +211,13 @@ def plan_motion(
         made.add(motion, subgoals)
         for agent in (each.agent for each in subgoals if each.agent in yielding.once_done):
             last = made.segments[agent][-1:]
-            if queues.done(agent) and last and last[0].primitive == "retreat":
+            if not queues.left[agent] and last and last[0].primitive == "retreat":
                 made.add(_yield(ask(Subgoal(agent, yielding.to)), made.state))
     trajectories = (
         Trajectory(agent, begin.qpos[agent], begin.gripper[agent], tuple(made.segments[agent]))
         for agent in task.agents
     )
     return Motions(tuple(trajectories), made.state, tuple(planned), tuple(made.handovers))
-
-
-def _motion_of(
-    subgoals: Sequence[Subgoal], queues: Queues, ask: Callable[..., Request], state: State
-) -> Motion:
-    """Of one subgoal, or of those that are one motion."""
-    if len(subgoals) > 1:
-        return _joint_lift([ask(each) for each in subgoals], state)
-    (subgoal,) = subgoals
-    return plan(ask(subgoal, queues.following(subgoal.agent), queues.of_others(subgoal.agent)), state)
 
 
 class _Made:

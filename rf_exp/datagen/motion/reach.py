@@ -2,16 +2,14 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from heapq import heapify, heappop, heappush
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.branches import Approach, Approaches, Arrivals, Points, leaving_s, straight
-from rf_exp.datagen.motion.path import find_path
-from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, State, Unreachable, obstructed
+from rf_exp.datagen.motion.branches import Approaches, Arrivals, leaving_s, straight
+from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Arm
@@ -21,8 +19,12 @@ from rf_exp.types import JointLimits
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
 CLEARANCE_M = 0.10  # above a place from which things are lowered
 RISE_M = 0.04  # straight up from where a thing lies, before it goes anywhere else
+_STEP_RAD = 0.25  # growth of the trees, largest joint
+_CHECK_EVERY = 5  # dense points; 0.05 rad between the checked ones
 
 Tiers = Sequence[Sequence[Matrix]]  # TCP poses; those of one tier serve equally, a later one is a last resort
+Free = Callable[[Points], bool]  # whether joint points (K, dof) are all collision-free
+Tree = tuple[list[Points], list[int]]  # nodes (dof,) rad, and the index of the parent of each
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class LookAhead:
     it (2, dof); infinite: out of reach.
     """
 
-    after: Callable[[NDArray[np.float64]], Callable[[int, Points], float]]
+    after: Callable[[Floats], Callable[[int, Points], float]]
     rest_rad: Points | None = None  # (dof,) where the arm goes then, where that is known beforehand
 
 
@@ -62,13 +64,12 @@ class Reach:
         rise: bool = False,
         look_ahead: LookAhead = _NOTHING,
     ) -> Points:
-        """Timed points (T, dof) to the first goal that can be reached, ending with a straight approach.
+        """Timed points (T, dof) to the first goal in reach: one motion with rounded corners.
 
-        The approach comes from a pre-grasp pose, `standoff_m` back along the tool's z axis, or straight down
-        from as far above. With `rise` the motion begins straight up. All of it is one motion with rounded
-        corners.
+        It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis, or
+        from as far above straight `down`. With `rise` it begins straight up. Raises Unreachable.
         """
-        obstacles: dict[Obstacle, Blockage] = {}  # what was in the way, in the order in which it was found
+        obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
         up = self._rise(agent, state.qpos[agent]) if rise else state.qpos[agent][None]
         for line in self._straight_lines(agent, up, tiers, standoff_m, down, look_ahead):
@@ -87,11 +88,10 @@ class Reach:
                     return parameterise(points, self.limits)
                 if radius_rad == BLEND_RAD[-1]:
                     obstacles.setdefault(obstacle, Blockage(agent, points, state, touches, obstacle))
-        if not obstacles and not no_path:
-            raise Unreachable(Cause.REACH, Finding.OUT_OF_REACH, (agent,), subgoals=(what,))
         if obstacles:
             raise obstructed(what, *obstacles.values())
-        raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), subgoals=(what,))
+        cause, finding = (Cause.SPACE, Finding.NO_PATH) if no_path else (Cause.REACH, Finding.OUT_OF_REACH)
+        raise Unreachable(cause, finding, (agent,), subgoals=(what,))
 
     def _straight_lines(
         self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, look_ahead: LookAhead
@@ -107,7 +107,7 @@ class Reach:
             pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
             before = up[[0, -1]] if len(up) > 1 else up
             approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
-            takes_s = partial(self._takes_s, look_ahead.after(goals))
+            more_s = look_ahead.after(goals)
             # What comes next is worked out only where the way alone takes no longer than all of another one.
             open_ = [
                 (round(each.takes_s, 6), number, False, each)
@@ -117,7 +117,8 @@ class Reach:
             while open_:
                 altogether_s, number, counted, way = heappop(open_)
                 if not counted:
-                    heappush(open_, (takes_s(way), number, True, way))
+                    altogether_s = round(way.takes_s + more_s(way.goal, way.points[[0, -1]]), 6)
+                    heappush(open_, (altogether_s, number, True, way))
                 elif not way.exact:
                     exact = approaches.exact(way)
                     if exact is not None:
@@ -128,38 +129,29 @@ class Reach:
                     last.append(way.points)
         yield from last
 
-    def _takes_s(self, more_s: Callable[[int, Points], float], way: Approach) -> float:
-        """An approach, what comes next included; infinite where that is out of reach."""
-        return round(way.takes_s + more_s(way.goal, way.points[[0, -1]]), 6)
-
     def _rise(self, agent: int, joints: Points) -> Points:
         """Joint points (K, dof) straight up from where the arm is; only that where it cannot rise."""
         line = self.line(agent, joints, above(self.arms[agent].tcp(joints), RISE_M))
         return joints[None] if line is None else line
 
     def _path(self, agent: int, start: Points, goal: Points, state: State) -> Points | None:
-        held = frozenset({state.held[agent][0]}) if agent in state.held else frozenset()
-
         def free(points: Points) -> bool:
-            return self.blocked(agent, points, state, held) is None
+            return self.blocked(agent, points, state, state.in_hand(agent)) is None
 
         return find_path(start, goal, free, self.arms[agent].robot.limits_rad, self.rng)
 
     def freely(self, agent: int, goal: Points, state: State, what: str) -> Points:
         """Timed points (T, dof) to joints (dof,). Raises Unreachable."""
         path = self._path(agent, state.qpos[agent], goal, state)
-        if path is None:
-            blockage = self._at_an_end(agent, state.qpos[agent], goal, state)
-            raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), blockage, subgoals=(what,))
-        return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
-
-    def _at_an_end(self, agent: int, start: Points, goal: Points, state: State) -> Blockage | None:
-        """What is in the way of a free path where it would begin or end; None: only somewhere between."""
-        held = frozenset({state.held[agent][0]}) if agent in state.held else frozenset()
-        for joints, where in ((start, "where it stands"), (goal, "where it is to go")):
-            if obstacle := self.blocked(agent, joints[None], state, held):
-                return Blockage(agent, joints[None], state, held, obstacle, where)
-        return None
+        if path is not None:
+            return parameterise(blend(densify(path), BLEND_RAD[0]), self.limits)
+        held = state.in_hand(agent)
+        at_an_end = (  # otherwise something is in the way somewhere between
+            Blockage(agent, joints[None], state, held, obstacle, where)
+            for joints, where in ((state.qpos[agent], "where it stands"), (goal, "where it is to go"))
+            if (obstacle := self.blocked(agent, joints[None], state, held))
+        )
+        raise Unreachable(Cause.SPACE, Finding.NO_PATH, (agent,), next(at_an_end, None), subgoals=(what,))
 
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
         """Joint points (K, dof) of the straight TCP line from joints (dof,) to a pose."""
@@ -170,8 +162,7 @@ class Reach:
     ) -> Callable[[Points], Points | None]:
         """From a motion (K, dof): joints (3, dof) at its end, well above a TCP pose, at it.
 
-        The pose is one of the first tier in reach. The way is the shortest, or that with which going back
-        up and on to `rest_rad` (dof,) makes the shortest.
+        The pose is one of the first tier in reach, the way is the shortest, that to `rest_rad` included.
         """
         stacked = [np.stack(tier) for tier in tiers]
         arrivals = cache(
@@ -190,12 +181,12 @@ class Reach:
 
         return nearest
 
-    def duration_s(self, corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    def duration_s(self, corners: Floats) -> Floats:
         """(...) about how long motions round corners (..., K, dof) take."""
         return duration_s(corners, self.limits)
 
 
-def above(poses: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+def above(poses: Floats, height_m: float) -> Floats:
     """Poses (..., 4, 4), so much higher."""
     raised = poses.copy()
     raised[..., 2, 3] += height_m
@@ -211,3 +202,78 @@ def turned(goal: Matrix, turns: int) -> list[Matrix]:
 def _turns(count: int) -> tuple[Matrix, ...]:
     angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
     return tuple(transform(rotation=Rotation.from_euler("z", angle)) for angle in angles)
+
+
+def edge_free(a: Points, b: Points, free: Free) -> bool:
+    """Whether the straight joint line from a to b (dof,) is free."""
+    points = densify(np.stack([a, b]))
+    return free(np.concatenate([points[::_CHECK_EVERY], points[-1:]]))
+
+
+def find_path(
+    start: Points,
+    goal: Points,
+    free: Free,
+    limits_rad: Points,
+    rng: np.random.Generator,
+    *,
+    iterations: int = 600,
+) -> Points | None:
+    """Via points (K, dof) from start to goal: a straight line, or RRT-Connect (Kuffner and LaValle 2000)."""
+    if edge_free(start, goal, free):
+        return np.stack([start, goal])
+    if not (free(start[None]) and free(goal[None])):
+        return None
+    low, high = limits_rad
+    trees: list[Tree] = [([start], [-1]), ([goal], [-1])]
+    for iteration in range(iterations):
+        a, b = trees[iteration % 2], trees[1 - iteration % 2]
+        # A Gaussian about the straight line finds the way round a small obstacle sooner than a uniform draw.
+        middle = start + rng.uniform() * (goal - start)
+        sample = np.clip(middle + rng.normal(0.0, 0.2 + 0.8 * iteration / iterations, len(start)), low, high)
+        if _grow(a, sample, free) and (meeting := _connect(b, a[0][-1], free)) is not None:
+            path = np.array(_trace(a, len(a[0]) - 1)[::-1] + _trace(b, meeting))
+            return _shortcut(path if iteration % 2 == 0 else path[::-1], free)
+    return None
+
+
+def _grow(tree: Tree, target: Points, free: Free) -> bool:
+    """Adds one step towards `target`; whether it was free."""
+    nodes, parents = tree
+    near = int(np.argmin(np.abs(np.array(nodes) - target).max(axis=1)))
+    delta = target - nodes[near]
+    new = nodes[near] + delta * min(1.0, _STEP_RAD / max(np.abs(delta).max(), 1e-9))
+    if not edge_free(nodes[near], new, free):
+        return False
+    nodes.append(new)
+    parents.append(near)
+    return True
+
+
+def _connect(tree: Tree, target: Points, free: Free) -> int | None:
+    """Grows straight to `target` as far as it goes; the index of the node that reached it."""
+    while _grow(tree, target, free):
+        if np.abs(tree[0][-1] - target).max() < 1e-9:
+            return len(tree[0]) - 1
+    return None
+
+
+def _trace(tree: Tree, index: int) -> list[Points]:
+    nodes, parents = tree
+    path = []
+    while index >= 0:
+        path.append(nodes[index])
+        index = parents[index]
+    return path
+
+
+def _shortcut(path: Points, free: Free) -> Points:
+    """The path without the via points that a free straight line makes needless, the longest lines first."""
+    for span in range(len(path) - 1, 1, -1):
+        for first in range(len(path) - span):
+            if edge_free(path[first], path[first + span], free):
+                ends = path[: first + 1], path[first + span :]
+                return np.concatenate(
+                    [_shortcut(ends[0], free)[:-1], path[[first]], _shortcut(ends[1], free)]
+                )
+    return path

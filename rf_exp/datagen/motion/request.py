@@ -1,21 +1,40 @@
-"""What a motion primitive is asked for, and what it makes of it."""
+"""What a motion primitive is asked for, where a thing in its hand is to go, and what comes after that.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+What comes after a motion is estimated: things are grasped and placed so that it can be done, and soon.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import takewhile
 
 import numpy as np
 
-from rf_exp.datagen.motion.branches import Points
-from rf_exp.datagen.motion.reach import Reach
-from rf_exp.datagen.motion.state import State
+from rf_exp.datagen.motion.branches import Arrivals
+from rf_exp.datagen.motion.reach import LookAhead, Reach, Tiers, above, turned
+from rf_exp.datagen.motion.state import Floats, Points, State, Unreachable
+from rf_exp.datagen.yielding import posture_rad
+from rf_exp.findings import Cause, Finding
 from rf_exp.tasks import Task
-from rf_exp.transforms import Matrix
-from rf_exp.types import Segment, Subgoal
+from rf_exp.tasks.assets import InteractionPoint
+from rf_exp.transforms import Matrix, inverse, transform
+from rf_exp.types import Scene, Segment, Subgoal
+
+STRIKE_M = 0.002  # a tool is driven so far into what it strikes; the arm is compliant
+DROP_M = 0.004  # let go this far above the place, so that nothing is pressed into the table
+_FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # from a face, z up, to a tool that works on it, z down
+_STRIKE_TURNS = 16
+_SPOT = InteractionPoint(np.eye(4), "place", turns=12)  # a named place: how a thing is turned there is free
+EXPECTED_M = 0.15  # of a lift
+AWAY = 0.7  # share of its way home after which an arm is in nobody's way
+_WITH_HELD = ("lift", "carry", "place", "strike")  # verbs that move what is held
+
+Line = Callable[[Points], Points | None]  # from joint points (K, dof) of a motion to those of the next
 
 
 @dataclass(frozen=True)
 class Request:
-    """A subgoal, and what comes next: things are grasped and placed so that it can be done, and soon."""
+    """A subgoal, and what comes next."""
 
     task: Task
     reach: Reach
@@ -48,9 +67,160 @@ class Request:
         name, tcp_from_object = state.held.get(agent, (None, None))
         gripper = np.full(len(points), state.gripper[agent])
         if len(points):
-            state = state.moved(agent, points[-1], self.reach.arms[agent].tcp(points[-1]))
-        touches = touches | {name} if name is not None else touches
+            state = replace(state, qpos={**state.qpos, agent: points[-1]})
+            if name is not None and tcp_from_object is not None:
+                state = replace(state, poses={**state.poses, name: self.tcp(state) @ tcp_from_object})
+        touches = touches | state.in_hand(agent)
         made = Segment(
             agent, self.subgoal, primitive, points, gripper, name, tcp_from_object, touches, joined
         )
         return made, state
+
+
+def ends(task: Task, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
+    """TCP poses in which an object held so has been carried, placed or struck as the subgoal says.
+
+    What is carried or placed may be turned as the place allows, and where nothing else is reachable stand off
+    towards the arm by the slack of the place. Raises Unreachable for a target or point that does not exist.
+    """
+    world_from_target, point = _destination(task, subgoal, state)
+    if subgoal.verb in ("carry", "place"):
+        height_m = DROP_M if subgoal.verb == "place" else subgoal.height_m or 0.0
+        towards_arm = task.arms[subgoal.agent].world_from_base[:2, 3] - world_from_target[:2, 3]
+        towards_arm /= np.linalg.norm(towards_arm)
+        tiers = []
+        for offset_m in (0.0, point.slack_m / 2, point.slack_m) if point.slack_m else (0.0,):
+            raised = above(world_from_target, height_m)
+            raised[:2, 3] += offset_m * towards_arm
+            tiers.append([pose @ inverse(tcp_from_object) for pose in turned(raised, point.turns)])
+        return tiers
+    tool = task.asset(subgoal.object or "").points[subgoal.point or ""]
+    face = world_from_target @ transform((0.0, 0.0, -STRIKE_M))
+    grip = _FACING @ inverse(tcp_from_object @ tool.object_from_tcp)
+    return [[pose @ grip for pose in turned(face, _STRIKE_TURNS)]]
+
+
+def destinations(task: Task, subgoal: Subgoal, scene: Scene) -> Sequence[Matrix]:
+    """The poses world_from_object that a subgoal may put its object in, as the scene is now."""
+    state = State({}, {}, {}, scene.poses, task.places(scene))
+    return [pose for tier in ends(task, subgoal, state, np.eye(4)) for pose in tier]
+
+
+def support(task: Task, subgoal: Subgoal) -> frozenset[str]:
+    """The object on which something is placed; none where it is dropped into one."""
+    target = subgoal.target
+    if target is None or target not in task.objects or _placing(task, subgoal).kind == "drop":
+        return frozenset()
+    return frozenset({target})
+
+
+def _destination(task: Task, subgoal: Subgoal, state: State) -> tuple[Matrix, InteractionPoint]:
+    """world_from_object of the thing once it has been placed, and the point that says how freely."""
+    target = subgoal.target or ""
+    if target in state.places:
+        return state.places[target], _SPOT
+    if target not in state.poses:
+        known = tuple(sorted([*state.places, *state.poses]))
+        raise Unreachable(Cause.REACH, Finding.NO_TARGET, (subgoal.agent,), aspect=target, known=known)
+    point = _placing(task, subgoal)
+    return state.poses[target] @ point.object_from_tcp, point
+
+
+def _placing(task: Task, subgoal: Subgoal) -> InteractionPoint:
+    """The point of the target object at which something is placed or dropped."""
+    points = task.asset(subgoal.target or "").points
+    placing = {name: point for name, point in points.items() if point.kind in ("place", "drop")}
+    name = subgoal.target_point or next(iter(placing), None)
+    if name not in placing:
+        about = {"object": subgoal.target, "aspect": name or "", "known": tuple(sorted(placing))}
+        finding = Finding.NO_POINT if placing or name else Finding.NO_PLACE
+        raise Unreachable(Cause.REACH, finding, (subgoal.agent,), **about)
+    return placing[name]
+
+
+def once_grasped(request: Request, name: str, state: State) -> LookAhead:
+    """What the agent does with the thing in its hand, until it has let go and is at rest."""
+
+    def after(goals: Floats) -> Callable[[int, Points], float]:
+        @cache
+        def lines(goal: int) -> Sequence[Line]:
+            return tuple(_with_held(request, name, inverse(goals[goal]) @ state.poses[name], state))
+
+        return lambda goal, points: _takes_s(request.reach, lines(goal), points)
+
+    return LookAhead(after)
+
+
+def once_placed(request: Request, state: State) -> LookAhead:
+    """The agent draws back, and goes to rest or leaves what it has placed to the one that takes it next."""
+    name, tcp_from_object = state.held[request.agent]
+    taker = request.taker(name)
+    rest = posture_rad("home", request.task, request.agent)
+    duration_s = request.reach.duration_s
+
+    def after(goals: Floats) -> Callable[[int, Points], float]:
+        taken_s = None if taker is None else _taken_s(request, taker, goals @ tcp_from_object, state)
+
+        def takes_s(goal: int, points: Points) -> float:
+            back_s, home_s = duration_s(points[:-3:-1]), duration_s(np.stack([points[-2], rest]))
+            return float(back_s + (home_s if taken_s is None else max(AWAY * home_s, taken_s[goal])))
+
+        return takes_s
+
+    return LookAhead(after, rest if taker is None else None)
+
+
+def _with_held(request: Request, name: str, tcp_from_object: Matrix, state: State) -> Iterator[Line]:
+    """The motions of the subgoals that move the thing; a lift, where a later proposal will say what comes."""
+    reach, agent = request.reach, request.agent
+    moving = [*takewhile(lambda each: each.object == name and each.verb in _WITH_HELD, request.following)]
+    rest = None  # nobody waits until a giver is there
+    if request.taker(name) is None:
+        rest = posture_rad("home", request.task, agent)
+    if not moving:
+        yield partial(_lifted, reach, agent, EXPECTED_M)
+    for each in moving:
+        if each.verb == "lift":
+            assert each.height_m is not None  # parse_subgoal has seen to it
+            yield partial(_lifted, reach, agent, each.height_m)
+            continue
+        try:
+            tiers = ends(request.task, each, state, tcp_from_object)
+        except Unreachable:  # that will be said when its turn comes
+            return
+        if each.verb != "place":
+            yield reach.arrive(agent, tiers)
+            continue
+        # Back the way it came, and to rest.
+        yield reach.arrive(agent, tiers, rest)
+        yield lambda points: points[:-3:-1]
+        if rest is not None:
+            yield lambda points: np.stack([points[-1], rest])
+        return
+
+
+def _taken_s(request: Request, taker: Subgoal, poses: Floats, state: State) -> Floats:
+    """(G,) s in which an agent grasps a thing at world_from_object (G, 4, 4); infinite: it cannot."""
+    name = taker.object or ""
+    point = request.task.asset(name).points[taker.point or ""]
+    hands = turned(point.object_from_tcp, point.turns)
+    goals = np.stack([pose @ hand for pose in poses for hand in hands])
+    pregrasps = goals @ transform((0.0, 0.0, -point.standoff_m))
+    found = Arrivals(request.reach.arms[taker.agent], pregrasps, goals).nearest(state.qpos[taker.agent])
+    return request.reach.duration_s(found).reshape(len(poses), -1).min(axis=1)
+
+
+def _lifted(reach: Reach, agent: int, height_m: float, points: Points) -> Points | None:
+    joints = points[-1]
+    return reach.line(agent, joints, above(reach.arms[agent].tcp(joints), height_m))
+
+
+def _takes_s(reach: Reach, lines: Sequence[Line], points: Points) -> float:
+    """How long motions take after one along (K, dof), one by one; infinite where one does not exist."""
+    total_s = 0.0
+    for line in lines:
+        found = line(points)
+        if found is None:
+            return np.inf
+        total_s, points = total_s + float(reach.duration_s(found)), found
+    return total_s

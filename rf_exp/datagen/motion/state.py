@@ -1,7 +1,7 @@
 """What planning believes while it looks ahead, and how it asks about obstacles."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +11,8 @@ from rf_exp.findings import Cause, Finding, Found, agent_name
 from rf_exp.transforms import Matrix
 
 Obstacle = int | str  # the number of an agent, or the name of a thing
+Floats = NDArray[np.float64]
+Points = Floats  # (K, dof) rad
 
 
 class Unreachable(Exception):
@@ -37,7 +39,6 @@ class Unreachable(Exception):
 
 
 def name_of(obstacle: Obstacle) -> str:
-    """As it is called."""
     return agent_name(obstacle) if isinstance(obstacle, int) else obstacle
 
 
@@ -45,30 +46,16 @@ def name_of(obstacle: Obstacle) -> str:
 class State:
     """What planning believes at one moment: joints, grippers, what is held, where things are."""
 
-    qpos: Mapping[int, NDArray[np.float64]]  # agent -> (dof,) rad
+    qpos: Mapping[int, Floats]  # agent -> (dof,) rad
     gripper: Mapping[int, float]
     held: Mapping[int, tuple[str, Matrix]]  # agent -> object, tcp_from_object
     poses: Mapping[str, Matrix]  # object -> world_from_object
     places: Mapping[str, Matrix] = field(default_factory=dict)
     targets: frozenset[str] = frozenset()  # objects that the present subgoal is about
 
-    def moved(self, agent: int, joints: NDArray[np.float64], world_from_tcp: Matrix) -> "State":
-        """An agent is at joints (dof,), and what it holds with it."""
-        poses = dict(self.poses)
-        if agent in self.held:
-            name, tcp_from_object = self.held[agent]
-            poses[name] = world_from_tcp @ tcp_from_object
-        return replace(self, qpos={**self.qpos, agent: joints}, poses=poses)
-
-    def commanded(self, agent: int, gripper: float) -> "State":
-        return replace(self, gripper={**self.gripper, agent: gripper})
-
-    def holding(self, agent: int, name: str, tcp_from_object: Matrix) -> "State":
-        return replace(self, held={**self.held, agent: (name, tcp_from_object)})
-
-    def without(self, agent: int) -> "State":
-        """An agent has let go of what it held."""
-        return replace(self, held={each: what for each, what in self.held.items() if each != agent})
+    def in_hand(self, agent: int) -> frozenset[str]:
+        """What an agent holds, if anything."""
+        return frozenset({self.held[agent][0]} if agent in self.held else ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +63,7 @@ class Blockage:
     """A motion and what blocks it: enough to measure by how much, which only a refusal has to say."""
 
     agent: int
-    points: NDArray[np.float64]  # (K, dof) rad
+    points: Points
     state: State
     touches: frozenset[str]
     obstacle: Obstacle
@@ -92,17 +79,8 @@ def obstructed(what: str, *blockages: Blockage) -> Unreachable:
 
 
 class Blocked(Protocol):
-    """Knows the obstacles: who or what is in the way of an agent at joint points (K, dof), or None.
-
-    The gripper may touch `touches`. With `between`, the motion from each point to the next counts too.
-    """
+    """Who or what blocks an agent at joint points, and `between` them; its gripper may touch `touches`."""
 
     def __call__(
-        self,
-        agent: int,
-        points: NDArray[np.float64],
-        state: State,
-        touches: frozenset[str],
-        *,
-        between: bool = False,
+        self, agent: int, points: Points, state: State, touches: frozenset[str], *, between: bool = False
     ) -> Obstacle | None: ...

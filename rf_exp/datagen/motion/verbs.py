@@ -12,19 +12,16 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.branches import Points
-from rf_exp.datagen.motion.destination import ends, support
-from rf_exp.datagen.motion.look_ahead import once_grasped, once_placed
-from rf_exp.datagen.motion.reach import CLEARANCE_M, Tiers, above, turned
-from rf_exp.datagen.motion.request import Request
-from rf_exp.datagen.motion.state import Blockage, State, Unreachable, obstructed
+from rf_exp.datagen.motion.reach import CLEARANCE_M, above, turned
+from rf_exp.datagen.motion.request import Request, ends, once_grasped, once_placed, support
+from rf_exp.datagen.motion.state import Blockage, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
 from rf_exp.statements import VERBS
 from rf_exp.transforms import Matrix, inverse, transform
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment, Subgoal
+from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment
 
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 RETREAT_M = 0.08
@@ -32,8 +29,6 @@ _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
 T = TypeVar("T")
 Motion = tuple[tuple[Segment, ...], State]
-
-
 Primitive = Callable[[Request, State], Motion]
 
 
@@ -46,9 +41,6 @@ def plan(request: Request, state: State) -> Motion:
             f"verb {verb!r} has no motion primitive; rf_exp.datagen.add_primitive gives it one"
         )
     return _PRIMITIVES[verb](request, replace(state, targets=about))
-
-
-# -- the verbs ---------------------------------------------------------------------------------------
 
 
 def grasp(request: Request, state: State) -> Motion:
@@ -71,7 +63,8 @@ def grasp(request: Request, state: State) -> Motion:
     )
     approach, state = request.segment("approach", points, state, touches)
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state, touches)
-    return (approach, close), state.holding(agent, name, inverse(request.tcp(state)) @ state.poses[name])
+    tcp_from_object = inverse(request.tcp(state)) @ state.poses[name]
+    return (approach, close), replace(state, held={**state.held, agent: (name, tcp_from_object)})
 
 
 def lift(request: Request, state: State) -> Motion:
@@ -81,30 +74,20 @@ def lift(request: Request, state: State) -> Motion:
 
 
 def carry(request: Request, state: State) -> Motion:
-    _, tcp_from_object = _held(request, state)
-    goals = _ends(request, request.subgoal, state, tcp_from_object)
-    points = request.reach.timed(
-        request.agent, goals, 0.0, state, frozenset(), request.subgoal.text, rise=True
-    )
+    agent, subgoal, (_, tcp_from_object) = request.agent, request.subgoal, _held(request, state)
+    goals = ends(request.task, subgoal, state, tcp_from_object)
+    points = request.reach.timed(agent, goals, 0.0, state, frozenset(), subgoal.text, rise=True)
     carrying, state = request.segment("carry", points, state)
     return (carrying,), state
 
 
 def place(request: Request, state: State) -> Motion:
-    name, tcp_from_object = _held(request, state)
-    goals = _ends(request, request.subgoal, state, tcp_from_object)
-    touches = frozenset({name}) | support(request.task, request.subgoal)
-    what = request.subgoal.text
+    agent, subgoal, (name, tcp_from_object) = request.agent, request.subgoal, _held(request, state)
+    goals = ends(request.task, subgoal, state, tcp_from_object)
+    touches = frozenset({name}) | support(request.task, subgoal)
+    after = once_placed(request, state)
     points = request.reach.timed(
-        request.agent,
-        goals,
-        CLEARANCE_M,
-        state,
-        touches,
-        what,
-        down=True,
-        rise=True,
-        look_ahead=once_placed(request, state),
+        agent, goals, CLEARANCE_M, state, touches, subgoal.text, down=True, rise=True, look_ahead=after
     )
     lowering, state = request.segment("lower", points, state, touches)
     letting_go, state = _let_go(request, state, touches)
@@ -112,18 +95,17 @@ def place(request: Request, state: State) -> Motion:
 
 
 def strike(request: Request, state: State) -> Motion:
-    name, tcp_from_object = _held(request, state)
-    goals = _ends(request, request.subgoal, state, tcp_from_object)
-    touches = frozenset({name, _required(request.subgoal.target)})
-    what = request.subgoal.text
-    points = request.reach.timed(request.agent, goals, CLEARANCE_M, state, touches, what, down=True)
+    agent, subgoal, (name, tcp_from_object) = request.agent, request.subgoal, _held(request, state)
+    goals = ends(request.task, subgoal, state, tcp_from_object)
+    touches = frozenset({name, _required(subgoal.target)})
+    points = request.reach.timed(agent, goals, CLEARANCE_M, state, touches, subgoal.text, down=True)
     striking, state = request.segment("strike", points, state, touches)
     return (striking,), state
 
 
 def release(request: Request, state: State) -> Motion:
-    name, _ = _held(request, state)
-    return _let_go(request, state, frozenset({name}))
+    _held(request, state)
+    return _let_go(request, state, state.in_hand(request.agent))
 
 
 def press(request: Request, state: State) -> Motion:
@@ -147,10 +129,6 @@ def leave(request: Request, state: State) -> Motion:
     return (leaving,), state
 
 
-def hold(request: Request, state: State) -> Motion:
-    return (), state
-
-
 _PRIMITIVES: dict[str, Primitive] = {
     "grasp": grasp,
     "lift": lift,
@@ -161,7 +139,7 @@ _PRIMITIVES: dict[str, Primitive] = {
     "press": press,
     "home": leave,
     "aside": leave,
-    "hold": hold,
+    "hold": lambda _, state: ((), state),
 }
 
 
@@ -176,9 +154,6 @@ def add_primitive(verb: str, primitive: Primitive) -> None:
     if verb in _PRIMITIVES:
         raise ArgumentError(f"verb {verb!r} has a motion primitive already")
     _PRIMITIVES[verb] = primitive
-
-
-# -- what they are made of ---------------------------------------------------------------------------
 
 
 def lift_line(request: Request, state: State) -> Points:
@@ -199,14 +174,10 @@ def lift_line(request: Request, state: State) -> Points:
     return line
 
 
-def _ends(request: Request, subgoal: Subgoal, state: State, tcp_from_object: Matrix) -> Tiers:
-    return ends(request.task, request.reach.arms[subgoal.agent], subgoal, state, tcp_from_object)
-
-
 def _let_go(request: Request, state: State, touches: frozenset[str]) -> Motion:
     agent = request.agent
-    touches = touches | {state.held[agent][0]}
-    state = state.without(agent)  # from the first opening on nothing is held, only touched
+    # From the first opening on nothing is held, only touched.
+    state = replace(state, held={each: what for each, what in state.held.items() if each != agent})
     opened, state = _fingers(request, "open", GRIPPER_OPEN, state, touches)
     back = request.tcp(state) @ transform((0.0, 0.0, -RETREAT_M))
     line = request.reach.line(agent, state.qpos[agent], back)
@@ -228,9 +199,9 @@ def _held(request: Request, state: State) -> tuple[str, Matrix]:
 def _fingers(
     request: Request, primitive: str, command: float, state: State, touches: frozenset[str] = frozenset()
 ) -> tuple[Segment, State]:
-    agent = request.agent
-    still = np.tile(state.qpos[agent], (GRIPPER_STEPS, 1))
-    return request.segment(primitive, still, state.commanded(agent, command), touches)
+    still = np.tile(state.qpos[request.agent], (GRIPPER_STEPS, 1))
+    state = replace(state, gripper={**state.gripper, request.agent: command})
+    return request.segment(primitive, still, state, touches)
 
 
 def _required(value: T | None) -> T:

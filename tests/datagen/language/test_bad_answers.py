@@ -9,9 +9,8 @@ import time
 import pytest
 
 from rf_exp.datagen.brain import BadAnswer, Question, from_json
-from rf_exp.datagen.brain.chat.bodies import LARGEST_BODY
-from rf_exp.datagen.brain.chat.completion import content
-from rf_exp.datagen.brain.chat.exchanges import read
+from rf_exp.datagen.brain.request import LARGEST_BODY, content
+from rf_exp.datagen.brain.talk import read
 from rf_exp.types import Subgoal
 from tests.datagen.guard import FULL
 from tests.datagen.language.asking import GOOD, KEY, ask, make, openai_spec, scripted_answers

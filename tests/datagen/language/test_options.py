@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen.brain import Question
-from rf_exp.datagen.brain.chat.connection import SENT
+from rf_exp.datagen.brain.talk import SENT
 from rf_exp.errors import ArgumentError
 from tests.conftest import experiment
 from tests.datagen.guard import FULL

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rf_exp.datagen.brain import BadAnswer, Question, ReplaySpec, from_json, to_json
-from rf_exp.datagen.brain.chat.exchanges import read
+from rf_exp.datagen.brain.talk import read
 from rf_exp.errors import ArgumentError
 from rf_exp.types import Subgoal
 from tests.datagen.guard import FULL

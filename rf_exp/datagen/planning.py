@@ -10,24 +10,16 @@ import numpy as np
 from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
-from rf_exp.datagen.motion import Motions, Unreachable, in_turn, plan_motion
-from rf_exp.datagen.planning.obstacles import Obstacles
-from rf_exp.datagen.planning.overlaps import taken
+from rf_exp.datagen.motion.planner import Motions, in_turn, plan_motion
+from rf_exp.datagen.motion.state import Unreachable
+from rf_exp.datagen.obstacles import Obstacles, taken
 from rf_exp.datagen.yielding import Way, ways
 from rf_exp.errors import ArgumentError
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import PlanningScene
 from rf_exp.statements import Proposal
 from rf_exp.tasks import Task, default_of
-from rf_exp.types import (
-    CONTROL_HZ,
-    ConstraintSet,
-    JointLimits,
-    Occupancy,
-    Scene,
-    Schedule,
-    Trajectory,
-)
+from rf_exp.types import CONTROL_HZ, ConstraintSet, JointLimits, Occupancy, Scene, Schedule, Trajectory
 
 LARGEST_DISTURBANCE_RAD = 0.2
 LONGEST_DELAY_S = 5.0
@@ -44,7 +36,7 @@ class Settings:
     limits: JointLimits
     attempts: int
     occupancy: Occupancy
-    disturbance_rad: float  # of executed motion; see motion/disturb.py
+    disturbance_rad: float  # of executed motion; see disturb.py
     delay_s: float  # how late an arm may be without meeting another; where disturbed, it pauses as long
 
     def __post_init__(self) -> None:
@@ -72,7 +64,6 @@ class Settings:
         return cls(task, constraint_set, brain, **(said | changes))
 
     def make_brain(self, seed: int) -> Brain:
-        """The brain for one episode."""
         return self.brain.make(self.task.of(seed), self.constraint_set, seed)
 
     def of(self, seed: int) -> "Settings":
@@ -187,11 +178,7 @@ class Planner:
         return Planned(proposal, checker, trajectories, checked)
 
     def _schedule(
-        self,
-        checker: RoboChecker,
-        paths: Paths,
-        motions: Motions,
-        pauses: np.random.Generator | None,
+        self, checker: RoboChecker, paths: Paths, motions: Motions, pauses: np.random.Generator | None
     ) -> Schedule | Violation:
         """With as much of the delays as can be had."""
         schedule = partial(checker.schedule, paths, turns=motions.subgoals, also=motions.handovers)

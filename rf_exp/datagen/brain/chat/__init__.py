@@ -1,1 +1,0 @@
-"""A talk with a language model: its server, live, and its recording."""

@@ -1,0 +1,228 @@
+"""One request to a server that speaks OpenAI's chat completions; slow to import for who asks no model.
+
+Whatever goes wrong on the way becomes a BadAnswer, which the generation loop treats like any other
+failed proposal. Retries and `Retry-After` are the client's own. A body is counted as it is received and
+again as it is unpacked, so that neither one without an end nor a small one that unpacks into gigabytes is
+ever held in memory. Redirects are not followed: the scene and the key go to the address that the person gave.
+"""
+
+import asyncio
+import base64
+import json
+import zlib
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from typing import Any
+
+import httpx2
+import openai
+from pydantic import BaseModel, Field, ValidationError
+
+from rf_exp.datagen.brain.protocol import BadAnswer, Rejected, Unreached
+from rf_exp.datagen.brain.talk import Connection, Message
+from rf_exp.texts import printable
+
+_REJECTED = (400, 422, 501)  # statuses of a request that is not understood, or cannot be carried out
+LARGEST_BODY = 2**20  # bytes, received and unpacked; an answer of 4000 tokens has some 20 000
+MOST = 100  # choices, and calls of tools; a body of things that are none would be told of at great length
+
+
+async def request(
+    connection: Connection, key: str, messages: Sequence[Message], schema: Mapping[str, object]
+) -> str:
+    """The model's text. The deadline also ends answers that trickle in for ever. Raises BadAnswer.
+
+    The key may be in the text and in the error, where the server repeats it.
+    """
+    bounded = openai.DefaultAsyncHttpxClient(  # with the limits of the client, and proxies of the environment
+        follow_redirects=False, headers={"Accept-Encoding": "gzip"}, event_hooks={"response": [_bound]}
+    )
+    options: dict[str, Any] = {}
+    if connection.structured:
+        wanted = {"name": "answer", "schema": schema, "strict": True}
+        options["response_format"] = {"type": "json_schema", "json_schema": wanted}
+    if connection.temperature is not None:
+        options["temperature"] = connection.temperature
+    try:
+        async with (
+            asyncio.timeout(connection.deadline_s),
+            openai.AsyncOpenAI(
+                api_key=key,
+                base_url=connection.address(),
+                timeout=connection.timeout_s,
+                max_retries=connection.retries,
+                http_client=bounded,
+            ) as client,
+        ):
+            response = await client.chat.completions.with_raw_response.create(
+                model=connection.model,
+                messages=[_wire(message) for message in messages],
+                max_completion_tokens=connection.max_tokens,
+                extra_body=connection.extra_body,
+                **options,
+            )
+            return content(response.content, response.headers.get("Content-Type", "no type"))
+    except TimeoutError:
+        raise Unreached(f"the model did not answer within {connection.deadline_s:g} s") from None
+    except openai.OpenAIError as error:
+        raise _unanswered(error, connection) from None
+
+
+def _unanswered(error: openai.OpenAIError, connection: Connection) -> BadAnswer:
+    """Why there is no answer, in the words of the client or of the server."""
+    if isinstance(error, openai.APITimeoutError):
+        asked = f"asked {connection.retries + 1} times"
+        return Unreached(f"the model did not answer within {connection.timeout_s:g} s, {asked}")
+    if isinstance(error, openai.RateLimitError):
+        return Unreached(f"the model was not reached: too many requests ({printable(error)})")
+    if isinstance(error, openai.APIStatusError):
+        kind = Rejected if error.status_code in _REJECTED else Unreached
+        return kind(
+            f"the model was not reached: the server answered {error.status_code} ({printable(error)})"
+        )
+    if isinstance(error, openai.APIConnectionError):
+        cause = error.__cause__ or error
+        if isinstance(cause, BadAnswer):
+            return cause
+        return Unreached(f"the model was not reached: {type(cause).__name__} ({printable(cause)})")
+    return Unreached(f"the model was not reached: {printable(error)}")
+
+
+def _wire(message: Message) -> Any:
+    """The message as the protocol wants it, pictures as data URIs."""
+    parts: list[dict[str, object]] = [{"type": "text", "text": message.text}]
+    for camera, jpeg in message.pictures.items():
+        uri = f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
+        parts += [
+            {"type": "text", "text": f"Camera {camera}:"},
+            {"type": "image_url", "image_url": {"url": uri}},
+        ]
+    return {"role": message.role, "content": parts if message.pictures else message.text}
+
+
+async def _bound(response: httpx2.Response) -> None:
+    """Puts the limit between the connection and everything that reads the body, also that of an error."""
+    if response.has_redirect_location:
+        raise Unreached(
+            f"the model was not reached: the server answered {response.status_code} and sends on to "
+            f"{printable(response.headers['Location'])!r}; no redirect is followed, so that the key goes to "
+            "no other place; if that is the right one, give it as brain.base_url"
+        )
+    packed = response.headers.pop("Content-Encoding", "identity").strip().lower()
+    if packed not in ("gzip", "identity"):
+        raise BadAnswer(f"the answer is packed as {printable(packed, 60)!r}; asked for was gzip or nothing")
+    assert isinstance(response.stream, httpx2.AsyncByteStream)
+    response.stream = _Bounded(response.stream, packed == "gzip")
+    response.encoding = "utf-8"  # whatever the server says: some of Python's codecs unpack, too
+
+
+class _Bounded(httpx2.AsyncByteStream):
+    """The unpacked bytes of a body. Raises BadAnswer once there are more than LARGEST_BODY."""
+
+    def __init__(self, stream: httpx2.AsyncByteStream, gzip: bool) -> None:
+        self._stream, self._gzip = stream, gzip
+
+    async def __aiter__(self) -> AsyncIterator[bytes]:
+        inflate = zlib.decompressobj(16 + zlib.MAX_WBITS) if self._gzip else None
+        received = unpacked = 0
+        async for chunk in self._stream:
+            received += len(chunk)
+            if inflate is not None:
+                try:
+                    chunk = inflate.decompress(chunk, LARGEST_BODY - unpacked + 1)
+                except zlib.error as error:
+                    raise BadAnswer(f"the answer cannot be unpacked: {error}") from None
+            unpacked += len(chunk)
+            if max(received, unpacked) > LARGEST_BODY:
+                raise BadAnswer(f"the answer is longer than {LARGEST_BODY} bytes; the rest was not read")
+            yield chunk
+        if inflate is not None and received and not inflate.eof:
+            raise BadAnswer("the answer cannot be unpacked: it is cut off")
+
+    async def aclose(self) -> None:
+        await self._stream.aclose()
+
+
+class _Function(BaseModel):
+    arguments: str | dict[str, Any] | None = None
+
+
+class _Call(BaseModel):
+    function: _Function | None = None
+
+
+class _Message(BaseModel):
+    content: str | list[Any] | None = None
+    refusal: str | None = None
+    reasoning: Any = None
+    reasoning_content: Any = None
+    tool_calls: list[_Call] | None = Field(None, max_length=MOST, fail_fast=True)
+    function_call: _Function | None = None
+
+
+class _Choice(BaseModel):
+    message: _Message
+    finish_reason: str | None = None
+
+
+class _Completion(BaseModel):
+    """The part of a chat completion that matters; servers differ in the rest."""
+
+    choices: list[_Choice] = Field(min_length=1, max_length=MOST, fail_fast=True)
+
+
+def content(body: bytes, kind: str) -> str:
+    """The model's text in a completion of that content type; what it thought, as `<think>`, where it wrote
+    JSON there and nothing elsewhere. Raises BadAnswer that says why there is none.
+    """
+    try:
+        choice = _Completion.model_validate_json(body).choices[0]
+    except ValidationError as error:
+        begins = printable(body[:60].decode("utf-8", "replace"))
+        raise BadAnswer(
+            f"the server's answer is not a chat completion: {error.errors()[0]['msg']}; it is "
+            f"{printable(kind, 60)} and begins {begins!r}"
+        ) from None
+    message = choice.message
+    parts = message.content if isinstance(message.content, list) else [message.content]
+    said = [each.get("refusal") for each in parts if isinstance(each, dict)]
+    if refusal := message.refusal or next((each for each in said if each), None):
+        raise BadAnswer(f"the model refuses: {printable(refusal)}")
+    if choice.finish_reason == "length":
+        raise BadAnswer("the answer is cut off: it reached brain.max_tokens before its end")
+    if choice.finish_reason == "content_filter":
+        raise BadAnswer("the answer is withheld by the server's content filter")
+    called = [call.function for call in message.tool_calls or ()] + [message.function_call]
+    found = [each.arguments for each in called if each is not None]
+    texts = [each if isinstance(each, str) else json.dumps(each) for each in found if each]
+    texts = texts or [text for each in parts if (text := _text(each))]
+    if "".join(texts).strip():
+        return "\n".join(texts)
+    if found:
+        raise BadAnswer("the answer is a tool call without arguments")
+    thought = "\n".join(dict.fromkeys(_thoughts(message, parts)))
+    if "{" in thought:
+        return f"<think>{thought}"
+    if thought.strip() or message.reasoning or message.reasoning_content:
+        raise BadAnswer("the answer is thinking only: it has no text")
+    others = sorted({printable(str(each.get("type")), 40) for each in parts if isinstance(each, dict)})
+    raise BadAnswer(f"the answer is empty{', but for parts that are ' if others else ''}{', '.join(others)}")
+
+
+def _thoughts(message: _Message, parts: list[Any]) -> Iterator[str]:
+    """The texts in the places where servers put what a model thinks."""
+    places = [message.reasoning_content, message.reasoning]
+    places += [
+        part.get("text") or part.get(kind)
+        for part in parts
+        if isinstance(part, dict) and (kind := part.get("type")) in ("reasoning", "thinking")
+    ]
+    return (each for each in places if isinstance(each, str))
+
+
+def _text(part: object) -> str:
+    """The text of a part of a message; pictures and thinking have none."""
+    if isinstance(part, dict):
+        kind, part = part.get("type", "text"), part.get("text")
+        if kind not in ("text", "output_text"):
+            return ""
+    return part if isinstance(part, str) else ""

@@ -1,0 +1,305 @@
+"""A talk with a language model: its server, what is said, the file that keeps it, and its repetition.
+
+One file an episode, one JSON object a line, in the order of the calls:
+`<folder>/<task>/<constraints>/<seed>.jsonl`. Pictures are kept as their SHA-256.
+"""
+
+import asyncio
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Protocol
+
+import dacite
+from pydantic import ValidationError
+
+from rf_exp.datagen.brain.protocol import BadAnswer, Rejected, Unreached, read_object, strict_answer
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.secrets import SECRET, check_address, check_environment_name, no_key_here, without
+from rf_exp.tasks import Task
+from rf_exp.texts import printable
+from rf_exp.types import ConstraintSet
+
+_NO_KEY = "none"  # what a server that wants no key is sent
+SENT = {  # by every request: what says it
+    "model": "brain.model",
+    "messages": "the question",
+    "response_format": "brain.structured",
+    "temperature": "brain.temperature",
+    "max_completion_tokens": "brain.max_tokens",
+    "stream": "nobody, as answers are read whole",
+}
+_EXAMPLE = "{chat_template_kwargs: {enable_thinking: false}}"
+
+
+@dataclass(frozen=True)
+class Connection:
+    """Which model, where, and how much patience it gets, as `conf/brain/openai.yaml` says."""
+
+    model: str
+    base_url: str | None  # None: OPENAI_BASE_URL, or else OpenAI itself
+    api_key_env: str  # environment variable that holds the key
+    structured: bool  # hold the model to the JSON schema of the answer
+    temperature: float | None  # None: the server's default
+    max_tokens: int  # of one answer
+    extra_body: Any = field(hash=False)  # a mapping, the server's own options; None: none
+    timeout_s: float  # of one request
+    deadline_s: float  # of one call with all its retries and waits
+    retries: int
+    min_interval_s: float  # between the calls of one process
+    budget: int  # calls for one episode
+
+    def __post_init__(self) -> None:
+        check_environment_name(self.api_key_env)
+        if self.extra_body is not None:
+            _check_extra_body(self.extra_body)
+        if self.base_url is not None:
+            check_address(self.base_url)
+        lowest = {"max_tokens": 1, "retries": 0, "min_interval_s": 0, "budget": 1}
+        for name, low in lowest.items():
+            if getattr(self, name) < low:
+                raise ArgumentError(f"brain.{name} is {getattr(self, name)}; it must be at least {low}")
+        for name in ("timeout_s", "deadline_s"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise ArgumentError(f"brain.{name} is {getattr(self, name)}; it must be above 0 and finite")
+
+    def address(self) -> str | None:
+        """The server's address; None for OpenAI itself. Raises ArgumentError."""
+        from_environment = os.environ.get("OPENAI_BASE_URL", "").strip()
+        return self.base_url or (check_address(from_environment) if from_environment else None)
+
+    def key(self) -> str:
+        """The key in the environment. Raises ArgumentError where one is needed and there is none."""
+        key = os.environ.get(self.api_key_env, "").strip()
+        if not key and self.address() is None:
+            raise ArgumentError(
+                f"brain=openai needs a key in the environment variable {self.api_key_env}, or "
+                "brain.base_url=ADDRESS of a server that wants none"
+            )
+        if not key.isascii() or not key.isprintable():
+            raise ArgumentError(f"the key in the environment variable {self.api_key_env} is not plain ASCII")
+        return key or _NO_KEY
+
+
+def _check_extra_body(value: object) -> None:
+    """Raises ArgumentError for what is no JSON object of the server's own options, or may hold a key."""
+    if not isinstance(value, Mapping):
+        raise ArgumentError(
+            f"brain.extra_body is {value!r}; expected a mapping of the server's options, e.g. {_EXAMPLE}"
+        )
+    if taken := [name for name in value if name in SENT]:
+        said = ", ".join(f"{name} ({by})" for name, by in SENT.items())
+        raise ArgumentError(
+            f"brain.extra_body holds {taken[0]!r}, which every request has already; said elsewhere: {said}; "
+            f"possible here are other options of the server, e.g. {_EXAMPLE}"
+        )
+    if secret := next((name for name in _names(value) if name.lower() in SECRET), None):
+        raise no_key_here(f"extra_body: {secret}")
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"brain.extra_body: {error}; expected values that JSON has") from None
+
+
+def _names(value: object) -> Iterator[str]:
+    """The keys of nested mappings."""
+    if isinstance(value, Mapping):
+        yield from map(str, value)
+        value = [*value.values()]
+    for each in value if isinstance(value, list) else ():
+        yield from _names(each)
+
+
+@dataclass(frozen=True)
+class Message:
+    """One message to a model."""
+
+    role: Literal["system", "user"]
+    text: str
+    pictures: Mapping[str, bytes] = field(default_factory=dict)  # camera -> JPEG
+
+
+class Chat(Protocol):
+    """Something that answers messages, live or from a recording."""
+
+    def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
+        """The text of the answer, wanted as JSON of that schema. Raises BadAnswer for no answer."""
+        ...
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One call and what came of it: a reply or an error."""
+
+    call: int  # from 1, within the episode
+    purpose: str  # propose | restate
+    question_sha256: str
+    messages: list[dict[str, object]]
+    model: str
+    reply: str | None
+    error: str | None
+    latency_s: float
+
+
+def question_sha256(purpose: str, messages: Sequence[Message]) -> str:
+    """Identifies a question by its text alone: pictures differ from one renderer to the next."""
+    text = json.dumps([purpose, *((message.role, message.text) for message in messages)])
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def without_pictures(message: Message) -> dict[str, object]:
+    """The message as it is kept: each picture as its SHA-256."""
+    hashes = {camera: hashlib.sha256(jpeg).hexdigest() for camera, jpeg in message.pictures.items()}
+    return {"role": message.role, "text": message.text, "pictures_sha256": hashes}
+
+
+def exchanges_path(folder: Path, task: Task, constraint_set: ConstraintSet, seed: int) -> Path:
+    return folder / task.name / constraint_set.name / f"{seed}.jsonl"
+
+
+def read(path: Path) -> tuple[Exchange, ...]:
+    """The exchanges of an episode. Raises StageError for a line that is none."""
+    found = []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        try:
+            found.append(dacite.from_dict(Exchange, json.loads(line), dacite.Config(strict=True)))
+        except (ValueError, TypeError, dacite.DaciteError) as error:
+            raise StageError(f"{path}, line {number}: not a recorded exchange: {error}") from error
+    return tuple(found)
+
+
+class OpenAIChat:
+    """One episode's talk with a model. `path`: where its exchanges are kept, None for nowhere."""
+
+    _free_at_s: ClassVar[float] = 0.0  # when this process may call again
+
+    def __init__(self, connection: Connection, path: Path | None) -> None:
+        self._connection, self._path = connection, path
+        self._key = connection.key()
+        self._calls = 0
+
+    def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
+        from rf_exp.datagen.brain.request import request  # half a second; only who asks a model needs it
+
+        if self._calls >= self._connection.budget:
+            raise BadAnswer(
+                f"the model was not asked: the budget of {self._connection.budget} calls is used up"
+            )
+        self._calls += 1
+        self._wait_turn()
+        began = time.perf_counter()
+        reply = error = None
+        try:
+            reply = without(asyncio.run(request(self._connection, self._key, messages, schema)), self._key)
+        except BadAnswer as failure:
+            error = without(str(failure), self._key)
+        if self._path is not None:
+            exchange = Exchange(
+                call=self._calls,
+                purpose=purpose,
+                question_sha256=question_sha256(purpose, messages),
+                messages=[without_pictures(message) for message in messages],
+                model=self._connection.model,
+                reply=reply,
+                error=error,
+                latency_s=round(time.perf_counter() - began, 3),
+            )
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            # The first call of an episode begins the file anew.
+            with self._path.open("w" if self._calls == 1 else "a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(exchange)) + "\n")
+        if reply is None:
+            raise BadAnswer(str(error))
+        return reply
+
+    def _wait_turn(self) -> None:
+        now_s = time.monotonic()
+        if OpenAIChat._free_at_s > now_s:
+            time.sleep(OpenAIChat._free_at_s - now_s)
+        OpenAIChat._free_at_s = time.monotonic() + self._connection.min_interval_s
+
+
+class ReplayChat:
+    """Answers the k-th question of an episode as it was answered then, errors included."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._recorded = read(path) if path.exists() else None
+        self._answered = 0
+
+    def ask(self, purpose: str, messages: Sequence[Message], schema: Mapping[str, object]) -> str:
+        """Raises BadAnswer when nothing was recorded, when it is over, or for another question."""
+        call = self._answered + 1
+        if self._recorded is None:
+            raise BadAnswer(f"there is no recording {self._path}")
+        if call > len(self._recorded):
+            raise BadAnswer(f"the recording {self._path} is over after {len(self._recorded)} calls")
+        exchange = self._recorded[self._answered]
+        if exchange.question_sha256 != question_sha256(purpose, messages):
+            raise BadAnswer(
+                f"call {call} asks another question than the recording {self._path}: "
+                f"{_difference(exchange, purpose, messages)}"
+            )
+        self._answered = call
+        if exchange.reply is None:
+            raise BadAnswer(str(exchange.error))
+        return exchange.reply
+
+
+def _difference(exchange: Exchange, purpose: str, messages: Sequence[Message]) -> str:
+    """Where the two questions part, in words."""
+    if exchange.purpose != purpose:
+        return f"there {exchange.purpose!r}, now {purpose!r}"
+    then = "\n".join(str(message.get("text", "")) for message in exchange.messages).splitlines()
+    now = "\n".join(message.text for message in messages).splitlines()
+    for old, new in zip(then, now, strict=False):
+        if old != new:
+            return f"there {old[:100]!r}, now {new[:100]!r}"
+    return f"there {len(then)} lines, now {len(now)}"
+
+
+_QUESTION = (  # which nobody answers in that JSON of his own accord
+    Message("system", "The answer is as short as it can be. Whatever can be left empty is left empty."),
+    Message("user", "There is nothing to do. Say so."),
+)
+Verdict = Literal["honoured", "ignored", "refused", "unreachable", "unknown"]
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What became of the schema, and the words to it."""
+
+    verdict: Verdict
+    found: str
+
+
+def probe(connection: Connection, task: Task) -> Probe:
+    """Asks once, with the schema of answers for the task, whatever `structured` says, and never again.
+
+    It is that of real answers, because servers differ in what they take of one. Raises ArgumentError where a
+    key is needed and there is none.
+    """
+    from rf_exp.datagen.brain.request import request
+
+    key, answer = connection.key(), strict_answer(task)
+    asked = replace(connection, structured=True, retries=0)
+    who = f"{connection.model} at {connection.address() or 'OpenAI'}"
+    try:
+        text = asyncio.run(request(asked, key, _QUESTION, answer.model_json_schema()))
+    except BadAnswer as error:
+        reason = without(str(error), key)
+        if isinstance(error, Unreached):
+            return Probe("unreachable", f"{who}: {reason}")
+        if isinstance(error, Rejected):
+            return Probe("refused", f"{who} refuses a request with the JSON schema: {reason}")
+        return Probe("unknown", f"{who} answers, but not so that the JSON schema shows: {reason}")
+    try:
+        answer.model_validate(read_object(text, "Subgoals"))
+    except (BadAnswer, ValidationError):
+        begins = without(printable(text, 60), key)
+        return Probe("ignored", f"{who} ignores the JSON schema; its answer begins {begins!r}")
+    return Probe("honoured", f"{who} honours the JSON schema")

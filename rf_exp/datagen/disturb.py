@@ -1,0 +1,282 @@
+"""Disturbed motion: demonstrations that show how to come back (DART, Laskey et al. 2017).
+
+The arms are sent along their paths with smooth perturbations added, while what they should have done stays
+what is learned: a policy that strays sees states like these, and what leads back from them. Perturbations are
+added to positions of the path, not to moments, so that the disturbed motion is a trajectory like any other,
+which the same schedule runs and the same checks judge. A disturbed arm keeps clear of things, and is watched.
+
+What perturbations add is bounded: `TALLEST` standard deviations, and `ADDED` to the velocity and the
+acceleration of a joint. Disturbed motion is within the sum of that and the limits of the plan.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints import Paths, Plan
+from rf_exp.datagen.obstacles import placed_at
+from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.geometry import Mask, Swept, closer_than, nearest
+from rf_exp.robots import Arm
+from rf_exp.transforms import Matrix
+from rf_exp.types import CONTROL_DT_S, JointLimits, Scene, Schedule, Segment, Trajectory, arm_of
+
+PERTURBATION_STEPS = (10, 25)  # how long a perturbation lasts, shortest and longest
+GAP_STEPS = (2, 8)  # between two perturbations; from two on, none adds to the acceleration of another
+TALLEST = 3.0  # standard deviations
+# Together with the default limits of a plan less than any joint of the arms can: 2.17 rad/s, 7.5 rad/s2.
+ADDED = JointLimits(velocity_rad_s=1.2, acceleration_rad_s2=6.5)
+CALM_STEPS, FADE_STEPS = 4, 16  # before and after the fingers move: undisturbed, then ever more
+CARRYING, TOGETHER = 0.4, 0.2  # part of the strength while something is held, and held by several
+TOUCHING = ("press", "strike")  # primitives that end in contact
+PARTS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.0)  # of a perturbation; mirrored, it leads away from a thing
+KEEPS_M = 0.015  # of a thing, where its plan does: it trails its commands, the more the faster they change
+MOVED_M = 0.005
+
+
+@dataclass
+class _Perturbation:
+    """A smooth motion of all joints away from a path and back, and what is left of it."""
+
+    begins: int  # the path position before the first that is moved
+    offsets_rad: NDArray[np.float64]  # (L, dof) of all of it
+    part: int = 0  # of PARTS
+
+    @property
+    def ends(self) -> int:
+        """The path position behind the last that is moved."""
+        return self.begins + len(self.offsets_rad) + 1
+
+
+class Disturbance:
+    """Perturbations on all joints of the trajectories of a plan, less of them wherever something objects.
+
+    Ends of the trajectories, moments at which fingers open and close, and contacts stay as they are; around
+    them, and while something is held, perturbations are smaller.
+    """
+
+    def __init__(
+        self,
+        arms: Mapping[int, Arm],
+        trajectories: Sequence[Trajectory],
+        schedule: Schedule,
+        strength_rad: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """`strength_rad` is the standard deviation at the tops; `schedule` says when arms wait."""
+        self._trajectories = tuple(trajectories)
+        self._kept: dict[int, list[_Perturbation]] = {}  # of each agent
+        for trajectory in trajectories:
+            positions = schedule.positions[:, trajectory.agent - 1]
+            limits_rad = arms[trajectory.agent].robot.limits_rad
+            kept = _perturbations(trajectory, positions, limits_rad, strength_rad, rng)
+            self._kept[trajectory.agent] = kept
+
+    def trajectories(self) -> tuple[Trajectory, ...]:
+        """The trajectories as they are disturbed now."""
+        return tuple(map(self._disturbed, self._trajectories))
+
+    def lessen(self, wrong: Collection[tuple[int, int]]) -> bool:
+        """Mirrors, makes smaller or leaves out what is added at wrong places: agents, path positions.
+
+        Where no perturbation is at any of them the nearest ones. Whether there were any.
+        """
+        found = [each for each in (self._nearest(*place) for place in wrong) if each is not None]
+        least = min((away for _, away in found), default=0)
+        lessened = {id(kept): kept for kept, away in found if away == 0 or least > 0}
+        for kept in lessened.values():
+            kept.part += 1
+        return bool(lessened)
+
+    def _nearest(self, agent: int, position: int) -> tuple[_Perturbation, int] | None:
+        """The perturbation of an agent that is nearest to a path position, and how many steps away it is."""
+        left = [each for each in self._kept[agent] if PARTS[each.part]]
+        away = [max(each.begins - position, position - each.ends, 0) for each in left]
+        return min(zip(left, away, strict=True), key=lambda each: each[1], default=None)
+
+    def _disturbed(self, trajectory: Trajectory) -> Trajectory:
+        offsets = np.zeros_like(arm_of(trajectory.path()))  # of each path position
+        for each in self._kept[trajectory.agent]:
+            offsets[each.begins + 1 : each.ends] = PARTS[each.part] * each.offsets_rad
+        segments: list[Segment] = []
+        for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+            qpos = segment.qpos + offsets[end - len(segment) + 1 : end + 1]
+            segments.append(replace(segment, qpos=qpos))
+        return replace(trajectory, segments=tuple(segments))
+
+
+def _perturbations(
+    trajectory: Trajectory,
+    positions: NDArray[np.int64],
+    limits_rad: NDArray[np.float64],
+    strength_rad: float,
+    rng: np.random.Generator,
+) -> list[_Perturbation]:
+    """Perturbations one after the other, at an agent that is at `positions` (T + 1,) of its path."""
+    share, steps, found = _share(trajectory), len(trajectory), list[_Perturbation]()
+    begins = int(rng.integers(0, GAP_STEPS[1] + 1))
+    while begins < steps:
+        length = int(rng.integers(PERTURBATION_STEPS[0], PERTURBATION_STEPS[1] + 1))
+        tops = strength_rad * np.clip(rng.normal(size=len(trajectory.start_qpos)), -TALLEST, TALLEST)
+        shape = np.sin(np.pi * (np.arange(length) + 1) / (length + 1)) ** 2
+        part = share[begins : begins + length]
+        offsets = shape[: len(part), None] * part[:, None] * tops
+        if offsets.any():
+            bounded = _bounded(offsets, begins, trajectory, positions, limits_rad)
+            found.append(_Perturbation(begins, bounded))
+        begins += length + int(rng.integers(GAP_STEPS[0], GAP_STEPS[1] + 1))
+    return found
+
+
+def _bounded(
+    offsets_rad: NDArray[np.float64],
+    begins: int,
+    trajectory: Trajectory,
+    positions: NDArray[np.int64],
+    limits_rad: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Less of a perturbation where it would add more than `ADDED`, or mirrored lead beyond a joint stop."""
+    moved, qpos = slice(begins + 1, begins + len(offsets_rad) + 1), arm_of(trajectory.path())
+    path = np.zeros_like(qpos)
+    path[moved] = offsets_rad
+    added = np.pad(path[positions], ((1, 1), (0, 0)), mode="edge")  # where an arm waits it stops at once
+    velocity = np.diff(added, axis=0) / CONTROL_DT_S
+    acceleration = np.diff(velocity, axis=0) / CONTROL_DT_S
+    fastest, hardest = (np.abs(each).max(axis=0) for each in (velocity, acceleration))
+    low, high = limits_rad
+    room = np.maximum(np.minimum(qpos[moved] - low, high - qpos[moved]), 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = [ADDED.velocity_rad_s / fastest, ADDED.acceleration_rad_s2 / hardest]
+        parts += [np.nanmin(room / np.abs(offsets_rad), axis=0)]
+    return offsets_rad * np.minimum(np.nanmin(parts, axis=0), 1.0)
+
+
+def _share(trajectory: Trajectory) -> NDArray[np.float64]:
+    """(P,) which part of the strength each position of a path gets, from the first behind its start on."""
+    steps = len(trajectory)
+    part, calm = np.ones(steps), np.zeros(steps, dtype=bool)
+    for segment, end in zip(trajectory.segments, trajectory.knots[1:], strict=True):
+        span = slice(end - len(segment), end)
+        if segment.joined is not None:
+            part[span] = TOGETHER
+        elif segment.attached is not None:
+            part[span] = CARRYING
+        if segment.primitive in ("open", "close"):
+            calm[span] = True
+        elif segment.primitive in TOUCHING:
+            calm[end - 1] = True
+    calm[-1:] = True  # what follows begins where the plan ends
+    still = np.flatnonzero(calm)
+    if not len(still):
+        return part
+    apart = np.abs(np.arange(steps)[:, None] - still[None, :]).min(axis=1)
+    return part * np.clip((apart - CALM_STEPS) / FADE_STEPS, 0.0, 1.0)
+
+
+def nearer(plan: Plan, disturbed: Paths) -> Iterator[tuple[int, int]]:
+    """Agents and path positions at which disturbed paths lead nearer to a thing at rest than the plan does.
+
+    Also to one that is about to be gripped: checks leave it to a gripper how it comes to what it may touch.
+    """
+    for agent, body in zip(plan.task.agents, disturbed.swept, strict=True):
+        paths = (arm_of(each.trajectory(agent).path()) for each in (plan.paths, disturbed))
+        moved = (np.subtract(*paths) != 0).any(axis=1)
+        for name in plan.task.objects:
+            for pose, steps in _at_rest(plan, name):
+                rows = np.unique(plan.positions(agent)[steps])
+                rows = rows[moved[rows]]
+                if not len(rows):
+                    continue
+                still = placed_at(plan.task, plan.scene, name, pose)
+                bodies = [_whole(each, rows, name) for each in (plan.paths.swept[agent - 1], body)]
+                for row in np.flatnonzero(closer_than(bodies[1], still, KEEPS_M, between=False)[:, 0]):
+                    meant_m, found_m = (_apart_m(each, still, int(row)) for each in bodies)
+                    if found_m < min(meant_m, KEEPS_M):
+                        yield agent, int(rows[row])
+
+
+def _at_rest(plan: Plan, name: str) -> Iterator[tuple[Matrix, Mask]]:
+    """Where a thing lies while nobody moves it, and (T + 1,) in which steps of the plan."""
+    steps = len(plan.schedule) + 1
+    movers = np.zeros(steps, int)  # who moves it now, or has moved it last
+    moves = np.zeros(steps, bool)
+    for agent, body in zip(plan.task.agents, plan.paths.swept, strict=True):
+        if name in body.carried:
+            carried = body.carried[name][plan.positions(agent)]
+            moves |= carried
+            movers[carried] = agent
+    last = np.maximum.accumulate(np.where(moves, np.arange(steps), -1))
+    for since in np.unique(last[~moves]).tolist():
+        pose = plan.scene.poses[name]
+        if since >= 0:
+            agent = int(movers[since])
+            body = plan.paths.swept[agent - 1]
+            pose = body.poses[plan.positions(agent)[since], body.labels.index(name)]
+        yield pose, ~moves & (last == since)
+
+
+def _whole(body: Swept, rows: NDArray[np.int64], name: str) -> Swept:
+    """A body at some of its positions, without a thing, and that may touch nothing."""
+    of = np.array([k for k, label in enumerate(body.labels) if label != name])
+    pieces, labels = tuple(body.pieces[k] for k in of), tuple(body.labels[k] for k in of)
+    carried = {each: mask[rows] for each, mask in body.carried.items() if each != name}
+    return Swept(
+        pieces, labels, body.poses[np.ix_(rows, of)], body.objects - {name}, carried, gripper=body.gripper
+    )
+
+
+def _apart_m(body: Swept, still: Swept, row: int) -> float:
+    found = nearest(body, still, np.array([[row, 0]]))
+    return np.inf if found is None else found.distance_m
+
+
+class ObjectMotionWatch:
+    """Watches clutter, and the things of a plan that are not being handled: they stay where they are."""
+
+    def __init__(self, plan: Plan, *, objects: bool) -> None:
+        """`plan` is what is executed; without `objects` clutter alone is watched."""
+        self._plan, self._objects = plan, objects
+        self._clutter = {name: pose[:3, 3] for name, pose in plan.scene.clutter.items()}
+        self._rest: dict[str, NDArray[np.float64]] = {n: pose[:3, 3] for n, pose in plan.scene.poses.items()}
+
+    def unintended(self, scene: Scene) -> Violation | None:
+        """What has moved by now that nobody handles."""
+        for name, pose in scene.clutter.items():
+            if (moved_m := float(np.linalg.norm(pose[:3, 3] - self._clutter[name]))) > MOVED_M:
+                return _moved(scene, Finding.CLUTTER_MOVED, name, moved_m)
+        if not self._objects:
+            return None
+        handled = self._handled(scene)
+        for name, pose in scene.poses.items():
+            here = pose[:3, 3]
+            if name in handled:
+                self._rest[name] = here
+            elif (moved_m := float(np.linalg.norm(here - self._rest[name]))) > MOVED_M:
+                return _moved(scene, Finding.OBJECT_MOVED, name, moved_m)
+        return None
+
+    def _handled(self, scene: Scene) -> set[str]:
+        """What is held or touched on purpose. An arm that only comes close to a thing must not move it."""
+        found = {name for name in scene.held if name is not None}
+        for agent in self._plan.task.agents:
+            position = self._plan.position_now(agent, scene)
+            segment = self._plan.segment_at(agent, position) if position > 0 else None
+            if segment is not None and segment.primitive != "approach":
+                found |= segment.touches
+        return found
+
+
+def _moved(scene: Scene, finding: Finding, name: str, moved_m: float) -> Violation:
+    return Violation(
+        check=CheckName.OBJECT_MOTION,
+        cause=Cause.CONTACT,
+        finding=finding,
+        value=moved_m,
+        bound=MOVED_M,
+        unit="m",
+        time_s=scene.time_s,
+        measured=True,
+        object=name,
+    )

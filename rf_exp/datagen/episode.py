@@ -1,0 +1,428 @@
+"""An episode: propose, plan, check, execute, explain, propose again (paper, section 3.1); and many of them.
+
+Every proposal starts from the scene as it is measured then, so a violation half-way through costs what is
+left, not what is done.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from math import inf
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.constraints.stl import Execution
+from rf_exp.coordination import actions, intended
+from rf_exp.datagen.brain import Brain, FaultyBrain, Question, to_json
+from rf_exp.datagen.disturb import Disturbance, ObjectMotionWatch, nearer
+from rf_exp.datagen.driving import (
+    as_commanded,
+    come_to_rest_disturbed,
+    commands_of,
+    drive,
+    follow,
+    from_start,
+)
+from rf_exp.datagen.planning import Planned, Planner, Settings
+from rf_exp.datagen.subgoals import NOBODYS, Subgoals
+from rf_exp.findings import Account, Violation
+from rf_exp.geometry import PlanningScene
+from rf_exp.perception import look
+from rf_exp.processes import Timeout, in_order
+from rf_exp.sim import Limited, depth_and_segmentation, shared_simulator
+from rf_exp.tasks import Ledger, SuccessEvaluator, scene_certificate
+from rf_exp.transforms import Matrix, quaternion
+from rf_exp.types import (
+    CONTROL_DT_S,
+    CONTROL_HZ,
+    DISTURBANCES,
+    NO_EXTRAS,
+    PLANNING,
+    UNITS,
+    Episode,
+    Extras,
+    Judged,
+    Measured,
+    Pictures,
+    Scene,
+    SeeingWorld,
+    Subgoal,
+    Verdict,
+)
+
+_ROUNDS = 12  # proposals that may succeed one after the other; a plan that never ends is a failure
+_SETTLE_STEPS = 20  # after the last motion, for things to come to rest and be judged
+_CALMER = 40  # times that a plan is disturbed less, where something objects, before it is not at all
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one seed. `episode` is there for successes only."""
+
+    seed: int
+    success: bool
+    success_paper: bool
+    steps: int
+    attempts: int  # proposals that ended in a violation, plus the last one
+    contacts: int  # control steps in which arms touched each other
+    wall_s: float
+    # Which violations ended proposals, which arms touched, what failed.
+    account: Account = field(default_factory=Account)
+    episode: Episode | None = None
+
+    @property
+    def violations(self) -> int:
+        """Proposals that ended in a violation."""
+        return len(self.account.rejections)
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in words; empty for a success."""
+        return "" if self.success else self.account.reason
+
+
+class Observer(Protocol):
+    """Looks on while an episode is made, e.g. to record it. Must not change anything."""
+
+    def planned(self, plan: Planned) -> None:
+        pass
+
+    def rejected(self, violation: Violation) -> None:
+        pass
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        pass
+
+
+class NullObserver(Observer):
+    """The observer that looks away."""
+
+
+class Trace(NullObserver):
+    """An observer of the generation loop; afterwards it has an `Execution` of every plan."""
+
+    def __init__(self) -> None:
+        self._scenes: list[Scene] = []
+        self._plans: list[Planned] = []
+        self._stopped: list[float] = []  # control step of the violation that ended each plan
+
+    def planned(self, plan: Planned) -> None:
+        self._plans.append(plan)
+        self._stopped.append(inf)
+
+    def rejected(self, violation: Violation) -> None:
+        if self._plans:  # one that was refused before anything moved is later than the last plan's end
+            self._stopped[-1] = min(self._stopped[-1], round(violation.time_s * CONTROL_HZ))
+
+    def stepped(
+        self, scene: Scene, action: NDArray[np.float64], pictures: Mapping[str, NDArray[np.uint8]]
+    ) -> None:
+        self._scenes.append(scene)
+
+    def executions(self) -> list[tuple[Planned, Execution]]:
+        """Every plan with the control steps that its monitor has judged.
+
+        The step that ended in success is not among them: nobody had to judge it any more.
+        """
+        found = []
+        for made, stopped in zip(self._plans, self._stopped, strict=True):
+            plan, begins = made.checked.plan, made.checked.plan.scene.step
+            ends = min(begins + len(plan.schedule), stopped)
+            scenes = [scene for scene in self._scenes if begins < scene.step <= ends]
+            found.append((made, Execution(plan, scenes)))
+        return found
+
+
+@dataclass(frozen=True)
+class EpisodeMaker:
+    """Makes one episode of `settings` in a world. One object for one seed: a brain is of one episode."""
+
+    settings: Settings
+    world: SeeingWorld
+    brain: Brain
+    observer: Observer = field(default_factory=NullObserver)
+    # Takes what an episode holds of each step beside its images (`Episode.extras`).
+    extras: Callable[[], Mapping[str, NDArray]] = dict
+
+    def make(
+        self, seed: int, lead: Iterable[NDArray[np.float64]] = (), known: Sequence[Iterable[str]] = ()
+    ) -> Outcome:
+        """Runs the loop from the scene of `seed` to success or to the end of the budget.
+
+        Before that, commands (N, A) of somebody else may `lead` to where it begins; their steps are stored as
+        nobody's subgoal. What is `known` of each agent's subgoals keeps its number.
+        """
+        return _Making(self, seed, known).run(lead)
+
+
+class _Frame(NamedTuple):
+    """One control step: what was seen, what was intended then, what was done, what for, what it led to."""
+
+    scene: Scene
+    action: NDArray[np.float64]  # (N, A)
+    executed: NDArray[np.float64]  # (N, A)
+    images: Mapping[str, NDArray[np.uint8]]
+    subgoal: NDArray[np.int16]  # (N,)
+    extras: Mapping[str, NDArray]
+    verdict: Verdict
+
+
+class _Making:
+    """One episode while it is made, from the scene of its seed on."""
+
+    def __init__(self, maker: EpisodeMaker, seed: int, known: Sequence[Iterable[str]]) -> None:
+        self._began = time.perf_counter()
+        self._usual, self._settings, self._seed = maker.settings.task, maker.settings.of(seed), seed
+        self._world, self._observer, self._extras = maker.world, maker.observer, maker.extras
+        self._planner, self._ledger = Planner(self._settings, maker.brain), Ledger()
+        self._frames: list[_Frame] = []
+        self._proposed: list[dict[str, object]] = []  # proposals with their checks, and violations, as JSON
+        self._perturbations = np.random.default_rng([seed, DISTURBANCES])
+        task = self._settings.task
+        self._subgoals = Subgoals(len(task.agents), known)
+        self._doing = np.full(len(task.agents), NOBODYS, np.int16)
+        self.scene = self._world.reset(seed)
+        self._judge = SuccessEvaluator(task, self.scene)
+        self._verdict = self._judge(self.scene)
+        self._object_moved: Violation | None = None
+
+    def run(self, lead: Iterable[NDArray[np.float64]]) -> Outcome:
+        for command in lead:
+            self.take(command)
+        self._doing = np.zeros_like(self._doing)
+        rejections = self._rounds(np.random.default_rng([self._seed, PLANNING]))
+        if self.told is not None:  # what was put down may need a moment to come to rest
+            follow(self, np.tile(self.told, (_SETTLE_STEPS, 1, 1)))
+        success = self._verdict.success and not self._object_moved
+        return Outcome(
+            self._seed,
+            success,
+            any(frame.verdict.success_paper for frame in self._frames),
+            len(self._frames),
+            len(rejections) + int(success or len(rejections) < self._settings.attempts),
+            self._ledger.contacts,
+            time.perf_counter() - self._began,
+            replace(self._ledger.account(), rejections=tuple(rejections), refused=self._object_moved),
+            self._episode() if success else None,
+        )
+
+    def _rounds(self, rng: np.random.Generator) -> list[Violation]:
+        """Proposals until it is done or the budget is: what ended some of them."""
+        settings, rejections = self._settings, list[Violation]()
+        feedback: tuple[Violation, ...] = ()
+        done: tuple[Subgoal, ...] = ()
+        for _ in range(_ROUNDS):
+            if len(rejections) >= settings.attempts or self.over:
+                break
+            pictures = self._world.images() if self._world.cameras else {}
+            result = self._plan(Question(settings.task, self.scene, pictures, done, feedback), rng)
+            if result is None:  # the brain has nothing left to do
+                break
+            violation = result if isinstance(result, Violation) else self._execute(result)
+            if isinstance(result, Planned) and violation is None:
+                feedback, done = (), done + result.proposal.subgoals
+            elif violation is not None:
+                rejections.append(violation)
+                feedback = (violation,)
+                self._proposed.append({"violation": {**asdict(violation), "reason": violation.sentence}})
+                self._observer.rejected(violation)
+        return rejections
+
+    def _plan(self, question: Question, rng: np.random.Generator) -> Planned | Violation | None:
+        scene = as_commanded(self._looked_at(question.scene), self.told)
+        pauses = self._perturbations if self._settings.disturbance_rad else None
+        plan = self._planner.plan(question, scene, rng, pauses)
+        if not isinstance(plan, Planned):
+            return plan
+        plan = self._disturbed(plan, scene)
+        said = {"proposal": json.loads(to_json(plan.proposal)), "check_code": str(plan.checker.code)}
+        self._proposed.append({**said, **plan.checked.certificate()})
+        self._observer.planned(plan)
+        return plan
+
+    def _disturbed(self, plan: Planned, scene: Scene) -> Planned:
+        """The plan as it will be executed: disturbed, as far as things and its checks let it be.
+
+        The disturbed motion is then the plan that was checked, and that is monitored.
+        """
+        strength_rad = self._settings.disturbance_rad
+        if not strength_rad:
+            return plan
+        disturbance = Disturbance(
+            self._settings.task.arms, plan.trajectories, plan.schedule, strength_rad, self._perturbations
+        )
+        for _ in range(_CALMER):
+            paths = plan.checker.paths(disturbance.trajectories(), scene)
+            wrong = {*nearer(plan.checked.plan, paths)}
+            if not wrong:
+                checked = plan.checker.check(paths, plan.schedule)
+                if not checked.violations:
+                    return replace(plan, checked=checked)
+                wrong = {at for each in checked.violations for at in self._concerned(each, plan, scene)}
+            if not disturbance.lessen(wrong):
+                break
+        return plan
+
+    def _concerned(self, violation: Violation, plan: Planned, scene: Scene) -> Iterator[tuple[int, int]]:
+        """The agents that a violation of a plan is about, and where they are on their paths then."""
+        positions = plan.schedule.positions
+        now = np.clip(round(violation.time_s / CONTROL_DT_S) - scene.step, 0, len(positions) - 1)
+        for agent in violation.agents or self._settings.task.agents:
+            yield agent, int(positions[now, agent - 1])
+
+    def _looked_at(self, scene: Scene) -> Scene:
+        """The scene with what the depth cameras see now, where spatial constraints ask for it."""
+        settings = self._settings
+        if settings.occupancy == "state" or not settings.constraint_set.spatial:
+            return scene
+        planning_scene = PlanningScene(settings.task, scene)
+        return replace(scene, seen=look(self._world.depth(), self._world.camera_models(), planning_scene))
+
+    def _execute(self, plan: Planned) -> Violation | None:
+        meant = from_start(plan, intended(plan.trajectories, plan.schedule))
+        commands = commands_of(plan)
+        doing = self._subgoals.of_plan(plan.trajectories, plan.schedule)
+        limits, disturbed = self._settings.limits, self._settings.disturbance_rad > 0
+        watched = disturbed or self.scene.clutter
+        watch = ObjectMotionWatch(plan.checked.plan, objects=disturbed) if watched else None
+
+        def take(now: int) -> None:
+            self._doing = doing[now]
+            self._step(meant[now], commands[now])
+            if watch is not None:
+                self._object_moved = watch.unintended(self.scene)
+
+        def rest(now: int) -> None:
+            undisturbed = from_start(plan, actions(plan.trajectories, plan.schedule))
+            for steps in zip(*come_to_rest_disturbed(undisturbed, commands, now, limits), strict=True):
+                if self.over:
+                    break
+                self._step(*steps)
+
+        return drive(self, commands, plan.checked.monitor(), limits, take, rest if disturbed else None)
+
+    @property
+    def told(self) -> NDArray[np.float64] | None:
+        """(N, A) what the arms were last told, if anything."""
+        return self._frames[-1].executed if self._frames else None
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing is left to do, or nothing to be made of it any more."""
+        return self._verdict.success or self._object_moved is not None
+
+    def take(self, command: NDArray[np.float64]) -> None:
+        """One control step that is meant as it is carried out."""
+        self._step(command, command)
+
+    def _step(self, action: NDArray[np.float64], executed: NDArray[np.float64]) -> None:
+        # What is stored is what was done, to the last bit: a replay of the store gives the same episode.
+        action, executed = (each.astype(np.float32).astype(float) for each in (action, executed))
+        pictures = self._world.images() if self._world.cameras else {}
+        seen = self.scene, action, executed, pictures, self._doing, self._extras()
+        self._observer.stepped(self.scene, action, pictures)
+        self.scene = self._world.step(executed)
+        self._verdict = self._judge(self.scene)
+        self._ledger.see(self.scene, self._verdict)
+        self._frames.append(_Frame(*seen, self._verdict))
+
+    def _episode(self) -> Episode:
+        """All of it as a demonstration."""
+        task = self._settings.task
+        scenes, intended, executed, images, numbers, extras, verdicts = zip(*self._frames, strict=True)
+        certificate = {
+            "rounds": self._proposed,
+            "evidence": dict(verdicts[-1].evidence),
+            "subgoals": self._subgoals.texts,
+            **scene_certificate(self._usual, self._seed),
+        }
+        return Episode(
+            task.name,
+            self._seed,
+            np.stack([scene.qpos for scene in scenes]).astype(np.float32),
+            np.stack([scene.qvel for scene in scenes]).astype(np.float32),
+            np.stack(intended).astype(np.float32),
+            {name: np.stack([frame[name] for frame in images]) for name in self._world.cameras},
+            certificate,
+            np.stack(executed).astype(np.float32) if self._settings.disturbance_rad > 0 else None,
+            {name: _poses(np.stack([scene.poses[name] for scene in scenes])) for name in task.objects},
+            np.stack(numbers),
+            _judged(verdicts),
+            {name: np.stack([taken[name] for taken in extras]) for name in extras[0]},
+        )
+
+
+def _poses(world_from_object: Matrix) -> NDArray[np.float32]:
+    """(T, 4, 4) -> (T, dof) position in m and quaternion w, x, y, z."""
+    parts = [world_from_object[:, :3, 3], quaternion(world_from_object)]
+    return np.concatenate(parts, axis=1).astype(np.float32)
+
+
+def _judged(verdicts: Sequence[Verdict]) -> Judged:
+    """How far each condition was met, step by step."""
+    names = tuple(verdicts[0].evidence)
+    found = [
+        [verdict.measured.get(name) or _yes_or_no(verdict.evidence[name]) for name in names]
+        for verdict in verdicts
+    ]
+    return Judged(
+        names,
+        np.array([[each.value for each in row] for row in found], np.float32),
+        np.array([[each.bound for each in row] for row in found], np.float32),
+        np.array([[UNITS.index(each.unit) for each in row] for row in found], np.uint8),
+        np.array([[each.holds for each in row] for row in found], np.bool_),
+    )
+
+
+def _yes_or_no(holds: bool) -> Measured:
+    return Measured(holds, float(holds), 1.0, "", True)
+
+
+def make_episode(
+    settings: Settings,
+    pictures: Pictures,
+    seed: int,
+    cameras: Sequence[str] | None = None,
+    lead: Iterable[NDArray[np.float64]] = (),
+    known: Sequence[Iterable[str]] = (),
+    extras: Extras = NO_EXTRAS,
+) -> Outcome:
+    """One episode in this process, seen by these cameras, or those that `pictures` says.
+
+    `extras` says what else it keeps of what they see; `lead` and `known` as in `EpisodeMaker.make`.
+    The same arguments give the same bytes, whatever ran before.
+    """
+    cameras = pictures.of(len(settings.task.agents)) if cameras is None else cameras
+    world = shared_simulator(settings.task, pictures)  # which draws the scene of a seed itself
+    take = partial(depth_and_segmentation, world, cameras, extras)
+    brain = settings.make_brain(seed)
+    made = EpisodeMaker(settings, Limited(world, cameras), brain, extras=take).make(seed, lead, known)
+    if made.success and isinstance(brain, FaultyBrain) and not brain.placed:  # it shows nothing of the fault
+        ended = f"the fault {brain.fault.name} was not planted: no plan in this scene has a place for it"
+        return replace(made, success=False, episode=None, account=Account(ended=ended))
+    return made
+
+
+def generate(
+    make: Callable[[int], Outcome], seeds: Sequence[int], workers: int, limit_s: float | None = None
+) -> Iterator[Outcome]:
+    """Outcomes of `seeds` in their order, each made by `make`, in `workers` processes.
+
+    A seed that takes longer than `limit_s` has failed, and the others go on. The caller may stop
+    early; seeds then under way are thrown away. Bytes do not depend on `workers`.
+    """
+    jobs = (partial(make, seed) for seed in seeds)
+    for seed, made in zip(seeds, in_order(jobs, workers, limit_s), strict=False):
+        if isinstance(made, Timeout):
+            account = Account(ended=str(made))
+            yield Outcome(
+                seed, False, False, steps=0, attempts=1, contacts=0, wall_s=made.limit_s, account=account
+            )
+        else:
+            yield made

@@ -1,0 +1,210 @@
+"""What is in the way: of a motion, as far as the row of constraints lets the planner see, and at a place."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations, product
+from typing import Any
+
+import numpy as np
+
+from rf_exp.datagen.motion.request import destinations
+from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, Points, State, Unreachable, name_of
+from rf_exp.findings import Cause, CheckName, Finding, Violation
+from rf_exp.geometry import (
+    AGENT_MARGIN_M,
+    OBJECT_MARGIN_M,
+    PlanningScene,
+    Swept,
+    closer_than,
+    folded,
+    nearest,
+    overlap,
+)
+from rf_exp.perception import SEEN, Seen
+from rf_exp.statements import Proposal
+from rf_exp.tasks import Task
+from rf_exp.tasks.assets import Asset
+from rf_exp.transforms import Matrix
+from rf_exp.types import ConstraintSet, Scene, Subgoal, fingers_of
+
+
+class Obstacles:
+    """The static world of a planner: objects, table and arms where the predicted state has them.
+
+    Without spatial constraints the planner is blind to everything but what its subgoal is about and the
+    table it is bolted to. Where the scene has been looked at by depth cameras, what they see is in the way.
+    """
+
+    def __init__(self, task: Task, scene: Scene, constraint_set: ConstraintSet, proposal: Proposal) -> None:
+        self._task, self._scene, self._constraint_set, self._proposal = task, scene, constraint_set, proposal
+        self._seen = Seen(PlanningScene(task, scene)) if scene.seen is not None else None
+
+    def blocked(self, *, avoid_arms: bool) -> Blocked:
+        """The test that motion primitives ask; `avoid_arms` counts arms that stand still as obstacles."""
+
+        def test(
+            agent: int, points: Points, state: State, touches: frozenset[str], *, between: bool = False
+        ) -> Obstacle | None:
+            planning_scene = self._planning_scene(state)
+            body = self._body(planning_scene, agent, points, state, touches)
+            if folded(body, self._task.arms[agent].robot.self_pairs).any():
+                return "the arm itself"
+            for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, avoid_arms):
+                if closer_than(body, other, margin_m, between=between).any():
+                    each = ((one, _only(other, one)) for one in obstacles[:-1])
+                    near = (one for one, it in each if closer_than(body, it, margin_m, between=between).any())
+                    return next(near, obstacles[-1])
+            return "the table" if planning_scene.below_table(body).any() else None
+
+        return test
+
+    def how_near(self, blockage: Blockage) -> dict[str, Any]:
+        """How near which parts come, as facts of a `Found`; none where the arm itself or the table blocks."""
+        agent, state, touches, obstacle = blockage.agent, blockage.state, blockage.touches, blockage.obstacle
+        planning_scene = self._planning_scene(state)
+        body = self._body(planning_scene, agent, blockage.points, state, touches)
+        for obstacles, other, margin_m in self._others(planning_scene, agent, state, touches, True):
+            if obstacle in obstacles and (gap := nearest(body, _only(other, obstacle))) is not None:
+                near = {"value": gap.distance_m, "bound": margin_m, "unit": "m"}
+                other_part = f"{gap.b} of {name_of(obstacle)}" if isinstance(obstacle, int) else gap.b
+                return {**near, "parts": (gap.a, other_part), "aspect": blockage.where}
+        return {}
+
+    def _planning_scene(self, state: State) -> PlanningScene:
+        qpos = self._scene.qpos.copy()
+        for agent, joints in state.qpos.items():
+            qpos[agent - 1, : len(joints)] = joints
+            fingers_of(qpos)[agent - 1] = self._task.arms[agent].robot.hand.open_m
+        held = tuple(state.held.get(agent, (None,))[0] for agent in self._task.agents)
+        return PlanningScene(self._task, replace(self._scene, qpos=qpos, poses=dict(state.poses), held=held))
+
+    @staticmethod
+    def _body(
+        planning_scene: PlanningScene, agent: int, points: Points, state: State, touches: frozenset[str]
+    ) -> Swept:
+        held, tcp_from_object = state.held.get(agent, (None, None))
+        return planning_scene.arm(
+            agent, points, attached=held, tcp_from_object=tcp_from_object, touches=touches
+        )
+
+    def _others(
+        self,
+        planning_scene: PlanningScene,
+        agent: int,
+        state: State,
+        touches: frozenset[str],
+        avoid_arms: bool,
+    ) -> Iterator[tuple[Sequence[Obstacle], Swept, float]]:
+        """What is in the way, and how near one may come; things together, as most often none is near."""
+        spatial = self._constraint_set.spatial
+        names = [*self._task.objects, *self._task.clutter] if spatial else sorted(state.targets)
+        if self._seen is not None and spatial:
+            boxes, exactly = self._seen.obstacles(agent, self._minds_not(agent, state) | touches)
+            names = sorted(exactly)
+            yield [SEEN], boxes, OBJECT_MARGIN_M
+        held = state.in_hand(agent)
+        if others := [name for name in names if name not in held]:
+            yield others, planning_scene.standing(others), OBJECT_MARGIN_M
+        for other in self._task.agents if avoid_arms and spatial else ():
+            if other != agent:
+                yield [other], planning_scene.measured(other), AGENT_MARGIN_M
+
+    def _minds_not(self, agent: int, state: State) -> frozenset[str]:
+        """What the agent's subgoals are about, what is held, and what has moved since the cameras looked."""
+        about = {name for subgoal in self._proposal.of(agent) for name in subgoal.names}
+        held = {name for name, _ in state.held.values()}
+        poses = self._scene.poses
+        moved = {name for name, pose in state.poses.items() if not np.array_equal(pose, poses[name])}
+        return frozenset((about | held | moved | state.targets) & set(self._task.objects))
+
+
+def _only(body: Swept, obstacle: Obstacle) -> Swept:
+    """One of the things that a body is made of; all of an arm."""
+    return body if isinstance(obstacle, int) else body.only(obstacle)
+
+
+@dataclass(frozen=True)
+class _Put:
+    """A thing, and the poses of it that a subgoal may lead to."""
+
+    subgoal: Subgoal
+    name: str
+    poses: Sequence[Matrix]  # world_from_object
+
+
+def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
+    """The first place that is taken, by what and by how much; None where there is room for everything.
+
+    Counted are things that stay where they stand, as no subgoal is about them, and what is put elsewhere
+    once. How a thing is turned there, and how far beside it may lie, is chosen so that it overlaps least.
+    """
+    puts = list(_puts(task, proposal, scene))
+    about = {subgoal.object for subgoal in proposal.subgoals}
+    stay = [name for name in task.objects if name not in about and name not in scene.held]
+    for put in puts:
+        for name in stay:
+            if name != put.subgoal.target:
+                depth_m = _least_depth_m(task, scene, put, name, [scene.poses[name]])
+                if depth_m > 0:
+                    return _taken(scene, put, name, depth_m)
+    once = [put for put in puts if [each.name for each in puts].count(put.name) == 1]
+    for put, other in combinations(once, 2):
+        depth_m = _least_depth_m(task, scene, put, other.name, other.poses)
+        if depth_m > 0:
+            return _taken(scene, put, f"{other.name} at {other.subgoal.target}", depth_m)
+    return None
+
+
+def _puts(task: Task, proposal: Proposal, scene: Scene) -> Iterator[_Put]:
+    """What is put where, but on things that are moved themselves, which are nobody knows yet where."""
+    moved = {subgoal.object for subgoal in proposal.subgoals}
+    for subgoal in proposal.subgoals:
+        name = subgoal.object
+        if name is not None and subgoal.verb == "place" and subgoal.target not in moved:
+            try:
+                yield _Put(subgoal, name, destinations(task, subgoal, scene))
+            except Unreachable:  # that will be said when its turn comes
+                continue
+
+
+def _least_depth_m(task: Task, scene: Scene, put: _Put, name: str, poses: Sequence[Matrix]) -> float:
+    """How far a thing would be in another, however both are turned; 0 where they need not overlap."""
+    least = np.inf
+    reach_m = _radius_m(task.asset(put.name)) + _radius_m(task.asset(name))
+    for one, other in product(put.poses, poses):
+        if np.linalg.norm(one[:3, 3] - other[:3, 3]) >= reach_m:
+            return 0.0
+        in_hand = replace(placed_at(task, scene, put.name, one), carried={put.name: np.ones(1, dtype=bool)})
+        gap = overlap(in_hand, placed_at(task, scene, name, other))
+        if gap is None or gap.distance_m >= 0:
+            return 0.0
+        least = min(least, -gap.distance_m)
+    return float(least)
+
+
+def placed_at(task: Task, scene: Scene, name: str, pose: Matrix) -> Swept:
+    """A thing at world_from_object."""
+    return PlanningScene(task, replace(scene, poses={**scene.poses, name: pose})).standing([name])
+
+
+@lru_cache(maxsize=1024)
+def _radius_m(asset: Asset) -> float:
+    """Of a sphere about the origin that holds all of it; of a mark none."""
+    return max((float(np.linalg.norm(hull.vertices, axis=1).max()) for hull in asset.hulls), default=-np.inf)
+
+
+def _taken(scene: Scene, put: _Put, obstacle: str, depth_m: float) -> Violation:
+    return Violation(
+        check=CheckName.MOTION,
+        cause=Cause.SPACE,
+        finding=Finding.TAKEN,
+        value=-depth_m,
+        unit="m",
+        time_s=scene.time_s,
+        agents=(put.subgoal.agent,),
+        subgoals=(put.subgoal.text,),
+        object=put.name,
+        aspect=put.subgoal.target or "",
+        obstacles=(obstacle,),
+    )
