@@ -300,6 +300,6 @@ def probe(connection: Connection, task: Task) -> Probe:
     try:
         answer.model_validate(read_object(text, "Subgoals"))
     except (BadAnswer, ValidationError):
-        begins = without(printable(text, 60), key)
+        begins = printable(without(text, key), 60)
         return Probe("ignored", f"{who} ignores the JSON schema; its answer begins {begins!r}")
     return Probe("honoured", f"{who} honours the JSON schema")
