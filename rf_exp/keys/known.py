@@ -5,8 +5,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, get_args, get_origin, get_type_hints
 
 from rf_exp.datagen.brain import SPECS
-from rf_exp.keys.files import Key, content
-from rf_exp.keys.likeness import ALWAYS, nearest
+from rf_exp.keys.refusal import ALWAYS, Key, content, nearest
 from rf_exp.policy import TrainConfig, policy_keys
 from rf_exp.tasks import CameraSpec, Task, Variation
 from rf_exp.types import Arch, ConstraintSet
