@@ -13,7 +13,7 @@ from rf_exp.envs.core import METADATA, EpisodeCore, Face, shaped
 from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
-from rf_exp.tasks import NONE, Task, Variation
+from rf_exp.tasks import Task
 
 Of = dict[str, Any]  # agent -> something
 
@@ -33,13 +33,10 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         task: str | Path | Task,
         observations: Observations | None = None,
         *,
-        variation: str | Variation = NONE,
-        step_limit: int | None = None,
-        overlaps: bool = False,
         render_mode: str | None = None,
+        **options: Any,
     ) -> None:
-        how = {"step_limit": step_limit, "overlaps": overlaps, "render_mode": render_mode}
-        self.core = EpisodeCore(task, observations, variation=variation, **how)
+        self.core = EpisodeCore(task, observations, render_mode=render_mode, **options)
         self.render_mode = render_mode
         self.metadata = METADATA | {"name": f"rf_exp_{self.task.name}", "is_parallelizable": True}
         numbers = {f"agent{agent}": agent for agent in self.task.agents}

@@ -1,8 +1,8 @@
 """A scene that was read, as the rest of the suite knows tasks: arms, objects and places, and no criteria.
 
-A body has a frame on its underside, and points where it can be taken and built upon. Where nobody has
-annotated it they are derived from its shape and from how it stands: a grasp from above across its narrow side,
-and a flat top as a place. What should be met otherwise wants points of its own.
+A body has a frame on its underside, and points where it can be taken and built upon, derived from its shape
+and from how it stands where nobody has annotated it: a grasp from above across its narrow side, a flat top as
+a place. What should be met otherwise wants points of its own.
 """
 
 from collections.abc import Mapping, Sequence
