@@ -19,13 +19,12 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.sim import close_shared_simulator, shared_simulator
-from rf_exp.stages.artifacts import owned
-from rf_exp.stages.cell import Cell, cells
+from rf_exp.stages.cell import Cell, cells, owned
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Description, Store, card
 from rf_exp.tasks import Task, drawn_of, labels
-from rf_exp.types import CameraModel, Episode, Extras, Pictures
+from rf_exp.types import CameraModel, Extras, Pictures
 
 COMMONEST = 3  # reasons that are told where seeds fail
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
@@ -127,8 +126,11 @@ def attempts(
     `make` gives the outcome of a seed, made as the cell's settings say, in a process of this machine.
     """
     for outcome in generate(make, seeds, cell.experiment.workers, cell.experiment.seed_limit_s):
-        row = generation_row(cell.settings, outcome)
-        yield row, None if outcome.episode is None else _with_row(outcome.episode, row)
+        row, episode = generation_row(cell.settings, outcome), outcome.episode
+        if episode is not None:  # its certificate has the row, without the time, so that bytes are the same
+            kept = {name: value for name, value in plain(row).items() if name != "wall_s"}
+            episode = replace(episode, certificate={**episode.certificate, "row": kept})
+        yield row, episode
         if wanted is not None and not (wanted := wanted - outcome.success):
             return
 
@@ -154,12 +156,6 @@ def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:
     asked = cell.experiment.pictures
     everything = replace(asked, cameras="all")
     return everything if {*there} == {*everything.of(len(cell.task.agents))} else asked
-
-
-def _with_row(episode: Episode, row: GenerationRow) -> Episode:
-    """The episode with its row in its certificate; without the time it took, so that bytes are the same."""
-    kept = {name: value for name, value in plain(row).items() if name != "wall_s"}
-    return replace(episode, certificate={**episode.certificate, "row": kept})
 
 
 def _lost(

@@ -9,7 +9,7 @@ from typing import Any
 
 from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.policy import Curve
 from rf_exp.stages.cell import Cell
 
@@ -90,7 +90,14 @@ def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapp
         return
     import wandb  # slow to import, and not needed by those who switch it off
 
-    folder, run = _folder(experiment), None
+    folder, run = experiment.out / "wandb", None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ArgumentError(
+            f"cannot write the log of Weights & Biases to {folder}: {error.strerror}; "
+            "choose another folder with out=FOLDER, or wandb=disabled"
+        ) from error
 
     def log(step: int, figures: Mapping[str, float]) -> None:
         nonlocal run
@@ -116,19 +123,6 @@ def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapp
     finally:
         if run is not None:
             run.finish()
-
-
-def _folder(experiment: Experiment) -> Path:
-    """Where runs are logged; it is there."""
-    folder = experiment.out / "wandb"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write the log of Weights & Biases to {folder}: {error.strerror}; "
-            "choose another folder with out=FOLDER, or wandb=disabled"
-        ) from error
-    return folder
 
 
 def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:

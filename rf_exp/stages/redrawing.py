@@ -14,7 +14,7 @@ from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import Progress
 from rf_exp.sim import Simulator
-from rf_exp.stages.artifacts import continued, owned
+from rf_exp.stages.cell import continued, owned
 from rf_exp.store import Store
 from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
 from rf_exp.types import Episode

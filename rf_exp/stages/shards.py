@@ -22,8 +22,7 @@ from rf_exp.artifacts import differing, digest, without, write_json
 from rf_exp.errors import StageError
 from rf_exp.launch import HERE, results
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import owned
-from rf_exp.stages.cell import Cell
+from rf_exp.stages.cell import Cell, owned
 from rf_exp.store import Store
 from rf_exp.types import Episode
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.store.reader import Reader
+from rf_exp.store.store import Store
 from rf_exp.texts import LONGEST_LINE, printable
 from rf_exp.texts.markdown import block, cell, code, table, text
 
@@ -21,7 +21,7 @@ tags:
 """
 
 
-def card(store: Reader, held: str = "", tags: Iterable[str] = ()) -> str:
+def card(store: Store, held: str = "", tags: Iterable[str] = ()) -> str:
     """A data card in Markdown. What the store says of itself may be anybody's words.
 
     `held` says in Markdown in which form the data lie beside it; unless given, the store.
@@ -40,7 +40,7 @@ def card(store: Reader, held: str = "", tags: Iterable[str] = ()) -> str:
     return lines + "\n" + "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _about(store: Reader) -> str:
+def _about(store: Store) -> str:
     said = store.description
     if said is None:
         return ""
@@ -53,13 +53,13 @@ def _about(store: Reader) -> str:
     )
 
 
-def hold_steps(store: Reader) -> str:
+def hold_steps(store: Store) -> str:
     """For how many steps the conditions have to hold."""
     steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
     return f"{steps:g}" if isinstance(steps, int | float) else "several"
 
 
-def facts(store: Reader) -> dict[str, Any]:
+def facts(store: Store) -> dict[str, Any]:
     """The data in numbers, by name; values are plain, and texts are one line of what can be shown."""
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
@@ -87,12 +87,12 @@ def facts(store: Reader) -> dict[str, Any]:
     }
 
 
-def _robots(store: Reader) -> str:
+def _robots(store: Store) -> str:
     counted = Counter(model.title for model in store.models)
     return ", ".join(f"{count} x {title}" for title, count in counted.items())
 
 
-def _facts(store: Reader) -> str:
+def _facts(store: Store) -> str:
     rows = [(name, cell(value)) for name, value in facts(store).items()]
     return (
         f"## The data\n\n{table(('what', 'value'), rows)}\n\n"
@@ -103,7 +103,7 @@ def _facts(store: Reader) -> str:
     )
 
 
-def _made(store: Reader) -> str:
+def _made(store: Store) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in store.attrs.get("versions", {}).items())
     recipe = json.dumps({name: value for name, value in store.identity.items() if name != "scene"}, indent=1)
     for letter in "<>&`~":  # JSON has a way to write them that no page takes for markup, in no place

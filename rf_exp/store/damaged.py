@@ -1,7 +1,6 @@
 """A damaged store, of which whole episodes can still be read."""
 
 import json
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,8 @@ import numpy as np
 import zarr
 
 from rf_exp.store.integrity import Damage, opened, refuse_access, require_file
-from rf_exp.store.layout import JUDGED, array_of, empty_like, extra_names, layout, rows_a_file, view
-from rf_exp.types import Episode, Judged
+from rf_exp.store.layout import array_of, assembled, empty_like, layout, rows_a_file, view
+from rf_exp.types import Episode
 
 
 class Damaged:
@@ -27,38 +26,19 @@ class Damaged:
         _, self.attrs = opened(path, "r")
         empty_like(frame / "store", self.attrs)
         self._arrays = zarr.open_group(frame / "store", mode="r", zarr_format=3)
-        for name in self._names():
+        for name in layout(self.attrs):
             (frame / "store" / name / "c").symlink_to((path / name / "c").resolve())
         self.ends = self._ends()
 
     def episode(self, index: int) -> Episode:
         """One episode. Raises Damage that says which part of it cannot be read."""
         start, end = (self.ends[index - 1] if index else 0), self.ends[index]
-        return Episode(
-            task=str(self.attrs["task"]),
-            seed=self.seed(index),
-            qpos=self._read("data/qpos", start, end),
-            qvel=self._read("data/qvel", start, end),
-            action=self._read("data/action", start, end),
-            images={each: self._read(f"data/rgb_{each}", start, end) for each in self.attrs["cameras"]},
-            certificate=self._certificate(index),
-            **self._optional(start, end),
+        return assembled(
+            self.attrs,
+            self.seed(index),
+            lambda: self._certificate(index),
+            lambda name: self._read(f"data/{name}", start, end),
         )
-
-    def _optional(self, start: int, end: int) -> dict[str, Any]:
-        """What not every store keeps."""
-        found: dict[str, Any] = {
-            "poses": {name: self._read(f"data/pose_{name}", start, end) for name in self.attrs["objects"]}
-        }
-        stored = [name.removeprefix("data/") for name in layout(self.attrs)]
-        for name in ("executed", "subgoal"):
-            if name in stored:
-                found[name] = self._read(f"data/{name}", start, end)
-        if "conditions" in self.attrs:
-            values = {name: self._read(f"data/condition_{name}", start, end) for name in JUDGED}
-            found["judged"] = Judged(tuple(self.attrs["conditions"]), **values)
-        extras = {name: self._read(f"data/{name}", start, end) for name in extra_names(self.attrs)}
-        return found | {"extras": extras}
 
     def seed(self, index: int) -> int:
         """As it is stored or, where that cannot be read, as the row of the certificate says.
@@ -113,10 +93,6 @@ class Damaged:
         with suppress(Exception):  # what it declares is lost as well
             rows = min(rows, zarr.open_array(self._path / name, mode="r", zarr_format=3).shape[0])
         return rows
-
-    def _names(self) -> Iterator[str]:
-        for group in ("data", "meta"):
-            yield from (f"{group}/{name}" for name in sorted(self._arrays[group]))  # pyright: ignore
 
     def _array(self, name: str) -> zarr.Array[Any]:
         return array_of(self._arrays, name)

@@ -9,13 +9,12 @@ from rf_exp.artifacts import differing, whole, write_text
 from rf_exp.errors import StageError
 from rf_exp.store.cards import card
 from rf_exp.store.layout import empty_like
-from rf_exp.store.reader import Reader
-from rf_exp.store.writer import Store
+from rf_exp.store.store import Store
 
 PROVENANCE = ("commit", "versions")  # as when episodes are appended: those of who began
 
 
-def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
+def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
     """(seed, store, index in it) of every episode, in the order of their seeds.
 
     Raises StageError for stores of different configurations, naming what differs, and for seeds that two of
@@ -44,7 +43,7 @@ def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
     return [(seed, stores[number], index) for seed, number, index in found]
 
 
-def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = lambda: None) -> None:
+def merge(stores: Sequence[Store], to: Path, advance: Callable[[], object] = lambda: None) -> None:
     """Writes the store `to`, as if it had been made in one go: the same bytes. It is there as a whole or not.
 
     Its card lies beside it, and is there when the store is. `advance` is called after each episode. Raises

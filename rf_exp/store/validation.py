@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.store.integrity import Damage
-from rf_exp.store.reader import Reader
+from rf_exp.store.store import Store
 from rf_exp.types import Episode
 
 UNIT_WITHIN = 1e-3  # of the length of quaternions
 
 
-def problems(store: Reader, index: int) -> list[str]:
+def problems(store: Store, index: int) -> list[str]:
     """What is wrong with one episode, in words; nothing for one that is whole. Reads all of it."""
     try:
         episode = store.episode(index)
