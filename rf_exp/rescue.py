@@ -87,7 +87,11 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
         try:
             episode = damaged.episode(index)
         except Damage as error:
-            lost[index] = f"{_seed(damaged, index)}: {error}"
+            try:
+                which = f"seed {damaged.seed(index)}"
+            except Damage:
+                which = "of a seed that cannot be read"
+            lost[index] = f"{which}: {error}"
             continue
         if episode.seed in kept:
             lost[index] = f"seed {episode.seed}: it is there already"
@@ -98,13 +102,6 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
     if store is not None:
         store.close()
     return lost, kept
-
-
-def _seed(damaged: Damaged, index: int) -> str:
-    try:
-        return f"seed {damaged.seed(index)}"
-    except Damage:
-        return "of a seed that cannot be read"
 
 
 def _opens(path: Path) -> bool:

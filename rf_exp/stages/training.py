@@ -1,10 +1,10 @@
 """Training: a policy for each view of an architecture, in as many rounds as the expert corrects them.
 
-That is DAgger: the policies of a round act in scenes of their own. Of a rollout that they lose, a moment is
-drawn in which somebody was moving; their commands lead there once more, and RoboBrain, planner and RoboChecker
-take over (Ross et al. 2011; that the expert carries the episode through, Kelly et al. 2019). What the policies
-did is stored too, marked as nobody's subgoal, and not learned from. How many proposals the expert was asked
-for is in the rows.
+DAgger: the policies of a round act in scenes of their own. Of a rollout that they lose, a moment is drawn in
+which somebody was moving; their commands lead there once more, and RoboBrain, planner and RoboChecker go on
+(Ross et al. 2011; that the expert carries the episode through, Kelly et al. 2019). What the policies did is
+stored too, marked as nobody's subgoal, and not learned from. The rows say how many proposals the expert was
+asked for.
 """
 
 import os

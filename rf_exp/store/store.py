@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NoReturn, Self
 
 import numpy as np
@@ -209,31 +208,22 @@ class Store:
         if np.count_nonzero(self.seeds == episode.seed) >= times:
             often = "once" if times == 1 else f"{times} times"
             raise StageError(f"{label} is stored already in {self.path}; every seed is stored {often}")
-        if set(episode.images) != set(self.cameras):
-            raise StageError(
-                f"{label} has images of {sorted(episode.images)}; {self.path} expects {sorted(self.cameras)}"
-            )
         if len(episode.qpos) == 0:
             raise StageError(f"{label} has no steps; expected at least one")
-        if set(episode.poses) != set(self.objects):
-            raise StageError(
-                f"{label} has poses of {sorted(episode.poses)}; {self.path} expects {sorted(self.objects)}"
-            )
-        if set(episode.extras) != set(self.extra_names):
-            raise StageError(
-                f"{label} has depth and segmentation {sorted(episode.extras)}; "
-                f"{self.path} expects {sorted(self.extra_names)}"
-            )
         conditions = self.attrs.get("conditions")
-        if (
-            conditions is not None
-            and list(names := episode.judged.names if episode.judged else ()) != conditions
+        judges = list(episode.judged.names if episode.judged else ())
+        told, expected = ("some", "no") if episode.executed is not None else ("no", "some")
+        for what, found, wanted in (
+            ("has images of", sorted(episode.images), sorted(self.cameras)),
+            ("has poses of", sorted(episode.poses), sorted(self.objects)),
+            ("has depth and segmentation", sorted(episode.extras), sorted(self.extra_names)),
+            ("is judged by", judges, judges if conditions is None else conditions),
         ):
-            raise StageError(f"{label} is judged by {list(names)}; {self.path} expects {conditions}")
+            if found != wanted:
+                raise StageError(f"{label} {what} {found}; {self.path} expects {wanted}")
         if (episode.executed is not None) != self.disturbed:
-            found, expected = ("no", "some") if self.disturbed else ("some", "no")
             raise StageError(
-                f"{label} has {found} executed actions of its own; {self.path} expects {expected}"
+                f"{label} has {told} executed actions of its own; {self.path} expects {expected}"
             )
 
     def close(self) -> None:
@@ -245,9 +235,7 @@ class Store:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __del__(self) -> None:
