@@ -43,8 +43,6 @@ def register_all_tasks() -> None:
 
 
 class _Told(KeyboardInterrupt):
-    """A signal told this process to end."""
-
     def __init__(self, number: int) -> None:
         self.number = signal.Signals(number)
 
@@ -91,7 +89,6 @@ def guarded(job: Callable[[], None]) -> int:
 
 
 def _without_release(arguments: list[str]) -> list[str]:
-    """The arguments, with what a release among them says in its place, before Hydra sees them."""
     if not any("released" in each for each in arguments):
         return arguments  # help and a wrong argument are answered without torch
     from rf_exp.release import unpacked
@@ -102,8 +99,7 @@ def _without_release(arguments: list[str]) -> list[str]:
 def settled(config: DictConfig) -> dict[str, Any]:
     """The composed configuration as plain values.
 
-    Raises ArgumentError for a task whose words stand elsewhere, in the environment for instance: they go into
-    pages and data that others read.
+    Raises ArgumentError for a task whose words stand elsewhere, as in the environment: others read them.
     """
     from rf_exp.tasks import check_words  # with all that things are made of, which help does without
 
@@ -212,7 +208,6 @@ def _first_line(error: Exception) -> str:
 
 
 def _out_of_memory(error: Exception) -> bool:
-    """Python, NumPy, torch, Vulkan and the loader of shared libraries have words of their own for it."""
     words = ("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory")
     words = (*words, "OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc")
     words = (*words, "failed to map segment from shared object", "can't start new thread")

@@ -102,10 +102,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def imports(modules: Iterable[str] = MODULES) -> tuple[Check, Check]:
-    """Import the native modules in a process of its own, and ask torch for a GPU.
-
-    Returns the checks `imports` and `gpu`. A module that ends the process is the one named.
-    """
+    """The checks `imports`, in a process of its own, and `gpu`; a module that ends the process is named."""
     wanted = tuple(modules)
     code = (
         "import importlib, sys\n"
@@ -179,7 +176,7 @@ def disk(out: Path = Path("outputs")) -> Check:
 
 
 def _written(folder: Path) -> tuple[Path, str]:
-    """The first folder above that is there, and, where nothing can be written into it, words for that."""
+    """The first folder above that is there, and why nothing can be written into it."""
     folder = folder.absolute()
     while not os.path.exists(folder):  # False too where it may not be looked at
         folder = folder.parent
@@ -223,7 +220,6 @@ def configuration() -> Check:
 
 
 def _composed(overrides: list[str]) -> Any:
-    """The configuration with these overrides, resolved. Raises what Hydra raises."""
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
 

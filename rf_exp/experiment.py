@@ -128,7 +128,6 @@ class Experiment:
         self._check_pictures()
 
     def _check_pictures(self) -> None:
-        """Nothing is asked for that needs pictures where none are made."""
         looks = self.policy.encoder.pictures and self.foreign is None
         if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(

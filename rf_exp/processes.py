@@ -164,10 +164,7 @@ _idle: list["_Child"] = []  # who waits for the next jobs
 
 
 def end_with_parent() -> None:
-    """This process is killed when the one that started it ends, whatever ends that; now if it has ended.
-
-    For children of multiprocessing; in any other process this does nothing.
-    """
+    """This process, a child of multiprocessing, is killed when the one that started it ends, or now."""
     parent = parent_process()
     if parent is None:
         return

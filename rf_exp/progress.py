@@ -88,7 +88,6 @@ class Progress:
 
 
 def _bar(title: str, total: int, done: int) -> Bar:
-    """A bar for a terminal, of one task; not shown before it is started."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),

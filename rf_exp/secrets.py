@@ -59,10 +59,7 @@ def _checked(url: str, schemes: Collection[str], what: str, more: str, expected:
 
 
 def refuse_keys(arguments: Sequence[str]) -> None:
-    """Raises ArgumentError for command line arguments that hold a key.
-
-    To be called before Hydra, which writes every argument below `outputs/runs/`.
-    """
+    """Raises ArgumentError for arguments with a key, before Hydra writes them below `outputs/runs/`."""
     for argument in arguments:
         name, _, value = argument.lstrip("+~").partition("=")
         last = name.rsplit(".", 1)[-1].rsplit("/", 1)[-1].lower()

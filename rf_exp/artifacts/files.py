@@ -114,7 +114,6 @@ def sweep(folder: Path) -> None:
 
 
 def _draft(path: Path) -> tuple[Path, int]:
-    """A new draft folder for `path` and the lock that says that it is in use."""
     while True:
         folder = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
         folder.mkdir()
@@ -137,10 +136,7 @@ def _to_disk(path: Path) -> None:
 
 
 def hold(descriptor: int, wait: bool = False) -> bool:
-    """Takes the lock of an open file or folder; False where another process has it, unless one may `wait`.
-
-    Raises OSError for a file system without locks, where it waits.
-    """
+    """Takes the lock of an open file or folder; False, or one may `wait`, where another process has it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -151,10 +147,7 @@ def hold(descriptor: int, wait: bool = False) -> bool:
 
 
 def hold_folder(folder: Path, wait: bool = False) -> int | None:
-    """A descriptor that holds the lock of a folder until it is closed; None where another process has it.
-
-    Raises OSError where there is no such folder.
-    """
+    """A descriptor that holds the lock of a folder until it is closed; None where another process has it."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         if hold(descriptor, wait):
@@ -168,10 +161,7 @@ def hold_folder(folder: Path, wait: bool = False) -> int | None:
 
 @contextmanager
 def locked(path: Path, what: str) -> Iterator[None]:
-    """Holds the lock of a file; where another process has it, says so, and for whom it waits.
-
-    Raises OSError where there can be no such file.
-    """
+    """Holds the lock of a file; where another process has it, says so. Raises OSError."""
     with path.open("a+") as file:
         if not hold(file.fileno()):
             file.seek(0)
@@ -190,9 +180,9 @@ def locked(path: Path, what: str) -> Iterator[None]:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Adds a line of JSON, durably. Any number of processes may do so to one file at a time.
+    """Adds a line of JSON, durably; one that a crash left unfinished is removed first. Raises OSError.
 
-    A line that a crash left unfinished is removed first. Raises OSError when the file cannot be written.
+    Any number of processes may do so to one file at a time.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     with open(path, "a+b", buffering=0) as file:
@@ -212,17 +202,14 @@ def append_line(path: Path, line: bytes) -> None:
 
 
 def read_lines(path: Path) -> tuple[list[bytes], bool]:
-    """The lines of a file, and whether behind them is one that a crash left unfinished.
-
-    Raises OSError when it cannot be read.
-    """
+    """The lines of a file, and whether a crash left an unfinished one behind them. Raises OSError."""
     *lines, tail = path.read_bytes().split(b"\n")
     torn = _torn(tail) if tail else False
     return lines if torn or not tail else [*lines, tail], torn  # a whole one may lack its line end
 
 
 def _torn(tail: bytes) -> bool:
-    """Whether a last line without its end is the beginning of one, and not a whole one with a damaged end."""
+    """Whether a last line without its end is the beginning of one, and not one with a damaged end."""
     for end in (len(tail), -1):
         try:
             json.loads(tail[:end])

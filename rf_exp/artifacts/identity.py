@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def plain(value: object) -> Any:
-    """The value as it comes back from JSON: dataclasses as objects, tuples as lists, numpy as plain numbers.
+    """The value as it comes back from JSON: dataclasses as objects, tuples and arrays as lists.
 
     Raises ArgumentError for what JSON cannot hold, NaN and infinity included.
     """
@@ -89,10 +89,7 @@ def digest(value: object) -> str:
 
 
 def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
-    """The values but for those that say nothing: an artifact does not name what it lacks.
-
-    So what came later, and is not used, changes no identity.
-    """
+    """The values but for those that say nothing: so what came later, and is not used, changes no identity."""
     return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
 
 
@@ -146,10 +143,7 @@ def _text(leaves: Mapping[str, Any], key: str) -> str:
 
 @cache
 def commit(checkout: Path = CHECKOUT) -> str:
-    """The git commit of the code that runs, with a + where files were changed since.
-
-    Empty where the code is no checkout, or git does not answer.
-    """
+    """The git commit of the code, with a + where files were changed since; empty where git gives none."""
     if not (checkout / ".git").exists():  # installed; a repository further up is somebody else's
         return ""
     command = ["git", "--no-optional-locks", "-C", str(checkout), "describe"]

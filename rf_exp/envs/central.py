@@ -71,7 +71,7 @@ def environment_id(name: str) -> str:
 def register(path: str | Path) -> str:
     """Registers the task of a YAML file with Gymnasium; the name for `gymnasium.make`.
 
-    Modules that the file names (`code`, assets) must be importable. Raises ArgumentError as `find_task`.
+    Modules that it names (`code`, assets) must be importable. Raises ArgumentError as `find_task`.
     """
     return _register(find_task(Path(path)).name, str(Path(path).resolve()))
 

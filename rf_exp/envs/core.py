@@ -92,8 +92,7 @@ class EpisodeCore:
     def step(self, action: ArrayLike) -> None:
         """One control step (50 ms): (N, A) joint targets in rad, grippers; clipped to the action space.
 
-        Raises ArgumentError for another shape and for values that are not finite, ResetNeeded where there
-        is no episode.
+        Raises ArgumentError for what is no such array, ResetNeeded where there is no episode.
         """
         episode = self._episode
         if self._world is None or episode is None or episode.success or episode.truncated:
@@ -221,10 +220,7 @@ def configured() -> tuple[str, ...]:
 
 
 def find_task(task: str | Path | Task) -> Task:
-    """A task by its name, the path of its YAML file, or itself.
-
-    Raises ArgumentError for a name or a file that is not there, and for a file that is no task.
-    """
+    """A task by its name, the path of its YAML file, or itself. Raises ArgumentError."""
     if isinstance(task, Task):
         return task
     if str(task) in configured():

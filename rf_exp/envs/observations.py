@@ -58,12 +58,10 @@ def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Di
 
 
 def _own_first(task: Task, agent: int) -> tuple[int, ...]:
-    """All agents, this one first."""
     return (agent, *(other for other in task.agents if other != agent))
 
 
 def _qpos_space(task: Task, order: Sequence[int]) -> spaces.Box:
-    """(agents, D) of these agents, one behind the other."""
     bounds = np.zeros((2, len(order), task.dof + FINGERS))
     for row, agent in enumerate(order):
         model = task.robots[agent - 1].model

@@ -58,10 +58,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Of, Of]:
-        """The scene of exactly this seed, as in the rest of the suite; else the next one drawn.
-
-        `info["seed"]` tells which. There are no `options`.
-        """
+        """The scene of exactly this seed, else the next one drawn; info tells which."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
         self.core.reset(seed, self._rng)
@@ -69,10 +66,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         return self._observed(), self._infos()
 
     def step(self, actions: Of) -> tuple[Of, dict[str, float], dict[str, bool], dict[str, bool], Of]:
-        """One control step, 50 ms: what each agent observes, its reward, terminated, truncated, info.
-
-        Raises ArgumentError unless there is an action for each agent.
-        """
+        """Observations, rewards, terminated, truncated, infos. Raises ArgumentError for a missing action."""
         agents = self.possible_agents
         if self.agents and actions.keys() != self._own.keys():
             raise ArgumentError(f"actions of {sorted(actions)}; expected one of each of {agents}")

@@ -18,10 +18,7 @@ HOME = "in the place of ~ the shell has not put your home; write $HOME"
 
 
 def arranged(arguments: Sequence[str]) -> list[str]:
-    """The arguments with Hydra's flags first, wherever they stood.
-
-    Raises ArgumentError for flags that are not there or exclude one another, and for what Hydra cannot read.
-    """
+    """The arguments with Hydra's flags first. Raises ArgumentError for flags and values it cannot take."""
     parser = get_args_parser()
     parser.error = _refuse_flags  # pyright: ignore[reportAttributeAccessIssue]
     given = parser.parse_intermixed_args(list(arguments))

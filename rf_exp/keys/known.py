@@ -113,7 +113,6 @@ def possible(node: Any, keys: Any, at: Key = ()) -> Iterator[str]:
 
 
 def _of_task(task: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys that a task's own file decides: its thresholds, and its cameras, one for each agent."""
     return {
         "success": dict.fromkeys(task.get("success", ())),
         "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
@@ -131,7 +130,6 @@ def _entries(kind: Any, *without: str) -> Entries:
 
 
 def _below(kind: Any) -> Any:
-    """The keys below a field of a type."""
     arguments = get_args(kind)
     if is_dataclass(kind):
         return _fields(kind)

@@ -168,7 +168,6 @@ class Workcell:
         self._settings = Settings.configured(self.task, constraint_set, Said(Proposal((), ())), **changes)
 
     def __str__(self) -> str:
-        """What there is, in words."""
         arms = zip(self.task.agents, self._stock.arms, strict=True)
         lines = [f"{agent_name(agent)}: {arm.name} at {_at(arm.world_from_base)}" for agent, arm in arms]
         for name, pose in self.scene().poses.items():
@@ -247,7 +246,6 @@ def _robot(arm: Arm) -> ReadRobot:
 
 
 def _below(assets: Mapping[str, Asset], poses: Mapping[str, Matrix]) -> dict[str, str]:
-    """What stands on another object -> that object."""
     corners = {name: asset.vertices(poses[name]) for name, asset in assets.items() if asset.hulls}
     outlines = {name: MultiPoint(each[:, :2]).convex_hull for name, each in corners.items()}
     return {

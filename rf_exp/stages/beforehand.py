@@ -21,10 +21,7 @@ COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures t
 
 
 def check_folders(experiment: Experiment) -> None:
-    """Makes the folders of the chosen stages before any work, so that none of it is lost.
-
-    Raises ArgumentError naming one that cannot be used.
-    """
+    """Makes the folders of the chosen stages. Raises ArgumentError naming one that cannot be used."""
     stages, found = set(experiment.stages), {experiment.out}
     for cell in cells(experiment):
         if "generate" in stages:

@@ -241,10 +241,7 @@ def owned(
 def same_configuration(
     artifact: Path, configuration: Mapping[str, Any], made: bool, also: Sequence[Path] = ()
 ) -> None:
-    """Records beside an artifact that is not `made` yet what it will be made of; compares one that is.
-
-    Raises StageError naming what differs and all that has to go before it can be made anew.
-    """
+    """Records of what an artifact will be `made`, or compares. Raises StageError naming what differs."""
     record = configuration_file(artifact)
     if not made:
         write_json(record, configuration)
@@ -259,10 +256,7 @@ def same_configuration(
 def continued(
     path: Path, identity: Mapping[str, Any], source: Store, task: Task, description: Description | None
 ) -> Store:
-    """A store for writing with the arrays of another, of the same task: the one that is there, or a new one.
-
-    Raises StageError where it was made of another configuration than `identity`.
-    """
+    """A store for writing, with the arrays of another: the one of `identity` that is there, or a new one."""
     if path.exists():
         return Store.open(path, identity, writable=True)
     of = source.attrs

@@ -141,7 +141,7 @@ def evaluate_policies(cell: Cell) -> None:
 
 
 def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> None:
-    """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
+    """Recordings and films that are missing: same seed, same rollout, once more."""
     experiment, scene = cell.experiment, scene_of(cell, policies)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
@@ -238,7 +238,6 @@ def evaluate_scene(
 def _observers(
     stack: ExitStack, world: Simulator, seed: int, record: Path | None, film: Path | None
 ) -> "list[recording.RolloutRecorder | recording.RolloutFilm]":
-    """Those who record and film a rollout of a world, for as long as the stack is open."""
     task, observers = world.task, []
     if record is not None:
         draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"

@@ -31,9 +31,7 @@ HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gi
 
 
 def generate_data(cell: Cell) -> int:
-    """`demos` successes, or all of `episodes` consecutive seeds; continues where it stopped.
-
-    Returns how many demonstrations there are.
+    """How many there are of `demos` successes, or of `episodes` seeds in a row; goes on where it stopped.
 
     Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
     """
@@ -71,7 +69,6 @@ def why_seeds_failed(experiment: Experiment) -> str:
 
 
 def _commonest(rows: Iterable[GenerationRow]) -> str:
-    """The reasons of the rows that failed, the most common first, each with how many it has."""
     kinds = Counter(row.account.kind for row in rows if not row.success)
     told = [f"{count} of {kinds.total()}: {kind}" for kind, count in kinds.most_common(COMMONEST)]
     rest = len(kinds) - len(told)
@@ -220,7 +217,6 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
 
 
 def _described(task: Task, pictures: Pictures, cameras: Sequence[str], extras: Extras) -> Description:
-    """What a store says of demonstrations of `task` that are seen by these cameras."""
     scene = task.start(0).scene
     return Description(
         language={key: getattr(task, key) for key in ("title", "description", "target_condition")},

@@ -80,10 +80,7 @@ class Rates:
 
 @contextmanager
 def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapping[str, float]], None]]:
-    """A function that logs figures at a step. What logs nothing gets no run.
-
-    Raises ArgumentError where its folder cannot be made, StageError where the service refuses the run.
-    """
+    """A function that logs figures at a step. What logs nothing gets no run."""
     experiment = cell.experiment
     if experiment.wandb == "disabled":
         yield lambda step, figures: None

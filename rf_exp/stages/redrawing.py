@@ -51,7 +51,6 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
 
 
 def _fill(store: Store, source: Store, task: Task, copies: int) -> None:
-    """Append what lacks."""
     missing = range(len(store), len(source) * copies)
     if not missing:
         return

@@ -39,11 +39,9 @@ SAVING_S = 20.0  # a training that is told to end may take so long for its last 
 
 
 def train_policies(cell: Cell) -> None:
-    """One policy for each view of the architecture, from the first `demos` episodes.
+    """One policy for each view of the architecture, from the first `demos` episodes, anew in each round.
 
-    Then anew for each round in which the expert corrects them, from its corrections as well. Each policy in a
-    process of its own: on a CPU they are trained side by side, as a small network gains little from a second
-    core.
+    Each in a process of its own: on a CPU side by side, as a small network gains little from a second core.
     """
     for rounds in range(cell.experiment.dagger.rounds + 1):
         now = cell.after(rounds)
@@ -86,7 +84,6 @@ def _follow(followers: Sequence[Follower], progress: Progress) -> None:
 def _train(
     data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
 ) -> None:
-    """One policy, in the process it is called in, which holds the right to make it itself."""
     torch.set_num_threads(threads)
     with owned(folder):
         train(
@@ -111,9 +108,9 @@ def demonstrations(cell: Cell) -> tuple[Path, int]:
 
 
 def correct(cell: Cell) -> None:
-    """The data set of a round of correction: that of the round before, and the expert's corrections.
+    """The data set of the round before, and the expert's corrections. Goes on where it stopped.
 
-    Continues where it stopped. Raises StageError where the policies of the round before were made otherwise.
+    Raises StageError where the policies of the round before were made otherwise.
     """
     experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
     before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
@@ -157,7 +154,6 @@ def correct(cell: Cell) -> None:
 def _corrected(
     act: Callable[..., tuple[Rollout, float]], expert: Callable[..., Outcome], seed: int
 ) -> Outcome:
-    """A rollout in this process and, if it is lost, what the expert makes of it."""
     steps: list[RolloutStep] = []
     rolled, wall_s = act(seed, watch=steps.append)
     if rolled.success:

@@ -14,10 +14,9 @@ from rf_exp.types import Episode
 
 
 class Damaged:
-    """A store that `Store.open` may refuse, read as far as it goes: attributes, ends, then each episode.
+    """A store that `Store.open` may refuse, read as far as it goes.
 
-    The shapes and types of its arrays follow from its attributes, so that only the files with the rows
-    themselves have to be whole.
+    Its attributes say which arrays there are, so that only the files with their rows have to be whole.
     """
 
     def __init__(self, path: Path, frame: Path) -> None:
@@ -41,10 +40,7 @@ class Damaged:
         )
 
     def seed(self, index: int) -> int:
-        """As it is stored or, where that cannot be read, as the row of the certificate says.
-
-        Raises Damage where neither can be read.
-        """
+        """As it is stored or, where that is lost, as the row of the certificate says. Raises Damage."""
         try:
             return int(self._read("meta/seed", index, index + 1)[0])
         except Damage:

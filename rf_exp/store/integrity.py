@@ -47,10 +47,7 @@ class Damage(StageError):
 
 @contextmanager
 def blames(path: Path, what: str, rescuable: bool = True) -> Iterator[None]:
-    """Turns whatever a decoder raises on damaged bytes into a Damage that names the array.
-
-    Where the system gives no access, or no memory, nothing is damaged: that is another StageError.
-    """
+    """Turns what a decoder raises on damaged bytes into Damage, and lack of access or memory into another."""
     try:
         yield
     except RfError:
@@ -80,10 +77,7 @@ def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
 
 
 def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, Any]]:
-    """The group of a store and its attributes, checked.
-
-    Raises Damage for attributes that are lost, StageError for what is no store, or one of another format.
-    """
+    """The group of a store and its checked attributes. Raises Damage, StageError for other things."""
     with blames(path, "it has no attributes that can be read", rescuable=False):
         refuse_other_kinds(path)
         group = zarr.open_group(path, mode=mode, zarr_format=3)
@@ -93,7 +87,6 @@ def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, 
 
 
 def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
-    """Raises Damage for attributes that are missing or cannot be, StageError for those of another format."""
     for key, readable in (("format", FORMAT), ("control_hz", CONTROL_HZ)):
         if attributes.get(key, readable) != readable:
             raise StageError(
@@ -111,7 +104,6 @@ def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
 
 
 def _maker(attributes: Mapping[str, Any]) -> str:
-    """Which version has made a store, as far as it says so."""
     versions, commit = attributes.get("versions"), printable(attributes.get("commit") or "unknown")
     version = versions.get("rf_exp") if isinstance(versions, Mapping) else None
     return f"rf_exp {printable(version or 'of unknown version')}, commit {commit}"
@@ -126,10 +118,9 @@ def times_stored(identity: object) -> int:
 def check_rows(
     path: Path, group: zarr.Group, attributes: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Shapes, types, lengths, all states, and one picture from every file.
+    """The row after the last of each episode (E,) and its seed (E,), once all states and files are checked.
 
-    Returns the row after the last of each episode (E,) and its seed (E,). Raises StageError that says what is
-    damaged.
+    Raises StageError that says what is damaged.
     """
     arrays = _arrays(path, group, attributes)
     episodes = arrays["meta/episode_ends"].shape[0]
@@ -152,7 +143,6 @@ def check_rows(
 
 
 def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dict[str, zarr.Array[Any]]:
-    """All arrays of the layout, of the shapes and types that it says."""
     arrays = {}
     for name, (shape, dtype) in layout(attributes).items():
         with blames(path, f"{name} is missing or cannot be opened"):
@@ -257,7 +247,6 @@ def _zarr(version: int, node: str, path: Path, file: str) -> str:
 
 
 def _arrays_of(group: Path, file: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """Name and shape of the arrays of a group and of its groups."""
     for path in sorted([*group.glob(f"*/{file}"), *group.glob(f"*/*/{file}")]):
         shape = _json(path).get("shape")
         if isinstance(shape, list):
@@ -265,7 +254,6 @@ def _arrays_of(group: Path, file: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
 
 
 def _is_ours(said: dict[str, Any]) -> bool:
-    """Whether the metadata of a group have attributes of ours."""
     attributes = said.get("attributes")
     return isinstance(attributes, dict) and any(name in attributes for name in OURS)
 
@@ -281,7 +269,6 @@ def _folder(path: Path) -> str:
 
 
 def _json(file: Path) -> dict[str, Any]:
-    """The object in a JSON file; empty where there is none."""
     try:
         found = json.loads(file.read_bytes())
     except (OSError, ValueError, RecursionError):

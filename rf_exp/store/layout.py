@@ -245,10 +245,7 @@ def is_picture(name: str) -> bool:
 
 
 def chunking(name: str) -> tuple[int, int | None]:
-    """(rows of a chunk, which are compressed together and checked by one sum; rows of a file of such chunks).
-
-    None for a file is one that is a chunk itself.
-    """
+    """(rows that are compressed together, with one sum; rows of a file of such chunks, None: the same)."""
     if is_picture(name):
         return PICTURE_CHUNK, PICTURE_SHARD
     if name == "meta/certificate":
@@ -257,10 +254,7 @@ def chunking(name: str) -> tuple[int, int | None]:
 
 
 def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
-    """A new store without episodes, with all attributes of another, also those that say who made it.
-
-    Raises OSError where nothing can be created there.
-    """
+    """A store without episodes, with all attributes of another. Raises OSError where it cannot be made."""
     with whole(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():

@@ -17,8 +17,7 @@ PROVENANCE = ("commit", "versions")  # as when episodes are appended: those of w
 def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
     """(seed, store, index in it) of every episode, in the order of their seeds.
 
-    Raises StageError for stores of different configurations, naming what differs, and for seeds that two of
-    them hold.
+    Raises StageError for stores that were made differently, or that hold one seed twice.
     """
     first = stores[0]
     for other in stores[1:]:
@@ -44,10 +43,9 @@ def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
 
 
 def merge(stores: Sequence[Store], to: Path, advance: Callable[[], object] = lambda: None) -> None:
-    """Writes the store `to`, as if it had been made in one go: the same bytes. It is there as a whole or not.
+    """Writes the store `to`, whole, as if it had been made in one go: the same bytes; and its card beside it.
 
-    Its card lies beside it, and is there when the store is. `advance` is called after each episode. Raises
-    StageError as `merge_order` does, and where `to` exists; OSError where it cannot be written.
+    `advance` is called after each episode. Raises StageError as `merge_order` does, and where `to` exists.
     """
     if to.exists():
         raise StageError(f"{to} exists already; nothing is written over it: name another store")

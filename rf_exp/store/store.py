@@ -25,10 +25,7 @@ PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "t
 
 
 class Store:
-    """Demonstrations of one task made by one configuration, in the order they were stored.
-
-    Open it with `create` or `open`.
-    """
+    """Demonstrations of one task made by one configuration, in their order. `create` or `open` one."""
 
     def __init__(self, path: Path, group: zarr.Group, attributes: dict[str, Any]) -> None:
         self.path = path
@@ -55,16 +52,12 @@ class Store:
     ) -> Self:
         """A new, empty store, opened for writing.
 
-        `identity` is the configuration that makes the data, as plain JSON values; `task`, `version`
-        (of the success criteria) and `generator` (version of the code) in it become attributes of
-        their own, beside the commit of the code. Pictures are (height, width, 3); without cameras
-        both may be 0. `disturbed` demonstrations were executed otherwise than intended. With a
-        `description` the store also holds times, the values of the conditions of success, and the
-        depth and segmentation that it speaks of. `robots` are those of the agents; without them all are
-        the usual one.
+        `identity` is the configuration that makes the data, as plain JSON values. Pictures are (height,
+        width, 3), 0 without cameras. `disturbed` demonstrations were executed otherwise than intended. With a
+        `description` the store also holds times, the conditions of success, depth and segmentation. Without
+        `robots` all are the usual one.
 
-        Raises StageError when `path` exists or the disk is full, ArgumentError when nothing can be
-        created there.
+        Raises StageError when `path` exists or the disk is full, ArgumentError where nothing can be made.
         """
         path, configuration = Path(path), plain(identity)
         if path.exists():
@@ -106,10 +99,8 @@ class Store:
     ) -> Self:
         """An existing store, checked: layout, shapes, types, ends, seeds, and that every file answers.
 
-        With `identity`, the store must have been made from exactly that configuration. With
-        `writable`, the store is locked and rows of an interrupted append are cut off.
-
-        Raises StageError saying what is damaged or different, and what to do, or that it is no store.
+        It must have been made by `identity`, if that is given. A writable one is locked, and rows of an
+        interrupted append are cut off. Raises StageError saying what is damaged or different, and what to do.
         """
         path = Path(path)
         store = cls(path, *opened(path, "r+" if writable else "r"))
@@ -129,7 +120,6 @@ class Store:
         return store
 
     def _cut(self) -> None:
-        """Removes what an interrupted append left behind."""
         for name in layout.layout(self.attrs):
             array = self._array(name)
             committed = self.steps if name.startswith("data/") else len(self)
@@ -141,7 +131,7 @@ class Store:
     def append(self, episode: Episode) -> None:
         """Store one more episode; when this returns it is there, when it raises it is not.
 
-        Raises StageError for an episode that does not fit this store, and when the disk is full.
+        Raises StageError for one that does not fit, and when the disk is full.
         """
         if self._lock is None:
             raise StageError(f"{self.path} is open for reading; open it with writable=True to append")
@@ -166,10 +156,7 @@ class Store:
             self.__dict__.pop(name, None)  # read again when asked for
 
     def _rows_of(self, episode: Episode) -> dict[str, NDArray[Any]]:
-        """Array name -> the rows that an episode adds, in the order in which they have to be written.
-
-        Raises StageError for an episode that does not fit the store.
-        """
+        """Array name -> the rows that an episode adds, in the order of writing. Raises StageError."""
         label, steps = f"episode of seed {episode.seed}", len(episode.qpos)
         self._require_fit(episode, label)
         data: dict[str, Any] = {"qpos": episode.qpos, "qvel": episode.qvel, "action": episode.action}
@@ -201,7 +188,6 @@ class Store:
         }
 
     def _require_fit(self, episode: Episode, label: str) -> None:
-        """Task, seed, cameras, objects and what was executed, all as the store has them."""
         if episode.task != (task := self.attrs["task"]) and isinstance(task, str):
             raise StageError(f"{label} is of task {episode.task!r}; {self.path} holds {task!r}")
         times = times_stored(self.identity)
@@ -242,7 +228,6 @@ class Store:
         self.close()
 
     def __len__(self) -> int:
-        """Number of episodes."""
         return len(self._ends)
 
     @property
@@ -255,10 +240,7 @@ class Store:
         return np.split(values[: self.steps], self.episode_ends[:-1])
 
     def first(self, episodes: int) -> Self:
-        """The same store, for reading, as if it held only its first episodes.
-
-        Raises ArgumentError when it holds fewer.
-        """
+        """The same store, for reading, as if it held its first episodes alone. Raises ArgumentError."""
         if not 0 <= episodes <= len(self):
             raise ArgumentError(f"{self.path} holds {len(self)} episodes; {episodes} were asked for")
         part = type(self)(self.path, self._group, self.attrs)
