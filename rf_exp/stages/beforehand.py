@@ -9,13 +9,13 @@ from typing import Any
 
 import yaml
 
-from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows
+from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.artifacts import leaves
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
 from rf_exp.policy import MODEL
 from rf_exp.progress import console
-from rf_exp.stages.cell import cells
+from rf_exp.stages.cell import cells, known_rows
 
 COSTS = Path(__file__).with_name("costs.yaml")  # benchmarks/costs.py measures them
 
@@ -83,7 +83,7 @@ def foretold(experiment: Experiment) -> str:
     policy_s += sum(step_s * (said.get(key) or 0) for key, step_s in learning_s.items())
     left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
     for cell in cells(experiment):
-        cost, tried = known["tasks"][cell.task.name], _read(cell.generation_path, GenerationRow)
+        cost, tried = known["tasks"][cell.task.name], known_rows(cell.generation_path, GenerationRow)
         seeds, demos = experiment.episodes, experiment.demos
         left = demos - sum(each.success for each in tried) if seeds is None else seeds - len(tried)
         left_s["generate"] += cost["demonstration_s"] * max(0, left)
@@ -92,9 +92,9 @@ def foretold(experiment: Experiment) -> str:
             policies = [now.policy_path / view.name / MODEL for now in rounds for view in now.views]
             left_s["train"] += policy_s * sum(not path.exists() for path in policies)
             for now in rounds[1:]:
-                rolled = _read(now.correction_path, GenerationRow)
+                rolled = known_rows(now.correction_path, GenerationRow)
                 left_s["train"] += cost["scene_s"] * max(0, experiment.dagger.rollouts - len(rolled))
-            seen = [each.train_seed for each in _read(learned.evaluation_path, EvaluationRow)]
+            seen = [each.train_seed for each in known_rows(learned.evaluation_path, EvaluationRow)]
             missing = experiment.scenes - seen.count(experiment.train_seed)
             left_s["evaluate"] += cost["scene_s"] * max(0, missing)
     left_s = {stage: each for stage, each in left_s.items() if each and stage in experiment.stages}
@@ -104,10 +104,6 @@ def foretold(experiment: Experiment) -> str:
     parts = ", ".join(f"{stage} {_time(each)}" for stage, each in left_s.items())
     workers = f"{experiment.workers} worker{'s' * (experiment.workers > 1)}"
     return f"about {_time(total_s / experiment.workers)} with {workers} ({parts} of one core)"
-
-
-def _read(path: Path, kind: Any) -> tuple[Any, ...]:
-    return read_rows(path, kind) if path.exists() else ()
 
 
 def _time(seconds: float) -> str:

@@ -10,9 +10,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from rf_exp.ablation import rows_file
+from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows, rows_file
 from rf_exp.artifacts import (
     configuration_file,
     expect_same,
@@ -30,6 +30,8 @@ from rf_exp.policy import SHIELD_VERSION, View, views
 from rf_exp.store import Description, Store
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, ConstraintSet, Pictures
+
+R = TypeVar("R", GenerationRow, EvaluationRow)
 
 
 @dataclass(frozen=True)
@@ -211,6 +213,11 @@ def cells(experiment: Experiment) -> Iterator[Cell]:
     """The cells of an experiment, each task under each of its sets of constraints; without architectures."""
     for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
         yield Cell(experiment, task, constraint_set)
+
+
+def known_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
+    """The rows in a file; none where it is not there yet."""
+    return read_rows(path, kind) if path.exists() else ()
 
 
 @contextmanager

@@ -43,7 +43,7 @@ from rf_exp.policy import (
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.sim import Simulator, shared_simulator
-from rf_exp.stages.cell import Cell, owned, same_configuration
+from rf_exp.stages.cell import Cell, known_rows, owned, same_configuration
 from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import SuccessEvaluator, Task, drawn_of
 from rf_exp.types import CONTROL_DT_S, Pictures, Rollout, RolloutStep
@@ -106,7 +106,7 @@ def evaluate_policies(cell: Cell) -> None:
     experiment, task, path = cell.experiment, cell.task, cell.evaluation_path
     policies, made = acting(cell), learned(cell)
     with owned(path, cell.evaluation_identity(policies.step_limit)):
-        known = read_rows(path, EvaluationRow) if path.exists() else ()
+        known = known_rows(path, EvaluationRow)
         of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, made.provenance, there, [path])
@@ -153,21 +153,13 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
     jobs: list[Callable[[], Any]] = []
     for seed in sorted({*recorded, *filmed}):
         record = cell.recording_path(stage, seed)
-        film = record.with_suffix(FILM)
-        wanted = [record] if seed in recorded else []
-        wanted += [film, record.with_suffix(PICTURE)] if seed in filmed else []
-        missing = [path for path in wanted if not path.exists()]
-        if not missing:
-            continue
-        looks.append((seed, missing))
-        jobs.append(
-            partial(
-                scene,
-                seed,
-                record=record if record in missing else None,
-                film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
-            )
-        )
+        film, picture = record.with_suffix(FILM), record.with_suffix(PICTURE)
+        wanted = [record] * (seed in recorded) + [film, picture] * (seed in filmed)
+        if missing := [path for path in wanted if not path.exists()]:
+            looks.append((seed, missing))
+            to_record = record if record in missing else None
+            to_film = film if {film, picture} & {*missing} else None
+            jobs.append(partial(scene, seed, record=to_record, film=to_film))
     made = in_order(jobs, experiment.workers, experiment.seed_limit_s)
     for (seed, missing), look in zip(looks, made, strict=True):
         if isinstance(look, Timeout):

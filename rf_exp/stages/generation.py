@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,7 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.sim import close_shared_simulator, shared_simulator
-from rf_exp.stages.cell import Cell, cells, owned
+from rf_exp.stages.cell import Cell, cells, known_rows, owned
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Description, Store, card
@@ -42,14 +41,13 @@ def generate_data(cell: Cell) -> int:
     with owned(rows_path, cell.generation_identity, [path]), owned(path), _store(cell) as store:
         pictures = _pictures(cell, store.cameras)
         enough = None if experiment.episodes else experiment.demos
-        logged = partial(rate_log, cell, "generate")
         if experiment.launch.engine == HERE:
             make = partial(make_episode, cell.settings, pictures, extras=experiment.store)
             source = partial(attempts, cell, make)
         else:
             pictured = replace(cell, experiment=replace(experiment, pictures=pictures))
             source = Shards(pictured, generate_data).attempts
-        made = collect(title, store, rows_path, span, enough, source, logged)
+        made = collect(cell, "generate", store, rows_path, span, enough, source)
         keep_text(path.with_suffix(".md"), card(store))
         _record(cell, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
@@ -63,7 +61,7 @@ def generate_data(cell: Cell) -> int:
 def why_seeds_failed(experiment: Experiment) -> str:
     """The reasons for which most seeds failed, with counts, and where all of them are."""
     paths = [cell.generation_path for cell in cells(experiment)]
-    rows = [row for path in paths if path.exists() for row in read_rows(path, GenerationRow)]
+    rows = [row for path in paths for row in known_rows(path, GenerationRow)]
     where = paths[0] if len(paths) == 1 else experiment.out / "results" / "generate"
     return f"{_commonest(rows)}; the rows are in {where}"
 
@@ -76,21 +74,21 @@ def _commonest(rows: Iterable[GenerationRow]) -> str:
 
 
 def collect(
-    title: str,
+    cell: Cell,
+    stage: str,
     store: Store,
     rows_path: Path,
     span: Sequence[int],
     enough: int | None,
     source: Callable[[Sequence[int], int | None], Iterator[Attempt]],
-    logged: Callable[[Iterable[GenerationRow]], AbstractContextManager[Callable[[GenerationRow], None]]],
     became: str = "succeeded",
 ) -> int:
     """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
 
-    `source` gives the attempts at some of the seeds, in their order: at all, or until so many have succeeded;
-    `logged`, from the rows that are known, who is told of the new ones. Returns how many of `span` there are.
+    `source` gives the attempts at some of the seeds, in their order: at all, or until so many have succeeded.
+    Returns how many of `span` there are.
     """
-    known = {r.seed: r for r in read_rows(rows_path, GenerationRow)} if rows_path.exists() else {}
+    title, known = cell.title(stage), {row.seed: row for row in known_rows(rows_path, GenerationRow)}
     for lost in _lost(store, span, known, rows_path):
         append_row(rows_path, lost)
         known[lost.seed] = lost
@@ -101,7 +99,8 @@ def collect(
         console.print(f"{title}: {made} demonstrations are there, nothing to do")
         return made
     unit, total, there = ("demonstrations", enough, made) if enough else ("seeds", len(span), len(tried))
-    with Progress(title, total, unit, there) as progress, logged(known.values()) as log:
+    logged = rate_log(cell, stage, known.values())
+    with Progress(title, total, unit, there) as progress, logged as log:
         missing = [seed for seed in span if seed not in tried]
         for row, episode in source(missing, None if enough is None else enough - made):
             if episode is not None:

@@ -17,12 +17,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from rf_exp.ablation import GenerationRow, read_rows
+from rf_exp.ablation import GenerationRow
 from rf_exp.artifacts import differing, digest, without, write_json
 from rf_exp.errors import StageError
 from rf_exp.launch import HERE, results
 from rf_exp.progress import console
-from rf_exp.stages.cell import Cell, owned
+from rf_exp.stages.cell import Cell, known_rows, owned
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
@@ -102,7 +102,7 @@ class Shards:
 
     def _rows(self, block: range) -> dict[int, GenerationRow]:
         path = self.piece(block).cell.generation_path
-        return {row.seed: row for row in read_rows(path, GenerationRow)} if path.exists() else {}
+        return {row.seed: row for row in known_rows(path, GenerationRow)}
 
     def _finished(self, block: range) -> bool:
         return self._rows(block).keys() == {*block}

@@ -29,7 +29,7 @@ from rf_exp.progress import Progress, console
 from rf_exp.stages.cell import Cell, continued, owned
 from rf_exp.stages.evaluation import acting, learned, scene_of
 from rf_exp.stages.generation import attempts, collect
-from rf_exp.stages.logs import Follower, curve_log, rate_log
+from rf_exp.stages.logs import Follower, curve_log
 from rf_exp.stages.redrawing import redraw
 from rf_exp.store import Store, card
 from rf_exp.types import CORRECTION, Rollout, RolloutStep
@@ -135,19 +135,10 @@ def correct(cell: Cell) -> None:
             known=usual.most_common(1)[0][0],  # the texts of the subgoals of each agent that most have
             extras=store.extras,
         )
-        act = scene_of(before, policies)
         first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
-
-        collect(
-            cell.title("correct"),
-            store,
-            rows_path,
-            range(first, first + experiment.dagger.rollouts),
-            None,
-            partial(attempts, cell, partial(_corrected, act, expert)),
-            partial(rate_log, cell, "correct"),
-            became="corrected",
-        )
+        seeds = range(first, first + experiment.dagger.rollouts)
+        made = partial(attempts, cell, partial(_corrected, scene_of(before, policies), expert))
+        collect(cell, "correct", store, rows_path, seeds, None, made, became="corrected")
         keep_text(path.with_suffix(".md"), card(store))
 
 

@@ -45,18 +45,14 @@ def _about(store: Store) -> str:
     if said is None:
         return ""
     success = "".join(f"\n- {text(name)}" for name in said.conditions)
+    steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
+    held = f"{steps:g}" if isinstance(steps, int | float) else "several"
     return (
         f"{text(said.language['description'])} {text(said.language['target_condition'])}\n\n"
         "## Success\n\n"
         f"Criteria of version {text(store.attrs['criteria_version'])}; all of them held for "
-        f"{hold_steps(store)} control steps at the end of every demonstration:\n{success}"
+        f"{held} control steps at the end of every demonstration:\n{success}"
     )
-
-
-def hold_steps(store: Store) -> str:
-    """For how many steps the conditions have to hold."""
-    steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
-    return f"{steps:g}" if isinstance(steps, int | float) else "several"
 
 
 def facts(store: Store) -> dict[str, Any]:
@@ -64,11 +60,13 @@ def facts(store: Store) -> dict[str, Any]:
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
     row = store.identity.get("constraint_set", {})
+    counted = Counter(model.title for model in store.models)
+    robots = ", ".join(f"{count} x {title}" for title, count in counted.items())
     picture = f"{store.attrs['width']} x {store.attrs['height']} px" if store.cameras else "none"
     found = {
         "task": store.attrs["task"],
         "constraints": row.get("name", "not known"),
-        "robots": f"{_robots(store)}, in simulation (ManiSkill 3, SAPIEN)",
+        "robots": f"{robots}, in simulation (ManiSkill 3, SAPIEN)",
         "episodes": len(store),
         "steps": store.steps,
         "steps an episode": f"{lengths.min()} to {lengths.max()}" if len(store) else "none",
@@ -85,11 +83,6 @@ def facts(store: Store) -> dict[str, Any]:
         name: printable(value, LONGEST_LINE) if isinstance(value, str) else value
         for name, value in found.items()
     }
-
-
-def _robots(store: Store) -> str:
-    counted = Counter(model.title for model in store.models)
-    return ", ".join(f"{count} x {title}" for title, count in counted.items())
 
 
 def _facts(store: Store) -> str:

@@ -209,9 +209,16 @@ def refuse_other_kinds(path: Path) -> None:
 def other_kind(path: Path) -> str:
     """What is there, in words; empty for a store of this project, whole or damaged."""
     if not path.is_dir():
-        return _file(path)
+        with path.open("rb") as file:
+            begins = file.read(8)
+        return next((what for magic, what in FILES.items() if begins.startswith(magic)), "a file")
     if (path / "zarr.json").is_file():
-        return _zarr_3(path)
+        said = _json(path / "zarr.json")
+        if not said or _is_ours(said) or (path / OUR_ARRAY).is_dir():
+            return ""  # what cannot be read may have been one of ours
+        if _is_ours(_json(path.parent / "zarr.json")):
+            return f"a part of the store {path.parent}"
+        return _zarr(3, "array" if said.get("node_type") == "array" else "group", path, "zarr.json")
     for name, node in ((".zgroup", "group"), (".zarray", "array"), (".zmetadata", "group")):
         if (path / name).is_file():
             return _zarr(2, node, path, ".zarray")
@@ -220,45 +227,6 @@ def other_kind(path: Path) -> str:
     version = _json(path / "meta/info.json").get("codebase_version")
     if isinstance(version, str):
         return f"a LeRobot data set of version {version}"
-    return _folder(path)
-
-
-def _file(path: Path) -> str:
-    with path.open("rb") as file:
-        begins = file.read(8)
-    return next((what for magic, what in FILES.items() if begins.startswith(magic)), "a file")
-
-
-def _zarr_3(path: Path) -> str:
-    said = _json(path / "zarr.json")
-    if not said or _is_ours(said) or (path / OUR_ARRAY).is_dir():
-        return ""  # what cannot be read may have been one of ours
-    if _is_ours(_json(path.parent / "zarr.json")):
-        return f"a part of the store {path.parent}"
-    return _zarr(3, "array" if said.get("node_type") == "array" else "group", path, "zarr.json")
-
-
-def _zarr(version: int, node: str, path: Path, file: str) -> str:
-    found = dict(_arrays_of(path, file)) if node == "group" else {}
-    kind = ", laid out as a replay buffer of Diffusion Policy" if found.keys() >= BUFFER else ""
-    named = ", ".join(f"{name} {shape}" for name, shape in list(found.items())[:SHOWN])
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
-    return f"a Zarr {version} {node}{kind}{f' ({named}{more})' if found else ''}"
-
-
-def _arrays_of(group: Path, file: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    for path in sorted([*group.glob(f"*/{file}"), *group.glob(f"*/*/{file}")]):
-        shape = _json(path).get("shape")
-        if isinstance(shape, list):
-            yield path.parent.relative_to(group).as_posix(), tuple(shape)
-
-
-def _is_ours(said: dict[str, Any]) -> bool:
-    attributes = said.get("attributes")
-    return isinstance(attributes, dict) and any(name in attributes for name in OURS)
-
-
-def _folder(path: Path) -> str:
     within = sorted(each.name for each in path.iterdir())
     if not within:
         return "an empty folder"
@@ -266,6 +234,21 @@ def _folder(path: Path) -> str:
     if stores:
         return f"a folder of {len(stores)} stores ({', '.join(stores[:SHOWN])})"
     return f"a folder without zarr.json ({', '.join(within[:SHOWN])}{', ...' if len(within) > SHOWN else ''})"
+
+
+def _zarr(version: int, node: str, path: Path, file: str) -> str:
+    files = sorted([*path.glob(f"*/{file}"), *path.glob(f"*/*/{file}")]) if node == "group" else []
+    shapes = {each.parent.relative_to(path).as_posix(): _json(each).get("shape") for each in files}
+    found = {name: tuple(shape) for name, shape in shapes.items() if isinstance(shape, list)}
+    kind = ", laid out as a replay buffer of Diffusion Policy" if found.keys() >= BUFFER else ""
+    named = ", ".join(f"{name} {shape}" for name, shape in list(found.items())[:SHOWN])
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return f"a Zarr {version} {node}{kind}{f' ({named}{more})' if found else ''}"
+
+
+def _is_ours(said: dict[str, Any]) -> bool:
+    attributes = said.get("attributes")
+    return isinstance(attributes, dict) and any(name in attributes for name in OURS)
 
 
 def _json(file: Path) -> dict[str, Any]:
