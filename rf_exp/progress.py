@@ -82,9 +82,8 @@ class Progress:
         self._said, self._told = time.perf_counter(), self._done
         note = f", {self._note}" if self._note else ""
         if self._bar is None or self._done >= self._total:
-            console.print(
-                f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}"
-            )
+            done = f"{self._done}/{self._total} {self._unit}"
+            console.print(f"{self._title}: {done} at {self._rate():.3g}/s{note}")
 
 
 def _bar(title: str, total: int, done: int) -> Bar:

@@ -61,10 +61,8 @@ def rescue(path: Path, dry_run: bool = False) -> None:
 
 def _asides(path: Path) -> Iterator[Path]:
     """Where damaged stores are moved, the first, the second, ...: one that is there is never touched."""
-    return (
-        path.with_name(f"{path.stem}.damaged{'' if number == 1 else f'-{number}'}{path.suffix}")
-        for number in count(1)
-    )
+    numbers = ("" if number == 1 else f"-{number}" for number in count(1))
+    return (path.with_name(f"{path.stem}.damaged{number}{path.suffix}") for number in numbers)
 
 
 def _kept(path: Path, to: Path | None) -> tuple[dict[int, str], list[int]]:

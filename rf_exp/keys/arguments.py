@@ -41,10 +41,10 @@ def arranged(arguments: Sequence[str]) -> list[str]:
     return flags + given.overrides
 
 
-def checked_folder(value: object, key: str = "out") -> str:
+def checked_folder(value: object) -> str:
     """A folder as it is said. Raises ArgumentError for what would make one that nobody meant."""
     if not isinstance(value, str) or not value.strip():
-        raise ArgumentError(f"{key} is {value!r}; expected the name of a folder, in quotes if it is a number")
+        raise ArgumentError(f"out is {value!r}; expected the name of a folder, in quotes if it is a number")
     for wrong, why in (
         (value.startswith("~") and "~", HOME),
         ("$" in value and "$", "the shell puts a variable there only outside of single quotes"),
@@ -52,9 +52,7 @@ def checked_folder(value: object, key: str = "out") -> str:
         (next((letter for letter in value if not letter.isprintable()), False), "it cannot be seen"),
     ):
         if wrong:
-            raise ArgumentError(
-                f"{key} is {value!r}, and {wrong!r} would be part of the folder's name; {why}"
-            )
+            raise ArgumentError(f"out is {value!r}, and {wrong!r} would be part of the folder's name; {why}")
     return value
 
 

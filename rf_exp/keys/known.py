@@ -41,6 +41,13 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
     found: dict[str, Any] = {}
     for path in ALWAYS:
         found |= content(path)
+    own = {  # what a task's file decides: its thresholds, and its cameras, one for each agent
+        name: {
+            "success": dict.fromkeys(task.get("success", ())),
+            "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
+        }
+        for name, task in tasks.items()
+    }
     kinds = _fields(ConstraintSet, "name")
     brain = node.get("brain")
     spec = SPECS.get(str(brain.get("name"))) if isinstance(brain, Mapping) else None
@@ -49,9 +56,7 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
         "training": _fields(TrainConfig, "seed"),  # that is train_seed
         "variation": _fields(Variation),
         "evaluated": _fields(Variation),
-        "task": replace(
-            _entries(Task, "variation"), own={name: _of_task(task) for name, task in tasks.items()}
-        ),
+        "task": replace(_entries(Task, "variation"), own=own),
         "arch": _entries(Arch, "name"),
         "constraints": Entries(kinds, frozenset(kinds)),
         # A key in the place of its variable's name is refused later, in words of its own.
@@ -110,13 +115,6 @@ def possible(node: Any, keys: Any, at: Key = ()) -> Iterator[str]:
     for key, below in keys.items() if isinstance(keys, Mapping) else ():
         yield ".".join(map(str, (*at, key)))
         yield from possible(there.get(key), below, (*at, key))
-
-
-def _of_task(task: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "success": dict.fromkeys(task.get("success", ())),
-        "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
-    }
 
 
 def _fields(kind: Any, *without: str) -> dict[str, Any]:

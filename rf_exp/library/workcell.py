@@ -70,9 +70,19 @@ class Execution:
         return f"{'success' if self.success else 'failure'} after {self.steps} steps {self.reason}".strip()
 
 
+class Saying:
+    """The RoboBrain of a person: it answers every question with one proposal."""
+
+    def __init__(self, proposal: Proposal) -> None:
+        self.name, self._proposal = Said.name, proposal
+
+    def answer(self, question: Question) -> str:
+        return to_json(self._proposal)
+
+
 @dataclass(frozen=True)
 class Said:
-    """The RoboBrain of a person: it answers every question with one proposal."""
+    """What it is made from."""
 
     name: ClassVar[str] = "said"
     reads: ClassVar[bool] = False
@@ -83,14 +93,11 @@ class Said:
     def identity(self) -> dict[str, object]:
         return {"name": self.name, "proposal": to_json(self.proposal)}
 
-    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> "Said":
-        return self
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Saying:
+        return Saying(self.proposal)
 
     def again(self) -> "Said":
         return self
-
-    def answer(self, question: Question) -> str:
-        return to_json(self.proposal)
 
 
 class Driven:
@@ -190,7 +197,7 @@ class Workcell:
         understood or names what there is not, and NoPlan.
         """
         proposal = self._proposal(subgoals, constraints)
-        planner = Planner(self._settings, Said(proposal))
+        planner = Planner(self._settings, Saying(proposal))
         scene = as_commanded(self.scene(), self._arms.told)
         made = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
         if made is None:

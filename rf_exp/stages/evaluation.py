@@ -168,7 +168,7 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
         result, _ = look
         for path in missing:
             console.print(f"recorded {path}")
-        then = before.get(seed, result)
+        then = before[seed] if seed in before else result
         if (then.success, then.steps) != (result.success, result.steps):
             console.print(
                 f"warning: scene {seed} ended otherwise than in its row: success {result.success} after "

@@ -86,9 +86,8 @@ def _train(
 ) -> None:
     torch.set_num_threads(threads)
     with owned(folder):
-        train(
-            Store.open(data).first(demos), view, policy, config, folder, shared=folder.parents[1] / "encoders"
-        )
+        store, encoders = Store.open(data).first(demos), folder.parents[1] / "encoders"
+        train(store, view, policy, config, folder, shared=encoders)
 
 
 def demonstrations(cell: Cell) -> tuple[Path, int]:

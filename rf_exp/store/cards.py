@@ -30,13 +30,8 @@ def card(store: Store, held: str = "", tags: Iterable[str] = ()) -> str:
     held = held or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
     lines = HEADER.format(tags="\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags)))
     title = store.description.language["title"] if store.description else store.attrs["task"]
-    parts = [
-        f"# {text(title)}: demonstrations of several arms",
-        held,
-        _about(store),
-        _facts(store),
-        _made(store),
-    ]
+    heading = f"# {text(title)}: demonstrations of several arms"
+    parts = heading, held, _about(store), _facts(store), _made(store)
     return lines + "\n" + "\n\n".join(part for part in parts if part) + "\n"
 
 

@@ -198,7 +198,7 @@ def explained(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
         "channel": ("red", "green", "blue"),
     }
     kind = kind_of(name)
-    names = named.get(kind.dimensions[-1]) if kind.dimensions else None
+    names: Any = named.get(kind.dimensions[-1]) if kind.dimensions else None
     units = kind.units
     if units is not None and kind.dimensions[:1] == ("agent",):
         units = (*units[:1] * (len(names) - len(units)), *units)

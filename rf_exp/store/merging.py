@@ -26,13 +26,8 @@ def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
                 f"{first.path} and {other.path} were made from different configurations "
                 f"({'; '.join(differences)}); only stores of one configuration can be merged"
             )
-    found = sorted(
-        (
-            (int(seed), number, index)
-            for number, store in enumerate(stores)
-            for index, seed in enumerate(store.seeds)
-        ),
-    )
+    seeds = [enumerate(store.seeds.tolist()) for store in stores]
+    found = sorted((seed, number, index) for number, each in enumerate(seeds) for index, seed in each)
     for (seed, one, _), (again, other, _) in pairwise(found):
         if seed == again:
             raise StageError(
