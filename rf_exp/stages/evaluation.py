@@ -168,8 +168,8 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
         result, _ = look
         for path in missing:
             console.print(f"recorded {path}")
-        then = before[seed] if seed in before else result
-        if (then.success, then.steps) != (result.success, result.steps):
+        then = before.get(seed)
+        if then is not None and (then.success, then.steps) != (result.success, result.steps):
             console.print(
                 f"warning: scene {seed} ended otherwise than in its row: success {result.success} after "
                 f"{result.steps} steps, there {then.success} after {then.steps}"
