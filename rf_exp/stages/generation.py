@@ -5,7 +5,6 @@ from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -216,23 +215,17 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
 
 
 def _described(task: Task, pictures: Pictures, cameras: Sequence[str], extras: Extras) -> Description:
-    scene = task.start(0).scene
+    scene, models = task.start(0).scene, {}
+    for name in cameras:
+        spec, pose = task.cameras[name], task.parent_from_camera(name)
+        model = CameraModel(pictures.width, pictures.height, float(np.deg2rad(spec.fov_deg)), pose)
+        frame = "hand" if spec.mount == "wrist" else "world"
+        models[name] = {"intrinsics": plain(model.intrinsics), f"{frame}_from_camera": plain(pose)}
     return Description(
         language={key: getattr(task, key) for key in ("title", "description", "target_condition")},
         conditions=tuple(task.module.conditions(scene, scene, task)),
         world_from_base=[plain(robot.world_from_base) for robot in task.robots],
-        camera_models={name: _camera(task, pictures, name) for name in cameras},
+        camera_models=models,
         depth=extras.depth,
         labels=labels(task) if extras.segmentation else (),
     )
-
-
-def _camera(task: Task, pictures: Pictures, name: str) -> dict[str, Any]:
-    spec, fov_y_rad = task.cameras[name], float(np.deg2rad(task.cameras[name].fov_deg))
-    wrist = spec.mount == "wrist"
-    pose = task.parent_from_camera(name)
-    model = CameraModel(pictures.width, pictures.height, fov_y_rad, pose)
-    return {
-        "intrinsics": plain(model.intrinsics),
-        "hand_from_camera" if wrist else "world_from_camera": plain(pose),
-    }

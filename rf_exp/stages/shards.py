@@ -69,7 +69,9 @@ class Shards:
                 for block in wave:
                     if block in missing:
                         next(made)
-                        self._see(block)
+                        end = time.monotonic() + SEEN_S  # this machine may see it later than another
+                        while not self._finished(block) and time.monotonic() < end:
+                            time.sleep(1.0)
                     for row, episode in self._taken(block, left):
                         yield row, episode
                         del left[row.seed]
@@ -106,11 +108,6 @@ class Shards:
 
     def _finished(self, block: range) -> bool:
         return self._rows(block).keys() == {*block}
-
-    def _see(self, block: range) -> None:
-        end = time.monotonic() + SEEN_S
-        while not self._finished(block) and time.monotonic() < end:
-            time.sleep(1.0)
 
     def _taken(self, block: range, left: Container[int]) -> Iterator[Attempt]:
         cell = self.piece(block).cell
