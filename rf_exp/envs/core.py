@@ -43,11 +43,11 @@ class EpisodeCore:
     """One task in simulation, one episode after the other.
 
     `task` is a name of conf/task, the path of a YAML file, or a Task; `variation`, how its scenes differ, is
-    one of conf/variation or a Variation. An episode ends with success by the
-    strict criterion, or after `step_limit` control steps (20 a second), those of the task unless given.
-    A violation is a control step in which two arms press on one another; with `overlaps` also one in which
-    their exact volumes overlap, as evaluation counts it, which costs up to as much again as the step. Raises
-    ArgumentError for what is not possible, and StageError where pictures are asked for and cannot be drawn.
+    one of conf/variation or a Variation. An episode ends with success by the strict criterion, or after
+    `step_limit` control steps (20 a second), those of the task unless given. A violation is a control step in
+    which two arms press on one another; with `overlaps` also one in which their exact volumes overlap, as
+    evaluation counts it, which costs up to as much again as the step. Raises ArgumentError for what is not
+    possible, and StageError where pictures are asked for and cannot be drawn.
     """
 
     def __init__(
