@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs import Observations, environment_id, parallel_env
-from rf_exp.envs.registration import configured, find_task
+from rf_exp.envs.core import configured, find_task
 from rf_exp.sim import Simulator
 from rf_exp.types import NO_PICTURES, ConstraintSet
 

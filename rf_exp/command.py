@@ -43,8 +43,6 @@ def register_all_tasks() -> None:
 
 
 class _Told(KeyboardInterrupt):
-    """A signal told this process to end."""
-
     def __init__(self, number: int) -> None:
         self.number = signal.Signals(number)
 
@@ -91,7 +89,6 @@ def guarded(job: Callable[[], None]) -> int:
 
 
 def _without_release(arguments: list[str]) -> list[str]:
-    """The arguments, with what a release among them says in its place, before Hydra sees them."""
     if not any("released" in each for each in arguments):
         return arguments  # help and a wrong argument are answered without torch
     from rf_exp.release import unpacked
@@ -102,8 +99,7 @@ def _without_release(arguments: list[str]) -> list[str]:
 def settled(config: DictConfig) -> dict[str, Any]:
     """The composed configuration as plain values.
 
-    Raises ArgumentError for a task whose words stand elsewhere, in the environment for instance: they go into
-    pages and data that others read.
+    Raises ArgumentError for a task whose words stand elsewhere, as in the environment: others read them.
     """
     from rf_exp.tasks import check_words  # with all that things are made of, which help does without
 
@@ -157,10 +153,7 @@ def explained(main: Callable[[DictConfig], None]) -> Callable[[DictConfig], Any]
 def _line(error: Exception) -> tuple[int, str]:
     """Exit code and last line for an error that has come up to the command."""
     if isinstance(error, WRONG):
-        return (
-            2,
-            f"wrong argument: {_unknown_key(error) or _unknown_choice(error) or _unresolved(error) or error}",
-        )
+        return 2, f"wrong argument: {_in_other_words(error)}"
     if isinstance(error, OSError) and error.filename is not None and not disk_full(error):
         # Not of the job: Hydra makes its folder.
         why = one_line(f"cannot make {error.filename}: {error.strerror}", LONGEST_ERROR)
@@ -170,30 +163,20 @@ def _line(error: Exception) -> tuple[int, str]:
     return 1, f"failed: {error}"
 
 
-def _unknown_key(error: Exception) -> str | None:
-    """What is said of an override whose key is not there, or there already: Hydra's advice leads astray."""
-    if found := re.match(r"Could not override '([^']+)'", str(error)):
+def _in_other_words(error: Exception) -> str:
+    """What is said of a wrong argument; where those of Hydra and OmegaConf lead astray, in words of ours."""
+    if found := re.match(r"Could not override '([^']+)'", str(error)):  # a key is not there
         return f"{no_key(found[1], keys_of_files())} {keys_are_in()}"
     if found := re.match(r"Multiple values for (\S+)\. To override", str(error)):
         return f"{found[1]} is chosen already; choose another one with {found[1]}=NAME, without +"
-    return None
-
-
-def _unknown_choice(error: Exception) -> str | None:
-    """What is said of a choice that lies in a folder of its group."""
-    if not (found := re.search(r"Could not find '(\w+)/(\w+)'", str(error))):
-        return None
-    group, name = found.groups()
-    paths = (path.relative_to(CONF).with_suffix("") for path in (CONF / group).glob(f"*/{name}.yaml"))
-    meant = [f"{group}={path.relative_to(group).as_posix()}" for path in paths]
-    return f"there is no {group}={name}; did you mean {' or '.join(sorted(meant))}?" if meant else None
-
-
-def _unresolved(error: Exception) -> str | None:
-    """What is said of a value that cannot be made: OmegaConf adds where it stands in lines of their own."""
+    if found := re.search(r"Could not find '(\w+)/(\w+)'", str(error)):  # perhaps in a folder of its group
+        group, name = found.groups()
+        paths = (path.relative_to(CONF).with_suffix("") for path in (CONF / group).glob(f"*/{name}.yaml"))
+        if meant := [f"{group}={path.relative_to(group).as_posix()}" for path in paths]:
+            return f"there is no {group}={name}; did you mean {' or '.join(sorted(meant))}?"
     if not isinstance(error, OmegaConfBaseException):
-        return None
-    said = _first_line(error)
+        return str(error)
+    said = _first_line(error)  # where it stands comes in lines of their own
     ours = re.match(r"ArgumentError raised while resolving interpolation: (.+)", said)
     return ours[1] if ours else f"{error.full_key}: {said}" if error.full_key else said
 
@@ -225,7 +208,6 @@ def _first_line(error: Exception) -> str:
 
 
 def _out_of_memory(error: Exception) -> bool:
-    """Python, NumPy, torch, Vulkan and the loader of shared libraries have words of their own for it."""
     words = ("can't allocate memory", "out of memory", "not enough memory", "Cannot allocate memory")
     words = (*words, "OutOfDeviceMemory", "OutOfHostMemory", "std::bad_alloc")
     words = (*words, "failed to map segment from shared object", "can't start new thread")

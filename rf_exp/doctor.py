@@ -54,13 +54,8 @@ def python() -> Check:
     where = f"{version} at {sys.executable}"
     if sys.version_info[:2] in PYTHONS:
         return Check("python", "ok", where)
-    return Check(
-        "python",
-        "missing",
-        f"{where}; 3.11 or 3.12 is needed",
-        "everything",
-        f"install Python 3.11, then PYTHON=python3.11 {SET_UP}",
-    )
+    mend = f"install Python 3.11, then PYTHON=python3.11 {SET_UP}"
+    return Check("python", "missing", f"{where}; 3.11 or 3.12 is needed", "everything", mend)
 
 
 def packages(distribution: str = "rf_exp") -> Check:
@@ -107,10 +102,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def imports(modules: Iterable[str] = MODULES) -> tuple[Check, Check]:
-    """Import the native modules in a process of its own, and ask torch for a GPU.
-
-    Returns the checks `imports` and `gpu`. A module that ends the process is the one named.
-    """
+    """The checks `imports`, in a process of its own, and `gpu`; a module that ends the process is named."""
     wanted = tuple(modules)
     code = (
         "import importlib, sys\n"
@@ -138,25 +130,21 @@ def imports(modules: Iterable[str] = MODULES) -> tuple[Check, Check]:
         key, _, value = line.partition(" ")
         said.get(key, []).append(value)
     broken = [name for name in said["try"] if name not in said["got"]]
+    found, costs = " ".join(said["got"]), "every stage that uses it"
+    imported = Check("imports", "ok", found)
     if broken:
-        imported = Check(
-            "imports", "missing", f"{broken[0]}: {trouble[-1]}", "every stage that uses it", SET_UP
-        )
-    else:
-        imported = Check("imports", "ok", " ".join(said["got"]))
+        imported = Check("imports", "missing", f"{broken[0]}: {trouble[-1]}", costs, SET_UP)
     return imported, _gpu(said["gpu"])
 
 
 def _gpu(names: list[str]) -> Check:
     if names:
         return Check("gpu", "ok", "; ".join(names))
-    costs = "nothing for profile=quick; training with profile=paper is slow"
+    found, mend = f"none; {os.cpu_count()} CPU cores", "use a machine with an NVIDIA GPU"
     if Path("/dev/nvidiactl").exists():
+        found = "an NVIDIA GPU is there, but torch cannot use it"
         mend = "install a CUDA build of torch and an NVIDIA driver that fits it"
-        return Check("gpu", "note", "an NVIDIA GPU is there, but torch cannot use it", costs, mend)
-    return Check(
-        "gpu", "note", f"none; {os.cpu_count()} CPU cores", costs, "use a machine with an NVIDIA GPU"
-    )
+    return Check("gpu", "note", found, "nothing for profile=quick; training with profile=paper is slow", mend)
 
 
 def vulkan() -> Check:
@@ -179,23 +167,16 @@ def disk(out: Path = Path("outputs")) -> Check:
     free_gb = shutil.disk_usage(folder).free / 1e9
     found = f"{free_gb:.1f} GB free for {out}"
     if free_gb < QUICK_GB:
-        needed = f"{found}, {QUICK_GB:g} GB are needed"
-        return Check(
-            "disk", "missing", needed, "all results", "free some, or choose another disk: out=FOLDER"
-        )
+        found, mend = f"{found}, {QUICK_GB:g} GB are needed", "free some, or choose another disk: out=FOLDER"
+        return Check("disk", "missing", found, "all results", mend)
     if free_gb < PAPER_GB:
-        return Check(
-            "disk",
-            "note",
-            found,
-            f"profile=paper may want {PAPER_GB:g} GB a task",
-            "out=FOLDER on another disk",
-        )
+        costs = f"profile=paper may want {PAPER_GB:g} GB a task"
+        return Check("disk", "note", found, costs, "out=FOLDER on another disk")
     return Check("disk", "ok", found)
 
 
 def _written(folder: Path) -> tuple[Path, str]:
-    """The first folder above that is there, and, where nothing can be written into it, words for that."""
+    """The first folder above that is there, and why nothing can be written into it."""
     folder = folder.absolute()
     while not os.path.exists(folder):  # False too where it may not be looked at
         folder = folder.parent
@@ -239,7 +220,6 @@ def configuration() -> Check:
 
 
 def _composed(overrides: list[str]) -> Any:
-    """The configuration with these overrides, resolved. Raises what Hydra raises."""
     from hydra import compose, initialize_config_dir
     from omegaconf import OmegaConf
 
@@ -268,12 +248,10 @@ def brain(overrides: list[str]) -> Check:
         probed = probe(spec, load_task(*next(iter(composed["task"].items()))))
     except WRONG as error:
         return Check("brain", "missing", " ".join(str(error).split()), "runs with this brain", "correct it")
+    thinks = "brain.extra_body where it thinks too long"
     costs, mend = {
         "honoured": ("", ""),
-        "unknown": (
-            "perhaps failed attempts",
-            "brain.max_tokens, or brain.extra_body where it thinks too long",
-        ),
+        "unknown": ("perhaps failed attempts", f"brain.max_tokens, or {thinks}"),
         "ignored": ("failed attempts", "a server that takes response_format json_schema"),
         "refused": ("every answer, with brain.structured=true", "brain.structured=false"),
         "unreachable": ("every answer", "start the server, or correct brain.base_url"),
@@ -299,15 +277,10 @@ def examine(out: Path, overrides: list[str]) -> Iterator[Check]:
 def main(arguments: list[str] | None = None) -> int:
     """Print a line a check; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m rf_exp.doctor", description=__doc__)
-    parser.add_argument(
-        "--out", type=Path, default=Path("outputs"), help="where results go (default: outputs)"
-    )
-    parser.add_argument(
-        "overrides",
-        nargs="*",
-        metavar="key=value",
-        help="which brain a run would have, as in brain=openai brain.base_url=...: its server is asked once",
-    )
+    where = "where results go (default: outputs)"
+    parser.add_argument("--out", type=Path, default=Path("outputs"), help=where)
+    asked = "which brain a run would have, as in brain=openai brain.base_url=...: its server is asked once"
+    parser.add_argument("overrides", nargs="*", metavar="key=value", help=asked)
     given = parser.parse_args(arguments)
     missing = []
     for check in examine(given.out, given.overrides):

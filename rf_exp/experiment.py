@@ -83,38 +83,25 @@ class Experiment:
         check_file_name("name", self.name)
         check_file_name("recipe", self.recipe)
         check_file_name("learned_as", self.learned_as)
-        for kind, chosen in (
-            ("task", self.tasks),
-            ("constraints", self.constraint_sets),
-            ("arch", self.archs),
-        ):
-            for each in chosen:
+        chosen = {"task": self.tasks, "constraints": self.constraint_sets, "arch": self.archs}
+        for kind, those in chosen.items():
+            for each in those:
                 check_file_name(kind, each.name)
         unknown = [stage for stage in self.stages if stage not in STAGES]
         if unknown:
             raise ArgumentError(f"unknown stage {unknown[0]!r}; available: {', '.join(STAGES)}")
-        lowest = {
-            "seed": 0,
-            "demos": 1,
-            "workers": 1,
-            "seed_limit_s": 1,
-            "attempts": 1,
-            "films": 0,
-            "scenes": 1,
-            "train_seed": 0,
-            "appearances": 1,
-        }
+        lowest = dict.fromkeys(("seed", "films", "train_seed"), 0)
+        lowest |= dict.fromkeys(("demos", "workers", "seed_limit_s", "attempts", "scenes", "appearances"), 1)
         lowest |= {"episodes": 1} if self.episodes is not None else {}
         for key, low in lowest.items():
             if getattr(self, key) < low:
                 raise ArgumentError(f"{key} is {getattr(self, key)}; it must be at least {low}")
-        if self.appearances > 1:
-            for task in self.tasks:
-                if not task.variation.seen:
-                    raise ArgumentError(
-                        f"appearances is {self.appearances}, and variation {task.variation.name!r} shows "
-                        "nothing in pictures; choose one that does, or appearances=1"
-                    )
+        unseen = [task.variation.name for task in self.tasks if not task.variation.seen]
+        if self.appearances > 1 and unseen:
+            raise ArgumentError(
+                f"appearances is {self.appearances}, and variation {unseen[0]!r} shows nothing in pictures; "
+                "choose one that does, or appearances=1"
+            )
         self._check_recordings()
         if self.seed + (self.episodes or self.demos) > EVALUATION_SEED:
             raise ArgumentError(
@@ -125,20 +112,20 @@ class Experiment:
             self._check_foreign(self.foreign)
         if isinstance(self.brain, OpenAISpec) and self.brain.sight is not None:
             self.brain.sight.check(self.pictures)
-        self._check_pictures()
+        if not self.pictures.render:
+            self._check_blind()
 
-    def _check_pictures(self) -> None:
-        """Nothing is asked for that needs pictures where none are made."""
+    def _check_blind(self) -> None:
         looks = self.policy.encoder.pictures and self.foreign is None
-        if not self.pictures.render and looks and {"train", "evaluate"} & set(self.stages):
+        if looks and {"train", "evaluate"} & set(self.stages):
             raise ArgumentError(
                 "render=false makes no pictures to learn from; use it with stages=[generate], "
                 "or with policy.encoder.name=privileged"
             )
         for key in ("depth", "segmentation"):
-            if getattr(self.store, key) and not self.pictures.render:
+            if getattr(self.store, key):
                 raise ArgumentError(f"store.{key}=true is seen by the cameras, and render=false has none")
-        if self.occupancy == "depth" and not self.pictures.render:
+        if self.occupancy == "depth":
             raise ArgumentError(
                 "occupancy=depth looks through the depth cameras, and render=false has none; "
                 "use render=true or occupancy=state"
@@ -252,17 +239,14 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
     foreign = foreign_policy(node["foreign"], picture)
     try:
         plain: dict[str, Any] = {key: node[key] for key in Experiment.__dataclass_fields__ if key not in MADE}
+        taken = {**picture, "render": node["render"], "cameras": node["cameras"]}
         plain |= {
             "tasks": (),
-            "constraint_sets": tuple(
-                ConstraintSet(name, **kinds) for name, kinds in node["constraints"].items()
-            ),
+            "constraint_sets": tuple(ConstraintSet(name, **row) for name, row in node["constraints"].items()),
             "archs": tuple(Arch(name, **arch) for name, arch in node["arch"].items()),
             "brain": read_brain(node["brain"]),
             "out": Path(checked_folder(node["out"])),
-            "pictures": read_values(
-                Pictures, {**picture, "render": node["render"], "cameras": node["cameras"]}, "picture."
-            ),
+            "pictures": read_values(Pictures, taken, "picture."),
             "policy": read_recipe(node["policy"], picture),  # a policy sees what the cameras take
             "foreign": foreign,
             "evaluated": read_values(Variation, node["evaluated"], "evaluated.").held_out,

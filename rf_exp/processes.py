@@ -26,7 +26,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import Any, NamedTuple
 
 from rf_exp.errors import WorkerDied, portable
 
@@ -97,13 +97,14 @@ class _Team:
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self._limit_s = workers, limit_s
         self._answers: SimpleQueue[_Answer] = SimpleQueue()
-        born = _surroundings(one_thread=workers > 1)
-        fit = [child for child in _idle if child.born == born and child.alive][:workers]
+        # What a child takes over when it is born: in other surroundings its jobs might come out otherwise.
+        self._born = workers > 1, os.getcwd(), tuple(sys.path), tuple(sorted(os.environ.items()))
+        fit = [child for child in _idle if child.born == self._born and child.process.is_alive()][:workers]
         for child in _idle:
             if child not in fit:
                 child.kill()
         _idle.clear()
-        self._born, self._children = born, fit
+        self._children = fit
         for child in fit:
             child.answers = self._answers
         self.finished: dict[int | None, Any] = {}  # number of a job -> its result
@@ -122,15 +123,19 @@ class _Team:
 
     def hear(self, often: bool) -> None:
         """Wait for an answer, for a while: then whoever has run out of time is killed."""
-        answer = _next(self._answers, self._children, often)
-        if answer is None:
-            for child in [child for child in self._children if child.timed_out()]:
+        left = min(child.deadline for child in self._children) - time.monotonic()
+        seconds = min(left, LOOK_EVERY_S if often else 3600.0)  # a queue takes no infinity
+        try:
+            answer = self._answers.get(timeout=max(seconds, 0.0))
+        except Empty:
+            for child in [child for child in self._children if time.monotonic() > child.deadline]:
                 self.finished[child.index] = Timeout(self._limit_s or 0.0, child.state())
                 self._children.remove(child)
                 child.kill()
-        elif answer.child not in self._children:
+            return
+        if answer.child not in self._children:
             return  # the last words of one that was killed
-        elif answer.dead:
+        if answer.dead:
             self._children.remove(answer.child)
             if answer.child.busy:
                 raise WorkerDied(answer.child.ending())
@@ -138,18 +143,18 @@ class _Team:
             raise answer.error
         else:
             self.finished[answer.child.index] = answer.value
-            answer.child.index = None
+            answer.child.index, answer.child.deadline = None, float("inf")
 
     def end(self, grace_s: float) -> None:
         """Ends the children at work, which may put what they have in safety first; the others wait."""
-        busy = [child for child in self._children if child.busy and grace_s > 0]
-        for child in busy:
-            child.terminate()
-        until, alive = time.monotonic() + grace_s, {child.sentinel for child in busy}
+        busy = [child.process for child in self._children if child.busy and grace_s > 0]
+        for process in busy:
+            process.terminate()
+        until, alive = time.monotonic() + grace_s, {process.sentinel for process in busy}
         while alive and (left := until - time.monotonic()) > 0:
             alive.difference_update(wait(alive, left))  # pyright: ignore[reportArgumentType]
         for child in self._children:
-            if child.busy or not child.alive:
+            if child.busy or not child.process.is_alive():
                 child.kill()
             else:
                 _idle.append(child)
@@ -158,25 +163,8 @@ class _Team:
 _idle: list["_Child"] = []  # who waits for the next jobs
 
 
-@dataclass(frozen=True)
-class _Surroundings:
-    """What a child takes over when it is born: in others its jobs might come out otherwise."""
-
-    one_thread: bool
-    folder: str
-    path: tuple[str, ...]
-    environment: tuple[tuple[str, str], ...]
-
-
-def _surroundings(one_thread: bool) -> _Surroundings:
-    return _Surroundings(one_thread, os.getcwd(), tuple(sys.path), tuple(sorted(os.environ.items())))
-
-
 def end_with_parent() -> None:
-    """This process is killed when the one that started it ends, whatever ends that; now if it has ended.
-
-    For children of multiprocessing; in any other process this does nothing.
-    """
+    """This process, a child of multiprocessing, is killed when the one that started it ends, or now."""
     parent = parent_process()
     if parent is None:
         return
@@ -186,8 +174,7 @@ def end_with_parent() -> None:
         os._exit(1)
 
 
-@dataclass(frozen=True)
-class _Answer:
+class _Answer(NamedTuple):
     child: "_Child"
     value: Any = None
     error: BaseException | None = None
@@ -197,14 +184,14 @@ class _Answer:
 class _Child:
     """A process that does one job after the other, seen from its parent."""
 
-    def __init__(self, answers: "SimpleQueue[_Answer]", born: _Surroundings) -> None:
+    def __init__(self, answers: "SimpleQueue[_Answer]", born: tuple[bool, *tuple[object, ...]]) -> None:
         self.index: int | None = None  # of the job under way
-        self._deadline = float("inf")
+        self.deadline = float("inf")  # on the monotonic clock; infinity without a job or a limit
         self.answers, self.born = answers, born
         self._pipe, theirs = _CONTEXT.Pipe()
-        self._process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
-        with _birth(born.one_thread):
-            self._process.start()
+        self.process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
+        with _birth(one_thread=born[0]):
+            self.process.start()
         theirs.close()
         # Read in a thread: a child that is stopped in the middle of an answer must not stop its parent.
         Thread(target=self._listen, daemon=True).start()
@@ -213,40 +200,24 @@ class _Child:
     def busy(self) -> bool:
         return self.index is not None
 
-    @property
-    def alive(self) -> bool:
-        return self._process.is_alive()
-
-    @property
-    def sentinel(self) -> int:
-        return self._process.sentinel
-
-    @property
-    def deadline(self) -> float:
-        """On the monotonic clock; infinity without a job or a limit."""
-        return self._deadline if self.busy else float("inf")
-
     def give(self, index: int, job: Callable[[], Any], limit_s: float | None) -> None:
         self.index = index
-        self._deadline = float("inf") if limit_s is None else time.monotonic() + limit_s
+        self.deadline = float("inf") if limit_s is None else time.monotonic() + limit_s
         with suppress(OSError):  # it has died: the listener says so
             self._pipe.send_bytes(pickle.dumps(job))
-
-    def timed_out(self) -> bool:
-        return time.monotonic() > self.deadline
 
     def state(self) -> str:
         """running, sleeping, stopped, ... where the system tells it."""
         try:
-            status = Path(f"/proc/{self._process.pid}/status").read_text()
+            status = Path(f"/proc/{self.process.pid}/status").read_text()
         except OSError:
             return "gone"
         return status.split("State:")[1].split("(")[1].split(")")[0]
 
     def ending(self) -> str:
         """What became of a child that died with its job under way."""
-        self._process.join(5.0)
-        code = self._process.exitcode or 0
+        self.process.join(5.0)
+        code = self.process.exitcode or 0
         number = -code if code < 0 else code - SHELL_SIGNAL
         how = f"ended with exit code {code}"
         if number in set(signal.Signals):
@@ -254,15 +225,12 @@ class _Child:
         if number == signal.SIGKILL:
             how += " (by hand, or because memory ran out: fewer workers and smaller pictures need less)"
         return (
-            f"a worker, process {self._process.pid}, {how}; run the same command again, it goes on from here"
+            f"a worker, process {self.process.pid}, {how}; run the same command again, it goes on from here"
         )
 
-    def terminate(self) -> None:
-        self._process.terminate()
-
     def kill(self) -> None:
-        self._process.kill()
-        self._process.join(5.0)
+        self.process.kill()
+        self.process.join(5.0)
 
     def _listen(self) -> None:
         while True:
@@ -277,16 +245,6 @@ class _Child:
             except Exception as failure:  # whatever a class does when it is made again
                 value, error = None, failure
             self.answers.put(_Answer(self, value, error))
-
-
-def _next(answers: "SimpleQueue[_Answer]", children: list[_Child], look: bool) -> _Answer | None:
-    """The next answer; None at the next deadline, and, to look at other things, after a moment."""
-    left = min(child.deadline for child in children) - time.monotonic()
-    seconds = min(left, LOOK_EVERY_S) if look else left
-    try:
-        return answers.get(timeout=min(max(seconds, 0.0), 3600.0))  # which takes no infinity
-    except Empty:
-        return None
 
 
 @contextmanager
@@ -308,11 +266,8 @@ def _birth(one_thread: bool) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-# -- in the child ------------------------------------------------------------------------------------
-
-
 def _serve(pipe: Connection) -> None:
-    """Does jobs until the parent has no more."""
+    """In the child: does jobs until the parent has no more."""
     end_with_parent()
     while True:
         try:

@@ -6,7 +6,6 @@ Both show the rate and, where things can fail, the success so far.
 import sys
 import time
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Any, Self
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -57,9 +56,7 @@ class Progress:
             self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
         if kind is None:
@@ -85,13 +82,11 @@ class Progress:
         self._said, self._told = time.perf_counter(), self._done
         note = f", {self._note}" if self._note else ""
         if self._bar is None or self._done >= self._total:
-            console.print(
-                f"{self._title}: {self._done}/{self._total} {self._unit} at {self._rate():.3g}/s{note}"
-            )
+            done = f"{self._done}/{self._total} {self._unit}"
+            console.print(f"{self._title}: {done} at {self._rate():.3g}/s{note}")
 
 
 def _bar(title: str, total: int, done: int) -> Bar:
-    """A bar for a terminal, of one task; not shown before it is started."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),

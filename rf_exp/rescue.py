@@ -61,10 +61,8 @@ def rescue(path: Path, dry_run: bool = False) -> None:
 
 def _asides(path: Path) -> Iterator[Path]:
     """Where damaged stores are moved, the first, the second, ...: one that is there is never touched."""
-    return (
-        path.with_name(f"{path.stem}.damaged{'' if number == 1 else f'-{number}'}{path.suffix}")
-        for number in count(1)
-    )
+    numbers = ("" if number == 1 else f"-{number}" for number in count(1))
+    return (path.with_name(f"{path.stem}.damaged{number}{path.suffix}") for number in numbers)
 
 
 def _kept(path: Path, to: Path | None) -> tuple[dict[int, str], list[int]]:
@@ -87,7 +85,11 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
         try:
             episode = damaged.episode(index)
         except Damage as error:
-            lost[index] = f"{_seed(damaged, index)}: {error}"
+            try:
+                which = f"seed {damaged.seed(index)}"
+            except Damage:
+                which = "of a seed that cannot be read"
+            lost[index] = f"{which}: {error}"
             continue
         if episode.seed in kept:
             lost[index] = f"seed {episode.seed}: it is there already"
@@ -98,13 +100,6 @@ def _copy(damaged: Damaged, to: Path | None) -> tuple[dict[int, str], list[int]]
     if store is not None:
         store.close()
     return lost, kept
-
-
-def _seed(damaged: Damaged, index: int) -> str:
-    try:
-        return f"seed {damaged.seed(index)}"
-    except Damage:
-        return "of a seed that cannot be read"
 
 
 def _opens(path: Path) -> bool:

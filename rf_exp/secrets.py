@@ -1,14 +1,13 @@
 """Keys never reach a file, a log or a recording: they live in the environment alone."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from urllib.parse import urlsplit
 
 from rf_exp.errors import ArgumentError
 
 SHORTEST = 8  # characters; what is shorter is no secret ("none", "EMPTY") but would garble a text
 SECRET = ("api_key", "key", "token", "password")  # names under which people would write one
-_EXAMPLE = "an example: http://localhost:8000/v1"
 _KEY = re.compile(r"([\w-]+)['\"]?\s*:")  # of a mapping on the command line
 _ENVIRONMENT_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,63}")
 
@@ -30,19 +29,12 @@ def check_environment_name(name: str) -> str:
 
 def check_address(url: str) -> str:
     """An http(s) address without anything secret in it. Raises ArgumentError."""
-    try:
-        parts = urlsplit(url)
-        usable = parts.scheme in ("http", "https") and bool(parts.hostname) and (parts.port or 1) > 0
-    except ValueError:
-        raise ArgumentError(f"the address of the model's server cannot be read; {_EXAMPLE}") from None
-    if parts.username or parts.password or parts.query or parts.fragment:
-        raise ArgumentError(
-            "the address of the model's server holds a user, a password or a query; addresses are recorded, "
-            "so put the key into the environment variable that brain.api_key_env names"
-        )
-    if not usable:
-        raise ArgumentError(f"the address of the model's server is {url!r}; {_EXAMPLE}")
-    return url
+    more = (
+        "a user, a password or a query; addresses are recorded, so put the key into the environment variable "
+        "that brain.api_key_env names"
+    )
+    example = "an example: http://localhost:8000/v1"
+    return _checked(url, ("http", "https"), "the address of the model's server", more, example)
 
 
 def check_policy_server(url: str) -> str:
@@ -50,23 +42,24 @@ def check_policy_server(url: str) -> str:
     expected = (
         "expected ws://host:port or wss://host:port, without user, password and query, as it is recorded"
     )
+    return _checked(url, ("ws", "wss"), "foreign.server", f"more than an address; {expected}", expected)
+
+
+def _checked(url: str, schemes: Collection[str], what: str, more: str, expected: str) -> str:
     try:
         parts = urlsplit(url)
-        usable = parts.scheme in ("ws", "wss") and bool(parts.hostname) and (parts.port or 1) > 0
+        usable = parts.scheme in schemes and bool(parts.hostname) and (parts.port or 1) > 0
     except ValueError:
-        raise ArgumentError(f"foreign.server cannot be read; {expected}") from None
+        raise ArgumentError(f"{what} cannot be read; {expected}") from None
     if parts.username or parts.password or parts.query or parts.fragment:
-        raise ArgumentError(f"foreign.server holds more than an address; {expected}")
+        raise ArgumentError(f"{what} holds {more}")
     if not usable:
-        raise ArgumentError(f"foreign.server is {url!r}; {expected}")
+        raise ArgumentError(f"{what} is {url!r}; {expected}")
     return url
 
 
 def refuse_keys(arguments: Sequence[str]) -> None:
-    """Raises ArgumentError for command line arguments that hold a key.
-
-    To be called before Hydra, which writes every argument below `outputs/runs/`.
-    """
+    """Raises ArgumentError for arguments with a key, before Hydra writes them below `outputs/runs/`."""
     for argument in arguments:
         name, _, value = argument.lstrip("+~").partition("=")
         last = name.rsplit(".", 1)[-1].rsplit("/", 1)[-1].lower()

@@ -34,10 +34,7 @@ def rotated(turn_rad: ArrayLike) -> Matrix:
 
 
 def from_axes(position_m: ArrayLike, *, z: ArrayLike, y: ArrayLike) -> Matrix:
-    """A pose whose z axis points along `z` and whose y axis lies closest to `y`.
-
-    Raises ValueError when the two directions are parallel.
-    """
+    """A pose whose z axis points along `z` and whose y axis lies closest to `y`. ValueError if parallel."""
     z_axis = np.asarray(z, dtype=float) / np.linalg.norm(z)
     y_axis = np.asarray(y, dtype=float) - np.dot(y, z_axis) * z_axis
     length = np.linalg.norm(y_axis)
@@ -55,10 +52,7 @@ def quaternion(matrix: Matrix) -> NDArray[np.float64]:
 
 
 def position_and_quaternion(matrix: Matrix) -> list[float]:
-    """The position and the unit quaternion (x, y, z, w, x, y, z) of one (4, 4), that of `quaternion`.
-
-    A tenth of the time of `quaternion`, which is for many.
-    """
+    """(x, y, z, w, x, y, z) of one (4, 4), in a tenth of the time of `quaternion`, which is for many."""
     (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = matrix.tolist()
     trace = a + e + i
     largest = max(a, e, i, trace)  # the best conditioned of four ways

@@ -14,9 +14,8 @@ from omegaconf import OmegaConf
 from rf_exp.command import CONF, register_all_tasks
 from rf_exp.errors import ArgumentError
 from rf_exp.keys import RENAMED
-from rf_exp.keys.files import content
 from rf_exp.keys.known import known, possible, unknown
-from rf_exp.keys.likeness import nearest
+from rf_exp.keys.refusal import content, nearest
 from rf_exp.tasks import SuccessEvaluator, load_task
 from tests.conftest import TASKS
 from tests.scenes import start_scene

@@ -1,10 +1,14 @@
 """What every artifact has, whatever is in it: who made it and of what, and that it is whole."""
 
 from rf_exp.artifacts.files import (
+    append_line,
     configuration_file,
     disk_full,
+    hold_folder,
     keep_text,
+    locked,
     read_json,
+    read_lines,
     sweep,
     whole,
     write_json,
@@ -12,19 +16,19 @@ from rf_exp.artifacts.files import (
 )
 from rf_exp.artifacts.identity import (
     canonical,
+    code,
+    commit,
     differing,
     digest,
     expect_same,
+    installed,
     leaves,
     plain,
     read_values,
     restored,
     without,
 )
-from rf_exp.artifacts.lines import append_line, read_lines
-from rf_exp.artifacts.locks import hold_folder, locked
 from rf_exp.artifacts.pages import rendered
-from rf_exp.artifacts.provenance import code, commit, installed
 
 __all__ = [
     "append_line",

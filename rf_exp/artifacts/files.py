@@ -1,26 +1,30 @@
-"""Files and folders that are there as a whole or not at all, whenever the process is killed.
+"""Files and folders that are whole whenever the process is killed, locks, and files to which lines are added.
 
 What is written lies in a draft folder beside it, `.<name>.<random>.partial`, until it is finished and on the
 disk; then one rename gives it its place. The process that writes holds a lock on the draft, which ends with
 that process: a draft without one is what a kill left behind, and whoever writes into that folder next, under
 whatever name, removes it.
 
-Of things that belong together the one that counts is written around the others: it gets its place last.
+Of things that belong together the one that counts is written around the others: it gets its place last. A
+lock ends with its process; its file stays. Of lines that are added a crash leaves the last one unfinished.
 """
 
 import errno
+import fcntl
 import json
 import os
 import shutil
+import socket
 import uuid
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rf_exp.artifacts.locks import hold_folder
 from rf_exp.errors import StageError
+from rf_exp.progress import console
 
 SYNCED_AT_ONCE = 16  # files; a disk takes many in little more time than one
 RANDOM = "[0-9a-f]" * 8
@@ -41,7 +45,11 @@ def whole(path: Path) -> Iterator[Path]:
     try:
         draft = folder / path.name
         yield draft
-        _all_to_disk(draft)
+        with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
+            for _ in pool.map(
+                _to_disk, [draft, *(each for each in draft.rglob("*") if not each.is_symlink())]
+            ):
+                pass  # an error of one is raised here
         draft.replace(path)
         _to_disk(path.parent)
     finally:
@@ -106,7 +114,6 @@ def sweep(folder: Path) -> None:
 
 
 def _draft(path: Path) -> tuple[Path, int]:
-    """A new draft folder for `path` and the lock that says that it is in use."""
     while True:
         folder = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.partial")
         folder.mkdir()
@@ -120,16 +127,93 @@ def _draft(path: Path) -> tuple[Path, int]:
         os.close(lock)
 
 
-def _all_to_disk(path: Path) -> None:
-    """A file, or a folder with all that is in it."""
-    with ThreadPoolExecutor(SYNCED_AT_ONCE) as pool:
-        for _ in pool.map(_to_disk, [path, *(each for each in path.rglob("*") if not each.is_symlink())]):
-            pass  # an error of one is raised here
-
-
 def _to_disk(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def hold(descriptor: int, wait: bool = False) -> bool:
+    """Takes the lock of an open file or folder; False, or one may `wait`, where another process has it."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        if wait:
+            raise
+        return False
+    return True
+
+
+def hold_folder(folder: Path, wait: bool = False) -> int | None:
+    """A descriptor that holds the lock of a folder until it is closed; None where another process has it."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        if hold(descriptor, wait):
+            return descriptor
+    except OSError:
+        os.close(descriptor)
+        raise
+    os.close(descriptor)
+    return None
+
+
+@contextmanager
+def locked(path: Path, what: str) -> Iterator[None]:
+    """Holds the lock of a file; where another process has it, says so. Raises OSError."""
+    with path.open("a+") as file:
+        if not hold(file.fileno()):
+            file.seek(0)
+            try:
+                by = json.load(file)
+                holder = f"process {by['pid']} on {by['host']} has been at work on it since {by['since']}"
+            except (ValueError, KeyError):  # it has the lock, and has not written its name yet
+                holder = "another process is at work on it"
+            console.print(f"waiting for {what}: {holder}")
+            hold(file.fileno(), wait=True)
+        file.truncate(0)
+        since = datetime.now().astimezone().isoformat(timespec="seconds")
+        json.dump({"pid": os.getpid(), "host": socket.gethostname(), "since": since}, file)
+        file.flush()
+        yield
+
+
+def append_line(path: Path, line: bytes) -> None:
+    """Adds a line of JSON, durably; one that a crash left unfinished is removed first. Raises OSError.
+
+    Any number of processes may do so to one file at a time.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "a+b", buffering=0) as file:
+        hold(file.fileno(), wait=True)
+        size = os.fstat(file.fileno()).st_size
+        if size and os.pread(file.fileno(), 1, size - 1) != b"\n":
+            content = os.pread(file.fileno(), size, 0)
+            tail_start = content.rfind(b"\n") + 1
+            if _torn(content[tail_start:]):
+                os.ftruncate(file.fileno(), tail_start)
+            else:  # damaged or not, that is for the reader to say
+                os.write(file.fileno(), b"\n")
+        left = memoryview(line + b"\n")
+        while left:  # a disk that is full takes a part, and refuses the next with its reason
+            left = left[os.write(file.fileno(), left) :]
+        os.fsync(file.fileno())
+
+
+def read_lines(path: Path) -> tuple[list[bytes], bool]:
+    """The lines of a file, and whether a crash left an unfinished one behind them. Raises OSError."""
+    *lines, tail = path.read_bytes().split(b"\n")
+    torn = _torn(tail) if tail else False
+    return lines if torn or not tail else [*lines, tail], torn  # a whole one may lack its line end
+
+
+def _torn(tail: bytes) -> bool:
+    """Whether a last line without its end is the beginning of one, and not one with a damaged end."""
+    for end in (len(tail), -1):
+        try:
+            json.loads(tail[:end])
+            return False
+        except ValueError:
+            continue
+    return True

@@ -1,10 +1,15 @@
-"""What an artifact was made of, as plain JSON values and back; compared leaf by leaf, or by one digest."""
+"""What an artifact was made of, and by which code: plain JSON values and back, compared leaf by leaf."""
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import os
+import platform
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from functools import cache
+from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar, get_origin
 
@@ -12,11 +17,13 @@ import dacite
 
 from rf_exp.errors import ArgumentError, StageError
 
+CHECKOUT = Path(__file__).resolve().parents[2]
+
 T = TypeVar("T")
 
 
 def plain(value: object) -> Any:
-    """The value as it comes back from JSON: dataclasses as objects, tuples as lists, numpy as plain numbers.
+    """The value as it comes back from JSON: dataclasses as objects, tuples and arrays as lists.
 
     Raises ArgumentError for what JSON cannot hold, NaN and infinity included.
     """
@@ -82,10 +89,7 @@ def digest(value: object) -> str:
 
 
 def without(values: Mapping[str, Any], **nothing: object) -> dict[str, Any]:
-    """The values but for those that say nothing: an artifact does not name what it lacks.
-
-    So what came later, and is not used, changes no identity.
-    """
+    """The values but for those that say nothing: so what came later, and is not used, changes no identity."""
     return {name: value for name, value in values.items() if name not in nothing or value != nothing[name]}
 
 
@@ -135,3 +139,35 @@ def _simpler(item: object) -> object:
 
 def _text(leaves: Mapping[str, Any], key: str) -> str:
     return json.dumps(leaves[key], sort_keys=True) if key in leaves else "nothing"
+
+
+@cache
+def commit(checkout: Path = CHECKOUT) -> str:
+    """The git commit of the code, with a + where files were changed since; empty where git gives none."""
+    if not (checkout / ".git").exists():  # installed; a repository further up is somebody else's
+        return ""
+    command = ["git", "--no-optional-locks", "-C", str(checkout), "describe"]
+    command += ["--always", "--exclude=*", "--abbrev=12", "--dirty=+"]
+    # Within a hook of git these variables would name another repository.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    try:
+        ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=30)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return ran.stdout.strip()
+
+
+def code(checkout: Path = CHECKOUT) -> str:
+    """Which code runs, as every artifact says: its commit or, where it is no checkout, its version."""
+    return commit(checkout) or f"rf_exp {installed(['rf_exp']).get('rf_exp', 'of unknown version')}"
+
+
+def installed(packages: Iterable[str]) -> dict[str, str]:
+    """The version of Python and of those packages that are installed."""
+    found = {"python": platform.python_version()}
+    for package in packages:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue  # not every machine has the simulator
+    return found

@@ -33,5 +33,4 @@ def _letters(value: Any) -> Any:
 
 
 def _words(value: Any) -> Any:
-    """A value on a page in Markdown."""
     return text(value) if isinstance(value, str) and not isinstance(value, Markdown) else value

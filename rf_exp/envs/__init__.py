@@ -4,10 +4,8 @@ Importing this package registers `rf_exp/<task>-v1` with Gymnasium for every tas
 stand on `core.EpisodeCore`, and both are told by `Observations` what they see. See docs/environments.md.
 """
 
+from rf_exp.envs.central import environment_id, parallel_env, register
 from rf_exp.envs.core import ResetNeeded
-from rf_exp.envs.registration import environment_id, parallel_env, register, register_configured
 from rf_exp.observations import Observations
-
-register_configured()
 
 __all__ = ["Observations", "ResetNeeded", "environment_id", "parallel_env", "register"]

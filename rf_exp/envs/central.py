@@ -1,17 +1,23 @@
-"""The Gymnasium face: one controller of all arms."""
+"""The Gymnasium face, one controller of all arms, and by which names the environments are found."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from rf_exp.envs.core import METADATA, EpisodeCore, Face
+from rf_exp.envs.core import METADATA, EpisodeCore, Face, configured, find_task
 from rf_exp.envs.observations import action_space, space
+from rf_exp.errors import StageError
 from rf_exp.observations import ObservationDict, Observations
-from rf_exp.tasks import NONE, Task, Variation
+from rf_exp.tasks import Task
+
+if TYPE_CHECKING:
+    from rf_exp.envs.parallel import ParallelArmsEnv
+
+VERSION = 1  # of the interface: raise it when observations, actions or reward come to mean something else
 
 
 class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
@@ -31,13 +37,10 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
         task: str | Path | Task,
         observations: Observations | None = None,
         *,
-        variation: str | Variation = NONE,
-        step_limit: int | None = None,
-        overlaps: bool = False,
         render_mode: str | None = None,
+        **options: Any,
     ) -> None:
-        how = {"step_limit": step_limit, "overlaps": overlaps, "render_mode": render_mode}
-        self.core = EpisodeCore(task, observations, variation=variation, **how)
+        self.core = EpisodeCore(task, observations, render_mode=render_mode, **options)
         self.render_mode = render_mode
         self.action_space: spaces.Box = action_space(self.task)
         self.observation_space: spaces.Dict = space(self.core.observations, self.task)
@@ -58,3 +61,43 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
         self.core.step(action)
         now = self.core.episode
         return self.core.observe(), now.reward, now.success, now.truncated, now.info()
+
+
+def environment_id(name: str) -> str:
+    """The name of a task's environment in Gymnasium."""
+    return f"rf_exp/{name}-v{VERSION}"
+
+
+def register(path: str | Path) -> str:
+    """Registers the task of a YAML file with Gymnasium; the name for `gymnasium.make`.
+
+    Modules that it names (`code`, assets) must be importable. Raises ArgumentError as `find_task`.
+    """
+    return _register(find_task(Path(path)).name, str(Path(path).resolve()))
+
+
+def _register(name: str, task: str) -> str:
+    gymnasium.register(
+        environment_id(name), entry_point="rf_exp.envs.central:CentralEnv", kwargs={"task": task}
+    )
+    return environment_id(name)
+
+
+for _name in configured():
+    _register(_name, _name)
+
+
+def parallel_env(
+    task: str | Path | Task, observations: Observations | None = None, **options: Any
+) -> "ParallelArmsEnv":
+    """The PettingZoo environment of a task: its name, the path of its YAML file, or itself.
+
+    `options` are those of `ParallelArmsEnv`. Raises StageError where PettingZoo is not installed.
+    """
+    try:
+        from rf_exp.envs.parallel import ParallelArmsEnv  # not above: Gymnasium alone does without PettingZoo
+    except ModuleNotFoundError as error:
+        if error.name != "pettingzoo":
+            raise
+        raise StageError("PettingZoo is not installed; run: pip install 'rf_exp[envs]'") from error
+    return ParallelArmsEnv(task, observations, **options)

@@ -13,12 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.constraints import PolicyMonitor, pressing
 from rf_exp.envs.observations import action_space
-from rf_exp.envs.registration import find_task
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.observations import ObservationDict, Observations, observe
 from rf_exp.sim import Simulator
-from rf_exp.tasks import NONE, Ledger, SuccessEvaluator, Task, Variation, drawn_of, labels, read_variation
+from rf_exp.tasks import (
+    CONFIGURED,
+    NONE,
+    Ledger,
+    SuccessEvaluator,
+    Task,
+    Variation,
+    drawn_of,
+    labels,
+    read_task,
+    read_variation,
+)
 from rf_exp.types import CONTROL_HZ, Scene
 
 RENDER_MODES = ("rgb_array",)
@@ -33,11 +43,11 @@ class EpisodeCore:
     """One task in simulation, one episode after the other.
 
     `task` is a name of conf/task, the path of a YAML file, or a Task; `variation`, how its scenes differ, is
-    one of conf/variation or a Variation. An episode ends with success by the
-    strict criterion, or after `step_limit` control steps (20 a second), those of the task unless given.
-    A violation is a control step in which two arms press on one another; with `overlaps` also one in which
-    their exact volumes overlap, as evaluation counts it, which costs up to as much again as the step. Raises
-    ArgumentError for what is not possible, and StageError where pictures are asked for and cannot be drawn.
+    one of conf/variation or a Variation. An episode ends with success by the strict criterion, or after
+    `step_limit` control steps (20 a second), those of the task unless given. A violation is a control step in
+    which two arms press on one another; with `overlaps` also one in which their exact volumes overlap, as
+    evaluation counts it, which costs up to as much again as the step. Raises ArgumentError for what is not
+    possible, and StageError where pictures are asked for and cannot be drawn.
     """
 
     def __init__(
@@ -75,14 +85,14 @@ class EpisodeCore:
             raise ResetNeeded("the environment is closed; make another one")
         seed = int(rng.integers(EVALUATION_SEED)) if seed is None else int(seed)
         start, task = self._world.reset(seed), self._world.task
-        drawn = drawn_of(self.task, seed)
-        self._episode = Episode(task, seed, start, _monitor(task, self._overlaps), drawn)
+        pairs = tuple(combinations(task.agents, 2))
+        monitor = PolicyMonitor(task) if self._overlaps else lambda scene: pressing(scene, pairs)
+        self._episode = Episode(task, seed, start, monitor, drawn_of(self.task, seed))
 
     def step(self, action: ArrayLike) -> None:
         """One control step (50 ms): (N, A) joint targets in rad, grippers; clipped to the action space.
 
-        Raises ArgumentError for another shape and for values that are not finite, ResetNeeded where there
-        is no episode.
+        Raises ArgumentError for what is no such array, ResetNeeded where there is no episode.
         """
         episode = self._episode
         if self._world is None or episode is None or episode.success or episode.truncated:
@@ -94,7 +104,7 @@ class EpisodeCore:
 
     @property
     def episode(self) -> "Episode":
-        """The episode that is under way, or has ended. Raises ResetNeeded before the first."""
+        """That is under way, or has ended. Raises ResetNeeded before the first."""
         if self._episode is None:
             raise ResetNeeded("there is no episode yet; call reset() first")
         return self._episode
@@ -186,11 +196,9 @@ class Face:
         return labels(self.task)
 
     def render(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB of the camera `global`."""
         return self.core.render()
 
     def close(self) -> None:
-        """Frees the simulator; may be called again."""
         self.core.close()
 
 
@@ -206,9 +214,20 @@ def shaped(action: object, shape: tuple[int, ...], what: str) -> NDArray[np.floa
     return array
 
 
-def _monitor(task: Task, overlaps: bool) -> Callable[[Scene], Any]:
-    """What looks for a violation: its result has a sentence, or is None."""
-    if overlaps:
-        return PolicyMonitor(task)
-    pairs = tuple(combinations(task.agents, 2))
-    return lambda scene: pressing(scene, pairs)
+def configured() -> tuple[str, ...]:
+    """The names of the tasks of conf/task."""
+    return tuple(sorted(path.stem for path in CONFIGURED.glob("*.yaml")))
+
+
+def find_task(task: str | Path | Task) -> Task:
+    """A task by its name, the path of its YAML file, or itself. Raises ArgumentError."""
+    if isinstance(task, Task):
+        return task
+    if str(task) in configured():
+        return read_task(CONFIGURED / f"{task}.yaml")
+    path = Path(task)
+    if path.suffix != ".yaml":
+        raise choices("task", str(task), (*configured(), "the path of a task's YAML file"))
+    if not path.is_file():
+        raise ArgumentError(f"task {str(task)!r}: there is no such file")
+    return read_task(path)

@@ -41,7 +41,8 @@ def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Di
             joints = spaces.Box(joints.low[0], joints.high[0], dtype=np.float32)
         shown |= {"qpos": joints, "qvel": _unbounded(joints.shape)}
     if seen.state == "full":
-        shown |= {f"pose_{name}": _pose_space() for name in task.objects}
+        far = np.array([np.inf] * 3 + [1.0] * 4, np.float32)
+        shown |= {f"pose_{name}": spaces.Box(-far, far, dtype=np.float32) for name in task.objects}
     size = (seen.height, seen.width)
     if seen.pictures:
         shown |= {f"rgb_{name}": spaces.Box(0, 255, (*size, 3), np.uint8) for name in names}
@@ -52,18 +53,15 @@ def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Di
         shown |= {f"segmentation_{name}": spaces.Box(0, last, size, np.uint8) for name in names}
     if seen.language:
         count = len(task.description)
-        text = spaces.Text(count, min_length=count, charset=frozenset(task.description))
-        shown["language"] = text
+        shown["language"] = spaces.Text(count, min_length=count, charset=frozenset(task.description))
     return spaces.Dict(shown)
 
 
 def _own_first(task: Task, agent: int) -> tuple[int, ...]:
-    """All agents, this one first."""
     return (agent, *(other for other in task.agents if other != agent))
 
 
 def _qpos_space(task: Task, order: Sequence[int]) -> spaces.Box:
-    """(agents, D) of these agents, one behind the other."""
     bounds = np.zeros((2, len(order), task.dof + FINGERS))
     for row, agent in enumerate(order):
         model = task.robots[agent - 1].model
@@ -71,11 +69,6 @@ def _qpos_space(task: Task, order: Sequence[int]) -> spaces.Box:
         fingers_of(bounds)[1, row] = model.hand.open_m
     low, high = (bounds + np.array([-OVERSHOOT, OVERSHOOT])[:, None, None]).astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
-
-
-def _pose_space() -> spaces.Box:
-    high = np.array([np.inf] * 3 + [1.0] * 4, np.float32)
-    return spaces.Box(-high, high, dtype=np.float32)
 
 
 def _unbounded(shape: tuple[int, ...]) -> spaces.Box:

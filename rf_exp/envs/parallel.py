@@ -13,7 +13,7 @@ from rf_exp.envs.core import METADATA, EpisodeCore, Face, shaped
 from rf_exp.envs.observations import action_space, of_agent, space, state_space, state_vector
 from rf_exp.errors import ArgumentError
 from rf_exp.observations import ObservationDict, Observations
-from rf_exp.tasks import NONE, Task, Variation
+from rf_exp.tasks import Task
 
 Of = dict[str, Any]  # agent -> something
 
@@ -33,13 +33,10 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         task: str | Path | Task,
         observations: Observations | None = None,
         *,
-        variation: str | Variation = NONE,
-        step_limit: int | None = None,
-        overlaps: bool = False,
         render_mode: str | None = None,
+        **options: Any,
     ) -> None:
-        how = {"step_limit": step_limit, "overlaps": overlaps, "render_mode": render_mode}
-        self.core = EpisodeCore(task, observations, variation=variation, **how)
+        self.core = EpisodeCore(task, observations, render_mode=render_mode, **options)
         self.render_mode = render_mode
         self.metadata = METADATA | {"name": f"rf_exp_{self.task.name}", "is_parallelizable": True}
         numbers = {f"agent{agent}": agent for agent in self.task.agents}
@@ -61,10 +58,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Of, Of]:
-        """The scene of exactly this seed, as in the rest of the suite; else the next one drawn.
-
-        `info["seed"]` tells which. There are no `options`.
-        """
+        """The scene of exactly this seed, else the next one drawn; info tells which."""
         if seed is not None or self._rng is None:
             self._rng, _ = seeding.np_random(seed)
         self.core.reset(seed, self._rng)
@@ -72,10 +66,7 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
         return self._observed(), self._infos()
 
     def step(self, actions: Of) -> tuple[Of, dict[str, float], dict[str, bool], dict[str, bool], Of]:
-        """One control step, 50 ms: what each agent observes, its reward, terminated, truncated, info.
-
-        Raises ArgumentError unless there is an action for each agent.
-        """
+        """Observations, rewards, terminated, truncated, infos. Raises ArgumentError for a missing action."""
         agents = self.possible_agents
         if self.agents and actions.keys() != self._own.keys():
             raise ArgumentError(f"actions of {sorted(actions)}; expected one of each of {agents}")

@@ -18,10 +18,7 @@ HOME = "in the place of ~ the shell has not put your home; write $HOME"
 
 
 def arranged(arguments: Sequence[str]) -> list[str]:
-    """The arguments with Hydra's flags first, wherever they stood.
-
-    Raises ArgumentError for flags that are not there or exclude one another, and for what Hydra cannot read.
-    """
+    """The arguments with Hydra's flags first. Raises ArgumentError for flags and values it cannot take."""
     parser = get_args_parser()
     parser.error = _refuse_flags  # pyright: ignore[reportAttributeAccessIssue]
     given = parser.parse_intermixed_args(list(arguments))
@@ -44,10 +41,10 @@ def arranged(arguments: Sequence[str]) -> list[str]:
     return flags + given.overrides
 
 
-def checked_folder(value: object, key: str = "out") -> str:
+def checked_folder(value: object) -> str:
     """A folder as it is said. Raises ArgumentError for what would make one that nobody meant."""
     if not isinstance(value, str) or not value.strip():
-        raise ArgumentError(f"{key} is {value!r}; expected the name of a folder, in quotes if it is a number")
+        raise ArgumentError(f"out is {value!r}; expected the name of a folder, in quotes if it is a number")
     for wrong, why in (
         (value.startswith("~") and "~", HOME),
         ("$" in value and "$", "the shell puts a variable there only outside of single quotes"),
@@ -55,9 +52,7 @@ def checked_folder(value: object, key: str = "out") -> str:
         (next((letter for letter in value if not letter.isprintable()), False), "it cannot be seen"),
     ):
         if wrong:
-            raise ArgumentError(
-                f"{key} is {value!r}, and {wrong!r} would be part of the folder's name; {why}"
-            )
+            raise ArgumentError(f"out is {value!r}, and {wrong!r} would be part of the folder's name; {why}")
     return value
 
 

@@ -5,8 +5,7 @@ from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any, get_args, get_origin, get_type_hints
 
 from rf_exp.datagen.brain import SPECS
-from rf_exp.keys.files import Key, content
-from rf_exp.keys.likeness import ALWAYS, nearest
+from rf_exp.keys.refusal import ALWAYS, Key, content, nearest
 from rf_exp.policy import TrainConfig, policy_keys
 from rf_exp.tasks import CameraSpec, Task, Variation
 from rf_exp.types import Arch, ConstraintSet
@@ -42,6 +41,13 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
     found: dict[str, Any] = {}
     for path in ALWAYS:
         found |= content(path)
+    own = {  # what a task's file decides: its thresholds, and its cameras, one for each agent
+        name: {
+            "success": dict.fromkeys(task.get("success", ())),
+            "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
+        }
+        for name, task in tasks.items()
+    }
     kinds = _fields(ConstraintSet, "name")
     brain = node.get("brain")
     spec = SPECS.get(str(brain.get("name"))) if isinstance(brain, Mapping) else None
@@ -50,9 +56,7 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
         "training": _fields(TrainConfig, "seed"),  # that is train_seed
         "variation": _fields(Variation),
         "evaluated": _fields(Variation),
-        "task": replace(
-            _entries(Task, "variation"), own={name: _of_task(task) for name, task in tasks.items()}
-        ),
+        "task": replace(_entries(Task, "variation"), own=own),
         "arch": _entries(Arch, "name"),
         "constraints": Entries(kinds, frozenset(kinds)),
         # A key in the place of its variable's name is refused later, in words of its own.
@@ -113,14 +117,6 @@ def possible(node: Any, keys: Any, at: Key = ()) -> Iterator[str]:
         yield from possible(there.get(key), below, (*at, key))
 
 
-def _of_task(task: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys that a task's own file decides: its thresholds, and its cameras, one for each agent."""
-    return {
-        "success": dict.fromkeys(task.get("success", ())),
-        "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
-    }
-
-
 def _fields(kind: Any, *without: str) -> dict[str, Any]:
     hints = get_type_hints(kind)
     return {each.name: _below(hints[each.name]) for each in fields(kind) if each.name not in without}
@@ -132,7 +128,6 @@ def _entries(kind: Any, *without: str) -> Entries:
 
 
 def _below(kind: Any) -> Any:
-    """The keys below a field of a type."""
     arguments = get_args(kind)
     if is_dataclass(kind):
         return _fields(kind)

@@ -1,16 +1,47 @@
 """What is said of the keys that a configuration cannot have: the nearest ones, and where they stand."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import SequenceMatcher
+from functools import cache
+from importlib.resources import files as package
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
+import yaml
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from rf_exp.errors import ArgumentError
-from rf_exp.keys.files import File, Key, composed_files, content, found_file
-from rf_exp.keys.likeness import ALWAYS, RENAMED, keys_are_in, no_key, shown
+from rf_exp.installed import CONF
 
+Key = tuple[str, ...]  # its parts, outermost first
+
+ALWAYS = CONF / "config.yaml", CONF / "policy" / "paper.yaml"  # of which every configuration is made
+RENAMED: Mapping[str, str] = yaml.safe_load(Path(__file__).with_name("renamed.yaml").read_text("utf-8"))
+ALIKE = 0.65  # of 1, from here on one word may be meant by another: of three letters one may be wrong
 LISTED = 3  # keys in one sentence
+
+
+@dataclass(frozen=True)
+class File:
+    """One of the files, and the key below which its own ones come."""
+
+    path: Traversable
+    package: Key
+    content: Mapping[str, Any]
+
+    def has(self, key: Key) -> bool:
+        """Whether the file says something of a key of the configuration."""
+        depth, node = len(self.package), self.content
+        if key[:-1][:depth] != self.package:
+            return False
+        for part in key[depth:-1]:
+            node = node.get(part) if isinstance(node, Mapping) else None
+        return isinstance(node, Mapping) and key[-1] in node
 
 
 def refuse_unknown_keys(config: DictConfig) -> None:
@@ -45,7 +76,6 @@ def _own_tasks(node: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _told(key: Key, there: Collection[str], files: Sequence[File]) -> str:
-    """A sentence about a key that is not there."""
     said = ".".join(map(str, key))
     file = next((file for file in reversed(files) if file.has(key)), None)
     if file is None:
@@ -54,3 +84,89 @@ def _told(key: Key, there: Collection[str], files: Sequence[File]) -> str:
     if file.package and ".".join(map(str, key[len(file.package) :])) in there:
         return f"there is no key {said!r}{where}: its first line must be '# @package _global_'."
     return no_key(said, there, where)
+
+
+def nearest(key: str, possible: Iterable[str]) -> list[str]:
+    """The dotted keys that are most like one: of those that stand beside it, or else of all."""
+    parent, _, last = key.rpartition(".")
+    ends = {other: other.rpartition(".")[2] for other in possible}
+    beside = {other: end for other, end in ends.items() if other.rpartition(".")[0] == parent}
+    if found := _best(last, beside):
+        return found
+    found = _best(last, ends)  # below another parent
+    return _best(key, {other: other for other in found}, 0.0)
+
+
+def _best(word: str, among: Mapping[str, str], least: float = ALIKE) -> list[str]:
+    likeness = {other: SequenceMatcher(None, word, said).ratio() for other, said in among.items()}
+    best = max(likeness.values(), default=0.0)
+    return [other for other, value in likeness.items() if value == best >= least]
+
+
+@cache
+def keys_of_files() -> Mapping[str, str]:
+    """Dotted key -> the choice that has it, empty for every configuration: all that `conf/` has."""
+    found = {key: "" for path in ALWAYS for key in inner(content(path))}
+    for group in ("task", "arch", "constraints", "brain"):
+        for path in sorted((CONF / group).glob("*.yaml")):
+            for key in inner(content(path)):
+                found.setdefault(f"{group}.{key}", f"{group}={path.stem}")
+    return found
+
+
+def no_key(key: str, possible: Iterable[str], where: str = "") -> str:
+    """The sentence about a key that is not there."""
+    if choice := keys_of_files().get(key):
+        return f"there is no key {key!r}{where}; it comes with {choice}."
+    if key in RENAMED:
+        return f"there is no key {key!r}{where}; it is {RENAMED[key]} now."
+    near = nearest(key, possible)
+    return f"there is no key {key!r}{where}" + (f"; did you mean {' or '.join(near)}?" if near else ".")
+
+
+def keys_are_in() -> str:
+    """Where a person finds those that are there."""
+    files = " and ".join(shown(path) for path in ALWAYS)
+    return f"The keys are in {files}, those of tasks in {shown(CONF / 'task')}"
+
+
+def shown(path: Path) -> str:
+    """A path as people write it: from the current folder on, if it is below."""
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
+
+
+def composed_files() -> list[File]:
+    """Those of the job that runs, later ones of which win. Hydra's own are left out."""
+    hydra, loader = HydraConfig.get(), GlobalHydra.instance().config_loader()
+    overrides = [*hydra.overrides.hydra, *hydra.overrides.task]
+    parts = loader.compute_defaults_list(hydra.job.config_name, overrides, RunMode.RUN)
+    found = []
+    for part in parts.defaults:
+        path = found_file(str(part.config_path))
+        if path is not None and not str(part.config_path).startswith("hydra/"):
+            below = tuple(part.package.split(".")) if part.package else ()
+            found.append(File(path, below, content(path)))
+    return found
+
+
+def found_file(choice: str) -> Traversable | None:
+    """The file of `group/name` in the first folder of Hydra's that has one."""
+    roots = {"file": Path, "pkg": lambda path: package(path.replace("/", "."))}
+    sources = HydraConfig.get().runtime.config_sources
+    folders = (roots[each.schema](each.path) for each in sources if each.schema in roots)
+    paths = (folder.joinpath(*f"{choice}.yaml".split("/")) for folder in folders)
+    return next((path for path in paths if path.is_file()), None)
+
+
+def content(path: Traversable) -> dict[str, Any]:
+    """What a file gives to the configuration."""
+    node: Any = OmegaConf.to_container(OmegaConf.create(path.read_text("utf-8")))
+    return {key: value for key, value in node.items() if key not in ("defaults", "hydra")}
+
+
+def inner(node: Any) -> Iterator[str]:
+    """The dotted keys of a mapping, inner ones too."""
+    for key, value in node.items() if isinstance(node, Mapping) else ():
+        yield str(key)
+        yield from (f"{key}.{below}" for below in inner(value))

@@ -1,39 +1,19 @@
 """Jobs on an engine: results in the order of the jobs, and another try for one whose worker died."""
 
-import os
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Generator, Iterable
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from rf_exp.errors import StageError, WorkerDied, portable
-from rf_exp.launch.spec import ENGINES, Launch
+from rf_exp.errors import StageError, WorkerDied
+from rf_exp.launch.engines import CONNECTED, ENGINES, Handle, Job, Launch, Submit
 from rf_exp.processes import Timeout, in_order
 
 TRIES = 3  # of a job whose worker dies
 AHEAD = 4  # jobs for each one at a time that may be begun before an earlier one is done
 LOOK_EVERY_S = 0.1
-
-Job = Callable[[], Any]
-
-
-class Handle(Protocol):
-    """How a job stands that an engine has taken."""
-
-    def done(self) -> bool: ...
-
-    def result(self) -> Any:
-        """Of a job that is done: what it gave, or the error it raised. Raises whatever if its worker died."""
-
-    def cancel(self) -> object: ...
-
-
-Submit = Callable[[Job], Handle]
-Connected = Callable[[Launch, int, Path], AbstractContextManager[Submit]]
 
 
 def results(launch: Launch, jobs: Iterable[Job], at_once: int, folder: Path) -> Generator[Any, None, None]:
@@ -45,44 +25,35 @@ def results(launch: Launch, jobs: Iterable[Job], at_once: int, folder: Path) -> 
     Raises what a job raises, and StageError where nobody answers or a job's worker has died three times.
     """
     if ENGINES[launch.engine].network:
-        _expect_answer(launch, folder)
-    with _engine(launch)(launch, at_once, folder) as submit:
-        yield from _in_order(submit, iter(jobs), at_once)
-
-
-def _engine(launch: Launch) -> Connected:
-    return import_module(f"rf_exp.launch.on_{launch.engine}").connected
-
-
-def _expect_answer(launch: Launch, folder: Path) -> None:
-    """Asks in a process that can be ended: clients wait for ever for one who listens and is no engine."""
-    (answer,) = in_order([partial(_ask, launch, folder)], 1, 2 * launch.connect_s)
-    if isinstance(answer, Timeout):
-        raise StageError(f"launch.address={launch.address}: nobody speaks {launch.engine} there: {answer}")
+        # Asked in a process that can be ended: clients wait for ever for one who listens and is no engine.
+        (answer,) = in_order([partial(_ask, launch, folder)], 1, 2 * launch.connect_s)
+        if isinstance(answer, Timeout):
+            raise StageError(
+                f"launch.address={launch.address}: nobody speaks {launch.engine} there: {answer}"
+            )
+    with CONNECTED[launch.engine](launch, at_once, folder) as submit:
+        waiting = iter(jobs)
+        begun: deque[_Try] = deque()
+        try:
+            while True:
+                while len(begun) < AHEAD * at_once and sum(not each.done() for each in begun) < at_once:
+                    if (job := next(waiting, None)) is None:
+                        break
+                    begun.append(_Try(submit, job))
+                if not begun:
+                    return
+                if begun[0].done():
+                    yield begun.popleft().result
+                else:
+                    time.sleep(LOOK_EVERY_S)
+        finally:
+            for each in begun:
+                each.cancel()
 
 
 def _ask(launch: Launch, folder: Path) -> None:
-    with _engine(launch)(launch, 1, folder):
+    with CONNECTED[launch.engine](launch, 1, folder):
         pass
-
-
-def _in_order(submit: Submit, jobs: Iterator[Job], at_once: int) -> Generator[Any, None, None]:
-    begun: deque[_Try] = deque()
-    try:
-        while True:
-            while len(begun) < AHEAD * at_once and sum(not each.done() for each in begun) < at_once:
-                if (job := next(jobs, None)) is None:
-                    break
-                begun.append(_Try(submit, job))
-            if not begun:
-                return
-            if begun[0].done():
-                yield begun.popleft().result
-            else:
-                time.sleep(LOOK_EVERY_S)
-    finally:
-        for each in begun:
-            each.cancel()
 
 
 class _Try:
@@ -123,13 +94,3 @@ class _Try:
     def cancel(self) -> None:
         if self._handle is not None:
             self._handle.cancel()
-
-
-def on_node(job: Job) -> Any:
-    """Where the engine runs it: what a job gives, or the error it raises, as not every engine brings it."""
-    for name in ("OMP_NUM_THREADS", "LP_NUM_THREADS"):  # jobs stand side by side: a core each
-        os.environ.setdefault(name, "1")
-    try:
-        return job()
-    except Exception as error:
-        return portable(error)

@@ -1,22 +1,20 @@
 """Arms in a ManiSkill environment of anybody's: read, planned for, checked, scheduled and driven."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from shapely import MultiPoint
 
 from rf_exp.datagen import Planned, Planner, Settings, as_commanded, commands_of, drive, follow
-from rf_exp.datagen.brain import Question
+from rf_exp.datagen.brain import Question, to_json
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.findings import CheckName, Violation, agent_name
-from rf_exp.library.driven import Driven
-from rf_exp.library.points import asset_of, upright_frame
-from rf_exp.library.said import Said
-from rf_exp.library.task import ReadRobot, ReadTask
-from rf_exp.sim import Arm, Stock
+from rf_exp.library.reading import GREY, ReadRobot, ReadTask, asset_of, upright_frame
+from rf_exp.sim import Arm, Stepped, Stock
 from rf_exp.statements import Proposal, Statement, read, read_subgoal
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset, InteractionPoint, Part
@@ -26,7 +24,6 @@ from rf_exp.types import ConstraintSet, JointLimits, Scene, Subgoal
 FULL = ConstraintSet("full")
 SETTLE_STEPS = 20  # that arms hold still after a plan: what was put down may need a moment
 ON_M = 0.005  # what is nearer to a thing below it stands on it
-GREY = (0.5, 0.5, 0.5)
 
 Subgoals = Mapping[int, Iterable[str | Subgoal]]  # agent -> what it does, in this order
 
@@ -73,6 +70,61 @@ class Execution:
         return f"{'success' if self.success else 'failure'} after {self.steps} steps {self.reason}".strip()
 
 
+class Saying:
+    """The RoboBrain of a person: it answers every question with one proposal."""
+
+    def __init__(self, proposal: Proposal) -> None:
+        self.name, self._proposal = Said.name, proposal
+
+    def answer(self, question: Question) -> str:
+        return to_json(self._proposal)
+
+
+@dataclass(frozen=True)
+class Said:
+    """What it is made from."""
+
+    name: ClassVar[str] = "said"
+    reads: ClassVar[bool] = False
+
+    proposal: Proposal
+
+    @property
+    def identity(self) -> dict[str, object]:
+        return {"name": self.name, "proposal": to_json(self.proposal)}
+
+    def make(self, task: Task, constraint_set: ConstraintSet, seed: int) -> Saying:
+        return Saying(self.proposal)
+
+    def again(self) -> "Said":
+        return self
+
+
+class Driven:
+    """Takes commands until the environment ends its episode; scenes are those of the objects' frames."""
+
+    def __init__(self, stock: Stock, frames: Mapping[str, Matrix]) -> None:
+        """`frames`: object -> body_from_object (4, 4)."""
+        self._stock, self._frames = stock, frames
+        self.told: NDArray[np.float64] | None = None  # (N, A) the last command
+        self.last: Stepped | None = None  # what the environment said of the last step of a plan
+
+    @property
+    def scene(self) -> Scene:
+        """What is measured now."""
+        scene = self._stock.scene()
+        return replace(scene, poses={name: pose @ self._frames[name] for name, pose in scene.poses.items()})
+
+    @property
+    def over(self) -> bool:
+        """Whether the environment has ended its episode."""
+        return self.last is not None and (self.last.terminated or self.last.truncated)
+
+    def take(self, command: NDArray[np.float64]) -> None:
+        """One control step."""
+        self.told, self.last = command, self._stock.step(command)
+
+
 class Workcell:
     """A scene of one or more arms. Agents are numbered from 1, as the environment lists its robots.
 
@@ -117,14 +169,12 @@ class Workcell:
         }
         robots = tuple(map(_robot, self._stock.arms))
         name = type(getattr(env, "unwrapped", env)).__name__
-        self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), {})
-        below = _below(self.task, self.scene())
-        self.task = ReadTask.of(name, robots, assets, dict(places or {}), below)
+        below = _below(assets, self.scene().poses)
+        self.task: Task = ReadTask.of(name, robots, assets, dict(places or {}), below)
         changes = {} if limits is None else {"limits": limits}
         self._settings = Settings.configured(self.task, constraint_set, Said(Proposal((), ())), **changes)
 
     def __str__(self) -> str:
-        """What there is, in words."""
         arms = zip(self.task.agents, self._stock.arms, strict=True)
         lines = [f"{agent_name(agent)}: {arm.name} at {_at(arm.world_from_base)}" for agent, arm in arms]
         for name, pose in self.scene().poses.items():
@@ -147,7 +197,7 @@ class Workcell:
         understood or names what there is not, and NoPlan.
         """
         proposal = self._proposal(subgoals, constraints)
-        planner = Planner(self._settings, Said(proposal).make(self.task, self._settings.constraint_set, seed))
+        planner = Planner(self._settings, Saying(proposal))
         scene = as_commanded(self.scene(), self._arms.told)
         made = planner.plan(Question(self.task, scene, {}), scene, np.random.default_rng(seed))
         if made is None:
@@ -180,8 +230,6 @@ class Workcell:
         scene = self.scene()
         return Execution(scene, scene.step - begins, violation, *ended)
 
-    # -- parts ---------------------------------------------------------------------------------
-
     def _proposal(self, subgoals: Subgoals, constraints: Iterable[str | Statement]) -> Proposal:
         words = self.task.vocabulary
         found = []
@@ -204,11 +252,8 @@ def _robot(arm: Arm) -> ReadRobot:
     return ReadRobot(x_m, y_m, yaw_deg, arm.rest_rad, arm.robot, pose=arm.world_from_base, on_hand=on_hand)
 
 
-def _below(task: Task, scene: Scene) -> dict[str, str]:
-    """What stands on another object -> that object."""
-    corners = {
-        name: task.asset(name).vertices(scene.poses[name]) for name in task.objects if task.asset(name).hulls
-    }
+def _below(assets: Mapping[str, Asset], poses: Mapping[str, Matrix]) -> dict[str, str]:
+    corners = {name: asset.vertices(poses[name]) for name, asset in assets.items() if asset.hulls}
     outlines = {name: MultiPoint(each[:, :2]).convex_hull for name, each in corners.items()}
     return {
         name: other

@@ -1,9 +1,9 @@
-from .artifacts import check_cameras as check_cameras
-from .artifacts import check_folders as check_folders
-from .artifacts import owned as owned
+from .beforehand import check_cameras as check_cameras
+from .beforehand import check_folders as check_folders
+from .beforehand import say_how_long as say_how_long
 from .cell import Cell as Cell
 from .cell import cells as cells
-from .costs import say_how_long as say_how_long
+from .cell import owned as owned
 from .evaluation import evaluate_policies as evaluate_policies
 from .generation import generate_data as generate_data
 from .generation import why_seeds_failed as why_seeds_failed

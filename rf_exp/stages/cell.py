@@ -1,22 +1,37 @@
 """A cell of the experiment: one task, one set of constraints and, from training on, one architecture.
 
 It knows where its artifacts lie below `out`, a layout that other people's scripts rely on, and what decides
-their bytes beside their seeds: configuration and assets by their content, code by its versions.
+their bytes beside their seeds: configuration and assets by their content, code by its versions. Who makes one
+holds the right to it, and one that is there was made alike.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from rf_exp.ablation import rows_file
-from rf_exp.artifacts import plain, without
+from rf_exp.ablation import EvaluationRow, GenerationRow, read_rows, rows_file
+from rf_exp.artifacts import (
+    configuration_file,
+    expect_same,
+    locked,
+    plain,
+    read_json,
+    sweep,
+    without,
+    write_json,
+)
 from rf_exp.datagen import COORDINATOR_VERSION, Settings, generator_version
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.experiment import Experiment
 from rf_exp.policy import SHIELD_VERSION, View, views
+from rf_exp.store import Description, Store
 from rf_exp.tasks import Task
 from rf_exp.types import Arch, ConstraintSet, Pictures
+
+R = TypeVar("R", GenerationRow, EvaluationRow)
 
 
 @dataclass(frozen=True)
@@ -63,8 +78,6 @@ class Cell:
     def title(self, stage: str) -> str:
         """What a stage calls it on the terminal, e.g. `train lift_barrier/full/separate_local`."""
         return f"{stage} {self.place}" + (self.experiment.corrected if self.chosen_arch else "")
-
-    # -- where its artifacts are -----------------------------------------------------------------
 
     @property
     def data_path(self) -> Path:
@@ -123,8 +136,6 @@ class Cell:
         """The recording of a scene of a stage."""
         folder = self.experiment.out / "recordings" / self.task.name / self.constraint_set.name
         return folder / f"{stage}-{seed}.rrd"
-
-    # -- what decides their bytes ----------------------------------------------------------------
 
     @property
     def settings(self) -> Settings:
@@ -202,3 +213,59 @@ def cells(experiment: Experiment) -> Iterator[Cell]:
     """The cells of an experiment, each task under each of its sets of constraints; without architectures."""
     for task, constraint_set in product(experiment.tasks, experiment.constraint_sets):
         yield Cell(experiment, task, constraint_set)
+
+
+def known_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
+    """The rows in a file; none where it is not there yet."""
+    return read_rows(path, kind) if path.exists() else ()
+
+
+@contextmanager
+def owned(
+    artifact: Path, configuration: Mapping[str, Any] | None = None, also: Sequence[Path] = ()
+) -> Iterator[None]:
+    """Holds the right to make an artifact; other jobs that want it wait here, and say for whom.
+
+    What a kill left half-written beside it is removed. With `configuration`, the artifact must be
+    made of that (`same_configuration`; `also` is made together with it). Raises StageError naming
+    what differs, ArgumentError where nothing can be written.
+    """
+    with ExitStack() as stack:
+        try:
+            artifact.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(artifact.with_name(f".{artifact.name}.lock"), str(artifact)))
+        except OSError as error:
+            raise ArgumentError(
+                f"cannot write below {artifact.parent}: {error.strerror}; "
+                "choose another folder with out=FOLDER"
+            ) from error
+        sweep(artifact.parent)
+        if configuration is not None:
+            same_configuration(artifact, configuration, artifact.exists(), also)
+        yield
+
+
+def same_configuration(
+    artifact: Path, configuration: Mapping[str, Any], made: bool, also: Sequence[Path] = ()
+) -> None:
+    """Records of what an artifact will be `made`, or compares. Raises StageError naming what differs."""
+    record = configuration_file(artifact)
+    if not made:
+        write_json(record, configuration)
+        return
+    listed = ", ".join(map(str, [artifact, record, *(path for path in also if path.exists())]))
+    remedy = f"delete {listed}, or choose another folder with out=FOLDER"
+    if not record.exists():
+        raise StageError(f"{artifact} is there, and {record} that says what it was made of is not; {remedy}")
+    expect_same(artifact, read_json(record, remedy), configuration, remedy)
+
+
+def continued(
+    path: Path, identity: Mapping[str, Any], source: Store, task: Task, description: Description | None
+) -> Store:
+    """A store for writing, with the arrays of another: the one of `identity` that is there, or a new one."""
+    if path.exists():
+        return Store.open(path, identity, writable=True)
+    of = source.attrs
+    size = of["agents"], of["cameras"], of["height"], of["width"], of["objects"], source.disturbed
+    return Store.create(path, identity, *size, description, [each.model for each in task.robots])

@@ -1,10 +1,10 @@
-"""Evaluation: the policies of an architecture act in consecutive scenes, each a row."""
+"""Evaluation: policies, of this experiment or somebody else's, act in consecutive scenes, each a row."""
 
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rf_exp.ablation import (
     FILM,
     PICTURE,
     EvaluationRow,
+    GenerationRow,
     append_row,
     of_training_seed,
     read_rows,
@@ -23,19 +24,81 @@ from rf_exp.ablation import (
 )
 from rf_exp.artifacts import code, sweep, whole
 from rf_exp.constraints import PolicyMonitor
-from rf_exp.datagen import Coordinator
+from rf_exp.datagen import Coordinator, Settings
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.findings import Account
-from rf_exp.policy import DiffusionRunner, PolicyRunner, Shield, rollout
+from rf_exp.policy import (
+    LEARNER,
+    DiffusionRunner,
+    PolicyConfig,
+    PolicyRunner,
+    Shield,
+    cost_s,
+    expect_policy,
+    foreign_runners,
+    load_runners,
+    provenance,
+    rollout,
+)
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
 from rf_exp.sim import Simulator, shared_simulator
-from rf_exp.stages.acting import Learned, Policies, acting, learned
-from rf_exp.stages.artifacts import owned, same_configuration
-from rf_exp.stages.cell import Cell
+from rf_exp.stages.cell import Cell, known_rows, owned, same_configuration
 from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import SuccessEvaluator, Task, drawn_of
-from rf_exp.types import Pictures, Rollout, RolloutStep
+from rf_exp.types import CONTROL_DT_S, Pictures, Rollout, RolloutStep
+
+
+@dataclass(frozen=True)
+class Policies:
+    """Policies as evaluation needs them. The value travels to worker processes, where runners are made."""
+
+    make_runners: Callable[[], Sequence[PolicyRunner]]  # made in the process that asks
+    step_limit: int  # of a scene
+    coordinator: Settings | None = None  # of the plans by which one coordinates the policies, if one does
+
+
+@dataclass(frozen=True)
+class Learned:
+    """How policies have learned, for their rows."""
+
+    provenance: dict[str, Any]  # as it is recorded beside the rows
+    core_s: float = 0.0  # CPU seconds of learning, together
+    queries: int = 0  # proposals that the expert was asked for
+
+
+def acting(cell: Cell) -> Policies:
+    """The policies of a cell, which act for as long as the task says."""
+    experiment, limit = cell.experiment, cell.task.step_limit
+    if (foreign := experiment.foreign) is not None:
+        fastest_rad = experiment.limits.velocity_rad_s * CONTROL_DT_S
+        runners = partial(foreign_runners, foreign, fastest_rad, cell.task)
+        return Policies(runners, foreign.step_limit or limit)
+    coordinator = replace(cell.settings, disturbance_rad=0.0) if cell.arch.coordinated else None
+    return Policies(partial(_loaded, cell.policy_path, experiment.policy), limit, coordinator)
+
+
+def learned(cell: Cell) -> Learned:
+    """How they learned. Raises StageError for policies that were made otherwise than the experiment says."""
+    if (foreign := cell.experiment.foreign) is not None:
+        return Learned({"foreign": foreign.name})
+    experiment, folders = cell.experiment, [cell.policy_path / view.name for view in cell.views]
+    config = replace(experiment.training, seed=experiment.train_seed)
+    wanted = {"learner": LEARNER, "policy": experiment.policy.learned, "train": config.identity}
+    made = {}
+    for folder in folders:
+        made[folder.name] = provenance(folder)
+        expect_policy(folder, wanted)
+    weights = {name: one.pop("weights") for name, one in made.items()}
+    said = {"data": next(iter(made.values()))["data"], "weights": weights}
+    corrections = [cell.after(k + 1).correction_path for k in range(experiment.dagger.rounds)]
+    queries = sum(row.attempts for path in corrections for row in read_rows(path, GenerationRow))
+    return Learned(said, sum(map(cost_s, folders)), queries)
+
+
+@lru_cache(maxsize=1)  # once a process; a finished folder never changes
+def _loaded(folder: Path, config: PolicyConfig) -> tuple[DiffusionRunner, ...]:
+    return load_runners(folder, acting=config)
 
 
 def evaluate_policies(cell: Cell) -> None:
@@ -43,7 +106,7 @@ def evaluate_policies(cell: Cell) -> None:
     experiment, task, path = cell.experiment, cell.task, cell.evaluation_path
     policies, made = acting(cell), learned(cell)
     with owned(path, cell.evaluation_identity(policies.step_limit)):
-        known = read_rows(path, EvaluationRow) if path.exists() else ()
+        known = known_rows(path, EvaluationRow)
         of_seed = of_training_seed(path, experiment.train_seed)
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, made.provenance, there, [path])
@@ -64,8 +127,10 @@ def evaluate_policies(cell: Cell) -> None:
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
             for tried, (seed, answer) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
-                timed_out = isinstance(answer, Timeout)
-                result, wall_s = _failed(seed, answer) if timed_out else answer
+                if isinstance(answer, Timeout):
+                    lost = Account(ended=str(answer))
+                    answer = Rollout(seed, False, False, 0, 0, 0, account=lost), answer.limit_s
+                result, wall_s = answer
                 row = _row(cell, policies.step_limit, made, result, wall_s)
                 append_row(path, row)
                 ours.append(row)
@@ -76,7 +141,7 @@ def evaluate_policies(cell: Cell) -> None:
 
 
 def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> None:
-    """Recordings and films that are wanted and missing: same seed, same rollout, once more."""
+    """Recordings and films that are missing: same seed, same rollout, once more."""
     experiment, scene = cell.experiment, scene_of(cell, policies)
     scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
     recorded = experiment.recorded("evaluate", scenes)
@@ -88,21 +153,13 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
     jobs: list[Callable[[], Any]] = []
     for seed in sorted({*recorded, *filmed}):
         record = cell.recording_path(stage, seed)
-        film = record.with_suffix(FILM)
-        wanted = [record] if seed in recorded else []
-        wanted += [film, record.with_suffix(PICTURE)] if seed in filmed else []
-        missing = [path for path in wanted if not path.exists()]
-        if not missing:
-            continue
-        looks.append((seed, missing))
-        jobs.append(
-            partial(
-                scene,
-                seed,
-                record=record if record in missing else None,
-                film=film if {film, record.with_suffix(PICTURE)} & {*missing} else None,
-            )
-        )
+        film, picture = record.with_suffix(FILM), record.with_suffix(PICTURE)
+        wanted = [record] * (seed in recorded) + [film, picture] * (seed in filmed)
+        if missing := [path for path in wanted if not path.exists()]:
+            looks.append((seed, missing))
+            to_record = record if record in missing else None
+            to_film = film if {film, picture} & {*missing} else None
+            jobs.append(partial(scene, seed, record=to_record, film=to_film))
     made = in_order(jobs, experiment.workers, experiment.seed_limit_s)
     for (seed, missing), look in zip(looks, made, strict=True):
         if isinstance(look, Timeout):
@@ -111,17 +168,12 @@ def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> Non
         result, _ = look
         for path in missing:
             console.print(f"recorded {path}")
-        if seed in before:
-            _compare(before[seed], result)
-
-
-def _compare(then: EvaluationRow, now: Rollout) -> None:
-    """Warns of a rollout that is not the same once more."""
-    if (then.success, then.steps) != (now.success, now.steps):
-        console.print(
-            f"warning: scene {now.seed} ended otherwise than in its row: success {now.success} after "
-            f"{now.steps} steps, there {then.success} after {then.steps}"
-        )
+        then = before.get(seed)
+        if then is not None and (then.success, then.steps) != (result.success, result.steps):
+            console.print(
+                f"warning: scene {seed} ended otherwise than in its row: success {result.success} after "
+                f"{result.steps} steps, there {then.success} after {then.steps}"
+            )
 
 
 def scene_of(cell: Cell, policies: Policies) -> Callable[..., tuple[Rollout, float]]:
@@ -150,7 +202,6 @@ def evaluate_scene(
     world = shared_simulator(task, pictures)
     start = world.reset(seed)
     task = world.task  # as it stands in this scene
-    monitor = PolicyMonitor(task)
     with ExitStack() as stack:
         stack.callback(torch.set_num_threads, threads)
         observers = _observers(stack, world, seed, record, film)
@@ -163,23 +214,14 @@ def evaluate_scene(
             if watch is not None:
                 watch(step)
 
-        guard = Shield(task) if shield else None
         runners, coordinator = policies.make_runners(), None
         if policies.coordinator is not None:
+            assert isinstance(runners[0], DiffusionRunner)  # trained ones know subgoals by their numbers
             plans = replace(policies.coordinator, task=task)
-            coordinator = Coordinator(plans, seed, start, _subgoals(runners))
-        result = rollout(
-            world,
-            SuccessEvaluator(task, start),
-            runners,
-            seed,
-            policies.step_limit,
-            monitor,
-            look,
-            start,
-            guard,
-            coordinator,
-        )
+            coordinator = Coordinator(plans, seed, start, runners[0].spec.names)
+        aids = look, start, Shield(task) if shield else None, coordinator
+        judge = SuccessEvaluator(task, start)
+        result = rollout(world, judge, runners, seed, policies.step_limit, PolicyMonitor(task), *aids)
         for observer in observers:
             observer.ended(result)
     return result, time.perf_counter() - began
@@ -188,7 +230,6 @@ def evaluate_scene(
 def _observers(
     stack: ExitStack, world: Simulator, seed: int, record: Path | None, film: Path | None
 ) -> "list[recording.RolloutRecorder | recording.RolloutFilm]":
-    """Those who record and film a rollout of a world, for as long as the stack is open."""
     task, observers = world.task, []
     if record is not None:
         draft, title = stack.enter_context(whole(record)), f"{task.title}, policy, scene {seed}"
@@ -197,26 +238,6 @@ def _observers(
         draft, picture = (stack.enter_context(whole(path)) for path in (film, film.with_suffix(PICTURE)))
         observers.append(stack.enter_context(recording.RolloutFilm(draft, picture, task, world)))
     return observers
-
-
-def _subgoals(runners: Sequence[PolicyRunner]) -> tuple[tuple[str, ...], ...]:
-    """Of each agent, that trained policies know by their numbers."""
-    (first, *_) = runners
-    assert isinstance(first, DiffusionRunner)
-    return first.spec.names
-
-
-def _failed(seed: int, timeout: Timeout) -> tuple[Rollout, float]:
-    lost = Rollout(
-        seed,
-        success=False,
-        success_paper=False,
-        steps=0,
-        violations=0,
-        contacts=0,
-        account=Account(ended=str(timeout)),
-    )
-    return lost, timeout.limit_s
 
 
 def _row(cell: Cell, limit: int, learned: Learned, result: Rollout, wall_s: float) -> EvaluationRow:

@@ -2,11 +2,9 @@
 
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,22 +17,19 @@ from rf_exp.experiment import EVALUATION_SEED, Experiment
 from rf_exp.launch import HERE
 from rf_exp.progress import Progress, console
 from rf_exp.sim import close_shared_simulator, shared_simulator
-from rf_exp.stages.artifacts import owned
-from rf_exp.stages.cell import Cell, cells
+from rf_exp.stages.cell import Cell, cells, known_rows, owned
 from rf_exp.stages.logs import rate_log
 from rf_exp.stages.shards import Attempt, Shards
 from rf_exp.store import Description, Store, card
 from rf_exp.tasks import Task, drawn_of, labels
-from rf_exp.types import CameraModel, Episode, Extras, Pictures
+from rf_exp.types import CameraModel, Extras, Pictures
 
 COMMONEST = 3  # reasons that are told where seeds fail
 HOPELESS = 10  # seeds tried for each demonstration wanted, before generation gives up
 
 
 def generate_data(cell: Cell) -> int:
-    """`demos` successes, or all of `episodes` consecutive seeds; continues where it stopped.
-
-    Returns how many demonstrations there are.
+    """How many there are of `demos` successes, or of `episodes` seeds in a row; goes on where it stopped.
 
     Raises StageError when the data there was made otherwise, or when almost no seed succeeds.
     """
@@ -45,14 +40,13 @@ def generate_data(cell: Cell) -> int:
     with owned(rows_path, cell.generation_identity, [path]), owned(path), _store(cell) as store:
         pictures = _pictures(cell, store.cameras)
         enough = None if experiment.episodes else experiment.demos
-        logged = partial(rate_log, cell, "generate")
         if experiment.launch.engine == HERE:
             make = partial(make_episode, cell.settings, pictures, extras=experiment.store)
             source = partial(attempts, cell, make)
         else:
             pictured = replace(cell, experiment=replace(experiment, pictures=pictures))
             source = Shards(pictured, generate_data).attempts
-        made = collect(title, store, rows_path, span, enough, source, logged)
+        made = collect(cell, "generate", store, rows_path, span, enough, source)
         keep_text(path.with_suffix(".md"), card(store))
         _record(cell, experiment.recorded("generate", store.seeds.tolist()))
         if enough is not None and made < enough:
@@ -66,13 +60,12 @@ def generate_data(cell: Cell) -> int:
 def why_seeds_failed(experiment: Experiment) -> str:
     """The reasons for which most seeds failed, with counts, and where all of them are."""
     paths = [cell.generation_path for cell in cells(experiment)]
-    rows = [row for path in paths if path.exists() for row in read_rows(path, GenerationRow)]
+    rows = [row for path in paths for row in known_rows(path, GenerationRow)]
     where = paths[0] if len(paths) == 1 else experiment.out / "results" / "generate"
     return f"{_commonest(rows)}; the rows are in {where}"
 
 
 def _commonest(rows: Iterable[GenerationRow]) -> str:
-    """The reasons of the rows that failed, the most common first, each with how many it has."""
     kinds = Counter(row.account.kind for row in rows if not row.success)
     told = [f"{count} of {kinds.total()}: {kind}" for kind, count in kinds.most_common(COMMONEST)]
     rest = len(kinds) - len(told)
@@ -80,21 +73,21 @@ def _commonest(rows: Iterable[GenerationRow]) -> str:
 
 
 def collect(
-    title: str,
+    cell: Cell,
+    stage: str,
     store: Store,
     rows_path: Path,
     span: Sequence[int],
     enough: int | None,
     source: Callable[[Sequence[int], int | None], Iterator[Attempt]],
-    logged: Callable[[Iterable[GenerationRow]], AbstractContextManager[Callable[[GenerationRow], None]]],
     became: str = "succeeded",
 ) -> int:
     """Episodes of the seeds of `span` into a store and a row of each: of all, or until there are `enough`.
 
-    `source` gives the attempts at some of the seeds, in their order: at all, or until so many have succeeded;
-    `logged`, from the rows that are known, who is told of the new ones. Returns how many of `span` there are.
+    `source` gives the attempts at some of the seeds, in their order: at all, or until so many have succeeded.
+    Returns how many of `span` there are.
     """
-    known = {r.seed: r for r in read_rows(rows_path, GenerationRow)} if rows_path.exists() else {}
+    title, known = cell.title(stage), {row.seed: row for row in known_rows(rows_path, GenerationRow)}
     for lost in _lost(store, span, known, rows_path):
         append_row(rows_path, lost)
         known[lost.seed] = lost
@@ -105,7 +98,8 @@ def collect(
         console.print(f"{title}: {made} demonstrations are there, nothing to do")
         return made
     unit, total, there = ("demonstrations", enough, made) if enough else ("seeds", len(span), len(tried))
-    with Progress(title, total, unit, there) as progress, logged(known.values()) as log:
+    logged = rate_log(cell, stage, known.values())
+    with Progress(title, total, unit, there) as progress, logged as log:
         missing = [seed for seed in span if seed not in tried]
         for row, episode in source(missing, None if enough is None else enough - made):
             if episode is not None:
@@ -127,8 +121,11 @@ def attempts(
     `make` gives the outcome of a seed, made as the cell's settings say, in a process of this machine.
     """
     for outcome in generate(make, seeds, cell.experiment.workers, cell.experiment.seed_limit_s):
-        row = generation_row(cell.settings, outcome)
-        yield row, None if outcome.episode is None else _with_row(outcome.episode, row)
+        row, episode = generation_row(cell.settings, outcome), outcome.episode
+        if episode is not None:  # its certificate has the row, without the time, so that bytes are the same
+            kept = {name: value for name, value in plain(row).items() if name != "wall_s"}
+            episode = replace(episode, certificate={**episode.certificate, "row": kept})
+        yield row, episode
         if wanted is not None and not (wanted := wanted - outcome.success):
             return
 
@@ -154,12 +151,6 @@ def _pictures(cell: Cell, there: Sequence[str]) -> Pictures:
     asked = cell.experiment.pictures
     everything = replace(asked, cameras="all")
     return everything if {*there} == {*everything.of(len(cell.task.agents))} else asked
-
-
-def _with_row(episode: Episode, row: GenerationRow) -> Episode:
-    """The episode with its row in its certificate; without the time it took, so that bytes are the same."""
-    kept = {name: value for name, value in plain(row).items() if name != "wall_s"}
-    return replace(episode, certificate={**episode.certificate, "row": kept})
 
 
 def _lost(
@@ -224,24 +215,17 @@ def generation_row(settings: Settings, outcome: Outcome) -> GenerationRow:
 
 
 def _described(task: Task, pictures: Pictures, cameras: Sequence[str], extras: Extras) -> Description:
-    """What a store says of demonstrations of `task` that are seen by these cameras."""
-    scene = task.start(0).scene
+    scene, models = task.start(0).scene, {}
+    for name in cameras:
+        spec, pose = task.cameras[name], task.parent_from_camera(name)
+        model = CameraModel(pictures.width, pictures.height, float(np.deg2rad(spec.fov_deg)), pose)
+        frame = "hand" if spec.mount == "wrist" else "world"
+        models[name] = {"intrinsics": plain(model.intrinsics), f"{frame}_from_camera": plain(pose)}
     return Description(
         language={key: getattr(task, key) for key in ("title", "description", "target_condition")},
         conditions=tuple(task.module.conditions(scene, scene, task)),
         world_from_base=[plain(robot.world_from_base) for robot in task.robots],
-        camera_models={name: _camera(task, pictures, name) for name in cameras},
+        camera_models=models,
         depth=extras.depth,
         labels=labels(task) if extras.segmentation else (),
     )
-
-
-def _camera(task: Task, pictures: Pictures, name: str) -> dict[str, Any]:
-    spec, fov_y_rad = task.cameras[name], float(np.deg2rad(task.cameras[name].fov_deg))
-    wrist = spec.mount == "wrist"
-    pose = task.parent_from_camera(name)
-    model = CameraModel(pictures.width, pictures.height, fov_y_rad, pose)
-    return {
-        "intrinsics": plain(model.intrinsics),
-        "hand_from_camera" if wrist else "world_from_camera": plain(pose),
-    }

@@ -1,15 +1,16 @@
 """Weights & Biases: training curves and rates, followed while they come. Offline unless asked otherwise."""
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 from rf_exp.ablation import EvaluationRow, GenerationRow
-from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import EVALUATION_SEED, Experiment
+from rf_exp.errors import StageError
+from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.policy import Curve
 from rf_exp.stages.cell import Cell
 
@@ -44,53 +45,43 @@ def rate_log(
         yield add
 
 
-@dataclass
 class Rates:
     """What result rows add up to. Every row counts, failed ones too."""
 
-    rows: int = 0
-    successes: int = 0
-    successes_paper: int = 0
-    clean: int = 0  # successes without a violation on the way
-    violated: int = 0  # rows with a violation
-    violations: int = 0
-    steps: int = 0  # of the successes
+    def __init__(self) -> None:
+        self.rows = 0
+        self._counted: Counter[str] = Counter()
 
     def add(self, row: ResultRow) -> None:
         self.rows += 1
-        self.successes += row.success
-        self.successes_paper += row.success_paper
-        self.clean += row.success and not row.violations
-        self.violated += row.violations > 0
-        self.violations += row.violations
-        self.steps += row.steps if row.success else 0
+        self._counted.update(
+            success=row.success,
+            success_paper=row.success_paper,
+            success_without_violation=row.success and not row.violations,
+            with_violation=row.violations > 0,
+            violations=row.violations,
+            steps=row.steps if row.success else 0,
+        )
 
     def figures(self) -> dict[str, float]:
         """Rates in [0, 1], the mean number of violations of a row, the mean control steps of a success."""
-        counted = {
-            "success": self.successes,
-            "success_paper": self.successes_paper,
-            "success_without_violation": self.clean,
-            "with_violation": self.violated,
-            "violations": self.violations,
-        }
-        figures = {name: count / self.rows for name, count in counted.items()}
-        return figures | ({"steps": self.steps / self.successes} if self.successes else {})
+        figures = {name: count / self.rows for name, count in self._counted.items() if name != "steps"}
+        if successes := self._counted["success"]:
+            figures["steps"] = self._counted["steps"] / successes
+        return figures
 
 
 @contextmanager
 def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapping[str, float]], None]]:
-    """A function that logs figures at a step. What logs nothing gets no run.
-
-    Raises ArgumentError where its folder cannot be made, StageError where the service refuses the run.
-    """
+    """A function that logs figures at a step. What logs nothing gets no run."""
     experiment = cell.experiment
     if experiment.wandb == "disabled":
         yield lambda step, figures: None
         return
     import wandb  # slow to import, and not needed by those who switch it off
 
-    folder, run = _folder(experiment), None
+    folder, run = experiment.out / "wandb", None
+    folder.mkdir(parents=True, exist_ok=True)
 
     def log(step: int, figures: Mapping[str, float]) -> None:
         nonlocal run
@@ -118,19 +109,6 @@ def _run(cell: Cell, stage: str, view: str = "") -> Iterator[Callable[[int, Mapp
             run.finish()
 
 
-def _folder(experiment: Experiment) -> Path:
-    """Where runs are logged; it is there."""
-    folder = experiment.out / "wandb"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ArgumentError(
-            f"cannot write the log of Weights & Biases to {folder}: {error.strerror}; "
-            "choose another folder with out=FOLDER, or wandb=disabled"
-        ) from error
-    return folder
-
-
 def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
     """Name, group, tags and configuration of a run: what it is about, and all that it was made with."""
     experiment, arch = cell.experiment, cell.chosen_arch
@@ -153,12 +131,11 @@ def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
         **{key: getattr(experiment, key) for key in TOLD},
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }
+    how, of_view = [*learned, counted, seed], f"/{view}" if view else ""
     return {
-        "name": ", ".join(
-            [f"{stage} {cell.place}" + (f"/{view}" if view else ""), *learned, counted, seed, *shielded]
-        ),
-        "group": ", ".join([cell.place, *learned, counted, seed]),
-        "tags": [*cell.place.split("/"), *learned, counted, seed, *shielded],
+        "name": ", ".join([f"{stage} {cell.place}{of_view}", *how, *shielded]),
+        "group": ", ".join([cell.place, *how]),
+        "tags": [*cell.place.split("/"), *how, *shielded],
         "config": config,
     }
 
@@ -183,8 +160,6 @@ class Follower:
         with self._path.open(newline="") as file:
             whole = [line for line in file if line.endswith("\n")]  # the last one may be half written
         kinds: dict[str, Any] = {field.name: field.type for field in fields(Curve)}
-        rows = (
-            Curve(**{name: kinds[name](value) for name, value in row.items()})
-            for row in csv.DictReader(whole)
-        )
+        read = csv.DictReader(whole)
+        rows = (Curve(**{name: kinds[name](value) for name, value in row.items()}) for row in read)
         return [row for row in rows if row.step > self._step]

@@ -14,57 +14,46 @@ from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import Progress
 from rf_exp.sim import Simulator
-from rf_exp.stages.artifacts import continued, owned
+from rf_exp.stages.cell import continued, owned
 from rf_exp.store import Store
 from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
 from rf_exp.types import Episode
-
-
-def check_redrawing(task: Task, variation: Variation, copies: int) -> None:
-    """Raises ArgumentError for a variation that pictures do not show, or that would have moved something."""
-    if copies < 2:
-        raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
-    before, now = task.variation, variation
-    if other := [name for name in PHYSICAL if getattr(before, name) != getattr(now, name)]:
-        raise ArgumentError(
-            f"variation {now.name!r} has another {' and another '.join(other)} than the demonstrations; "
-            "that moves things, where pictures alone are drawn anew: generate with it"
-        )
-    if not now.seen:
-        raise ArgumentError(f"variation {now.name!r} shows nothing in pictures; expected one that does")
 
 
 def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: int) -> Path:
     """The store of `copies` of each episode of another, those of one episode side by side.
 
     `task` is that of the other. Goes on where it was left. Depth and segmentation are not kept. Raises
-    ArgumentError as `check_redrawing` does, StageError where something else is there.
+    ArgumentError for a variation that pictures do not show, or that would have moved something, StageError
+    where something else is there.
     """
-    check_redrawing(task, variation, copies)
+    if copies < 2:
+        raise ArgumentError(f"{copies} copies of each demonstration; expected 2 or more")
+    if other := [name for name in PHYSICAL if getattr(task.variation, name) != getattr(variation, name)]:
+        raise ArgumentError(
+            f"variation {variation.name!r} has another {' and another '.join(other)} than the demonstrations"
+            "; that moves things, where pictures alone are drawn anew: generate with it"
+        )
+    if not variation.seen:
+        raise ArgumentError(f"variation {variation.name!r} shows nothing in pictures; expected one that does")
     task = replace(task, variation=variation)
     scene = {**source.identity["scene"], "variation": variation.identity}
     identity = plain({**source.identity, "scene": scene, "copies": copies})
     said = source.description and replace(source.description, depth=False, labels=())
     with owned(path), continued(path, identity, source, task, said) as store:
-        _fill(store, source, task, copies)
+        if missing := range(len(store), len(source) * copies):
+            size = {"width_px": source.attrs["width"], "height_px": source.attrs["height"]}
+            title, done = f"redraw {path.name}", missing.start
+            with (
+                Simulator(task, **size) as world,
+                Progress(title, missing.stop, "episodes", done) as progress,
+            ):
+                for number in missing:
+                    index, copy = divmod(number, copies)
+                    episode = replace(source.episode(index), extras={})
+                    store.append(copied(world, episode, task, copy) if copy else episode)
+                    progress.advance()
     return path
-
-
-def _fill(store: Store, source: Store, task: Task, copies: int) -> None:
-    """Append what lacks."""
-    missing = range(len(store), len(source) * copies)
-    if not missing:
-        return
-    size = {"width_px": source.attrs["width"], "height_px": source.attrs["height"]}
-    with (
-        Simulator(task, **size) as world,
-        Progress(f"redraw {store.path.name}", len(source) * copies, "episodes", missing.start) as progress,
-    ):
-        for number in missing:
-            index, copy = divmod(number, copies)
-            episode = replace(source.episode(index), extras={})
-            store.append(copied(world, episode, task, copy) if copy else episode)
-            progress.advance()
 
 
 def copied(world: Simulator, episode: Episode, task: Task, copy: int) -> Episode:

@@ -3,7 +3,7 @@
 from rf_exp.ablation import configured, facts, publish, show
 from rf_exp.experiment import Experiment
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import owned
+from rf_exp.stages.cell import owned
 
 SHOWN = ("architectures", "recipes", "shield", "robustness", "ablation_success", "ablation_length")
 

@@ -17,13 +17,12 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from rf_exp.ablation import GenerationRow, read_rows
+from rf_exp.ablation import GenerationRow
 from rf_exp.artifacts import differing, digest, without, write_json
 from rf_exp.errors import StageError
 from rf_exp.launch import HERE, results
 from rf_exp.progress import console
-from rf_exp.stages.artifacts import owned
-from rf_exp.stages.cell import Cell
+from rf_exp.stages.cell import Cell, known_rows, owned
 from rf_exp.store import Store
 from rf_exp.types import Episode
 
@@ -70,7 +69,9 @@ class Shards:
                 for block in wave:
                     if block in missing:
                         next(made)
-                        self._see(block)
+                        end = time.monotonic() + SEEN_S  # this machine may see it later than another
+                        while not self._finished(block) and time.monotonic() < end:
+                            time.sleep(1.0)
                     for row, episode in self._taken(block, left):
                         yield row, episode
                         del left[row.seed]
@@ -103,19 +104,12 @@ class Shards:
 
     def _rows(self, block: range) -> dict[int, GenerationRow]:
         path = self.piece(block).cell.generation_path
-        return {row.seed: row for row in read_rows(path, GenerationRow)} if path.exists() else {}
+        return {row.seed: row for row in known_rows(path, GenerationRow)}
 
     def _finished(self, block: range) -> bool:
         return self._rows(block).keys() == {*block}
 
-    def _see(self, block: range) -> None:
-        """Waits until this machine sees what another one has finished."""
-        end = time.monotonic() + SEEN_S
-        while not self._finished(block) and time.monotonic() < end:
-            time.sleep(1.0)
-
     def _taken(self, block: range, left: Container[int]) -> Iterator[Attempt]:
-        """What a shard says of the seeds that are left. Raises StageError where it lacks some of its own."""
         cell = self.piece(block).cell
         with owned(cell.generation_path):  # whoever made it has finished
             told = self._rows(block)
@@ -138,10 +132,7 @@ def begun(folder: Path) -> list[range]:
 
 
 def blocks(seeds: Sequence[int], there: Sequence[range], size: int, wanted: int | None) -> list[range]:
-    """The shards that hold `seeds`, which ascend, or the first `wanted` of them: each as large as it can be.
-
-    They are those that are there, and, for other seeds, consecutive ones, at most `size`.
-    """
+    """The shards of `seeds`, ascending, or the first `wanted`: those there, and others of at most `size`."""
     new = {seed for seed in seeds if not any(seed in block for block in there)}
     needed = len(seeds) if wanted is None else min(wanted, len(seeds))
     found: list[range] = []
@@ -164,10 +155,7 @@ def _name(block: range) -> str:
 
 
 def make_shard(piece: Shards, wanted: Mapping[str, Any]) -> None:
-    """Makes a shard on the machine that an engine has chosen; `wanted` is what decides its bytes.
-
-    Raises StageError where this machine would make another one, or does not see where it belongs.
-    """
+    """Makes a shard where an engine has chosen. Raises StageError where it would not be as `wanted`."""
     here, folder = f"machine {socket.gethostname()}", piece.cell.experiment.out.parent
     if not (folder / RECORD).is_file():
         raise StageError(

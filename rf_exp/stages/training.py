@@ -1,33 +1,47 @@
-"""Training: a policy for each view of an architecture, in as many rounds as the expert corrects them."""
+"""Training: a policy for each view of an architecture, in as many rounds as the expert corrects them.
+
+DAgger: the policies of a round act in scenes of their own. Of a rollout that they lose, a moment is drawn in
+which somebody was moving; their commands lead there once more, and RoboBrain, planner and RoboChecker go on
+(Ross et al. 2011; that the expert carries the episode through, Kelly et al. 2019). What the policies did is
+stored too, marked as nobody's subgoal, and not learned from. The rows say how many proposals the expert was
+asked for.
+"""
 
 import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import torch
 
-from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, train
+from rf_exp.artifacts import keep_text
+from rf_exp.datagen import Outcome, make_episode
+from rf_exp.errors import StageError
+from rf_exp.experiment import CORRECTION_SEED, CORRECTION_SEEDS
+from rf_exp.findings import Account
+from rf_exp.policy import CURVES, MODEL, PolicyConfig, TrainConfig, View, device_of, sent_on, train
 from rf_exp.processes import in_order
 from rf_exp.progress import Progress, console
-from rf_exp.stages.artifacts import owned
-from rf_exp.stages.cell import Cell
-from rf_exp.stages.correction import correct, demonstrations
+from rf_exp.stages.cell import Cell, continued, owned
+from rf_exp.stages.evaluation import acting, learned, scene_of
+from rf_exp.stages.generation import attempts, collect
 from rf_exp.stages.logs import Follower, curve_log
 from rf_exp.stages.redrawing import redraw
-from rf_exp.store import Store
+from rf_exp.store import Store, card
+from rf_exp.types import CORRECTION, Rollout, RolloutStep
 
+MOMENTS = 3  # at which the expert is asked, each half as late as the one before, until it succeeds
 SAVING_S = 20.0  # a training that is told to end may take so long for its last step and for saving
 
 
 def train_policies(cell: Cell) -> None:
-    """One policy for each view of the architecture, from the first `demos` episodes.
+    """One policy for each view of the architecture, from the first `demos` episodes, anew in each round.
 
-    Then anew for each round in which the expert corrects them, from its corrections as well. Each policy in a
-    process of its own: on a CPU they are trained side by side, as a small network gains little from a second
-    core.
+    Each in a process of its own: on a CPU side by side, as a small network gains little from a second core.
     """
     for rounds in range(cell.experiment.dagger.rounds + 1):
         now = cell.after(rounds)
@@ -62,7 +76,6 @@ def train_policies(cell: Cell) -> None:
 
 
 def _follow(followers: Sequence[Follower], progress: Progress) -> None:
-    """Shows what has been learned since the last time."""
     for follower in followers:
         for curve, steps in follower.new():
             progress.advance(steps, f"loss {curve.loss:.4f}", curve.steps * len(followers))
@@ -71,9 +84,79 @@ def _follow(followers: Sequence[Follower], progress: Progress) -> None:
 def _train(
     data: Path, view: View, folder: Path, demos: int, policy: PolicyConfig, config: TrainConfig, threads: int
 ) -> None:
-    """One policy, in the process it is called in, which holds the right to make it itself."""
     torch.set_num_threads(threads)
     with owned(folder):
-        train(
-            Store.open(data).first(demos), view, policy, config, folder, shared=folder.parents[1] / "encoders"
+        store, encoders = Store.open(data).first(demos), folder.parents[1] / "encoders"
+        train(store, view, policy, config, folder, shared=encoders)
+
+
+def demonstrations(cell: Cell) -> tuple[Path, int]:
+    """The data set, and of how many of its episodes policies learn, once it is known to hold enough."""
+    if cell.experiment.dagger.rounds:
+        return cell.corrected_path, len(Store.open(cell.corrected_path))
+    path, wanted = cell.data_path, cell.experiment.demos
+    if not path.exists():
+        raise StageError(f"no data at {path}; run stages=[generate] first")
+    found = len(Store.open(path))
+    if found < wanted:
+        raise StageError(
+            f"{path} has {found} demonstrations, demos={wanted} were asked for; "
+            "run stages=[generate] with that number first"
         )
+    return path, wanted
+
+
+def correct(cell: Cell) -> None:
+    """The data set of the round before, and the expert's corrections. Goes on where it stopped.
+
+    Raises StageError where the policies of the round before were made otherwise.
+    """
+    experiment, rounds = cell.experiment, cell.experiment.dagger.rounds
+    before = replace(cell, experiment=replace(experiment.after(rounds - 1), shield=False))
+    policies = acting(before)
+    provenance = cell.correction_identity(policies.step_limit, learned(before).provenance)
+    data, demos = demonstrations(before)
+    source = Store.open(data).first(demos)
+    path, rows_path = cell.corrected_path, cell.correction_path
+    with (
+        owned(rows_path, provenance, [path]),
+        owned(path),
+        continued(path, provenance, source, cell.task, source.description) as store,
+    ):
+        for index in range(len(store), len(source)):
+            store.append(source.episode(index))
+        usual = Counter(tuple(map(tuple, each["subgoals"])) for each in source.certificates)
+        expert = partial(
+            make_episode,
+            cell.settings,
+            experiment.pictures,
+            cameras=store.cameras,
+            known=usual.most_common(1)[0][0],  # the texts of the subgoals of each agent that most have
+            extras=store.extras,
+        )
+        first = CORRECTION_SEED + CORRECTION_SEEDS * (rounds - 1)
+        seeds = range(first, first + experiment.dagger.rollouts)
+        made = partial(attempts, cell, partial(_corrected, scene_of(before, policies), expert))
+        collect(cell, "correct", store, rows_path, seeds, None, made, became="corrected")
+        keep_text(path.with_suffix(".md"), card(store))
+
+
+def _corrected(
+    act: Callable[..., tuple[Rollout, float]], expert: Callable[..., Outcome], seed: int
+) -> Outcome:
+    steps: list[RolloutStep] = []
+    rolled, wall_s = act(seed, watch=steps.append)
+    if rolled.success:
+        nothing = Account(ended="nothing to correct: success")
+        return Outcome(seed, False, rolled.success_paper, 0, 0, 0, wall_s, nothing)
+    commands = np.stack([step.action for step in steps])
+    qpos = np.stack([step.scene.qpos for step in steps])
+    moved = np.flatnonzero(np.any(sent_on(qpos, commands)[1:], axis=1)) + 1
+    moment = int(np.random.default_rng([seed, CORRECTION]).choice(moved)) if len(moved) else 0
+    asked = 0
+    for again in range(MOMENTS):
+        outcome = expert(seed, lead=commands[: moment >> again])
+        asked += outcome.attempts
+        if outcome.success:
+            break
+    return replace(outcome, attempts=asked, wall_s=wall_s + outcome.wall_s)

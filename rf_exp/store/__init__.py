@@ -29,14 +29,11 @@ the conditions of success, cameras and robots (`Description`), and what made it.
 """
 
 from rf_exp.store.cards import card, facts
-from rf_exp.store.damaged import Damaged
-from rf_exp.store.description import POSE, Description, Model, command_names, joint_names
-from rf_exp.store.integrity import Damage
-from rf_exp.store.layout import empty_like
+from rf_exp.store.damaged import Damaged, problems
+from rf_exp.store.integrity import Damage, refuse_other_kinds
+from rf_exp.store.layout import POSE, Description, Model, command_names, empty_like, joint_names
 from rf_exp.store.merging import merge, merge_order
-from rf_exp.store.other_kinds import refuse_other_kinds
-from rf_exp.store.validation import problems
-from rf_exp.store.writer import Store
+from rf_exp.store.store import Store
 
 __all__ = [
     "POSE",

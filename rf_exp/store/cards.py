@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.store.reader import Reader
+from rf_exp.store.store import Store
 from rf_exp.texts import LONGEST_LINE, printable
 from rf_exp.texts.markdown import block, cell, code, table, text
 
@@ -21,7 +21,7 @@ tags:
 """
 
 
-def card(store: Reader, held: str = "", tags: Iterable[str] = ()) -> str:
+def card(store: Store, held: str = "", tags: Iterable[str] = ()) -> str:
     """A data card in Markdown. What the store says of itself may be anybody's words.
 
     `held` says in Markdown in which form the data lie beside it; unless given, the store.
@@ -30,45 +30,38 @@ def card(store: Reader, held: str = "", tags: Iterable[str] = ()) -> str:
     held = held or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
     lines = HEADER.format(tags="\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags)))
     title = store.description.language["title"] if store.description else store.attrs["task"]
-    parts = [
-        f"# {text(title)}: demonstrations of several arms",
-        held,
-        _about(store),
-        _facts(store),
-        _made(store),
-    ]
+    heading = f"# {text(title)}: demonstrations of several arms"
+    parts = heading, held, _about(store), _facts(store), _made(store)
     return lines + "\n" + "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _about(store: Reader) -> str:
+def _about(store: Store) -> str:
     said = store.description
     if said is None:
         return ""
     success = "".join(f"\n- {text(name)}" for name in said.conditions)
+    steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
+    held = f"{steps:g}" if isinstance(steps, int | float) else "several"
     return (
         f"{text(said.language['description'])} {text(said.language['target_condition'])}\n\n"
         "## Success\n\n"
         f"Criteria of version {text(store.attrs['criteria_version'])}; all of them held for "
-        f"{hold_steps(store)} control steps at the end of every demonstration:\n{success}"
+        f"{held} control steps at the end of every demonstration:\n{success}"
     )
 
 
-def hold_steps(store: Reader) -> str:
-    """For how many steps the conditions have to hold."""
-    steps = store.identity.get("scene", {}).get("success", {}).get("hold_steps")
-    return f"{steps:g}" if isinstance(steps, int | float) else "several"
-
-
-def facts(store: Reader) -> dict[str, Any]:
+def facts(store: Store) -> dict[str, Any]:
     """The data in numbers, by name; values are plain, and texts are one line of what can be shown."""
     lengths = np.diff(store.episode_ends, prepend=0)
     seeds = store.seeds
     row = store.identity.get("constraint_set", {})
+    counted = Counter(model.title for model in store.models)
+    robots = ", ".join(f"{count} x {title}" for title, count in counted.items())
     picture = f"{store.attrs['width']} x {store.attrs['height']} px" if store.cameras else "none"
     found = {
         "task": store.attrs["task"],
         "constraints": row.get("name", "not known"),
-        "robots": f"{_robots(store)}, in simulation (ManiSkill 3, SAPIEN)",
+        "robots": f"{robots}, in simulation (ManiSkill 3, SAPIEN)",
         "episodes": len(store),
         "steps": store.steps,
         "steps an episode": f"{lengths.min()} to {lengths.max()}" if len(store) else "none",
@@ -87,12 +80,7 @@ def facts(store: Reader) -> dict[str, Any]:
     }
 
 
-def _robots(store: Reader) -> str:
-    counted = Counter(model.title for model in store.models)
-    return ", ".join(f"{count} x {title}" for title, count in counted.items())
-
-
-def _facts(store: Reader) -> str:
+def _facts(store: Store) -> str:
     rows = [(name, cell(value)) for name, value in facts(store).items()]
     return (
         f"## The data\n\n{table(('what', 'value'), rows)}\n\n"
@@ -103,7 +91,7 @@ def _facts(store: Reader) -> str:
     )
 
 
-def _made(store: Reader) -> str:
+def _made(store: Store) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in store.attrs.get("versions", {}).items())
     recipe = json.dumps({name: value for name, value in store.identity.items() if name != "scene"}, indent=1)
     for letter in "<>&`~":  # JSON has a way to write them that no page takes for markup, in no place

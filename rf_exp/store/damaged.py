@@ -1,24 +1,26 @@
-"""A damaged store, of which whole episodes can still be read."""
+"""Damaged data: what is wrong with an episode, and a store of which whole ones can still be read."""
 
 import json
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zarr
+from numpy.typing import NDArray
 
 from rf_exp.store.integrity import Damage, opened, refuse_access, require_file
-from rf_exp.store.layout import JUDGED, array_of, empty_like, extra_names, layout, rows_a_file, view
-from rf_exp.types import Episode, Judged
+from rf_exp.store.layout import array_of, assembled, empty_like, layout, rows_a_file, view
+from rf_exp.store.store import Store
+from rf_exp.types import Episode
+
+UNIT_WITHIN = 1e-3  # of the length of quaternions
 
 
 class Damaged:
-    """A store that `Store.open` may refuse, read as far as it goes: attributes, ends, then each episode.
+    """A store that `Store.open` may refuse, read as far as it goes.
 
-    The shapes and types of its arrays follow from its attributes, so that only the files with the rows
-    themselves have to be whole.
+    Its attributes say which arrays there are, so that only the files with their rows have to be whole.
     """
 
     def __init__(self, path: Path, frame: Path) -> None:
@@ -27,44 +29,22 @@ class Damaged:
         _, self.attrs = opened(path, "r")
         empty_like(frame / "store", self.attrs)
         self._arrays = zarr.open_group(frame / "store", mode="r", zarr_format=3)
-        for name in self._names():
+        for name in layout(self.attrs):
             (frame / "store" / name / "c").symlink_to((path / name / "c").resolve())
         self.ends = self._ends()
 
     def episode(self, index: int) -> Episode:
         """One episode. Raises Damage that says which part of it cannot be read."""
         start, end = (self.ends[index - 1] if index else 0), self.ends[index]
-        return Episode(
-            task=str(self.attrs["task"]),
-            seed=self.seed(index),
-            qpos=self._read("data/qpos", start, end),
-            qvel=self._read("data/qvel", start, end),
-            action=self._read("data/action", start, end),
-            images={each: self._read(f"data/rgb_{each}", start, end) for each in self.attrs["cameras"]},
-            certificate=self._certificate(index),
-            **self._optional(start, end),
+        return assembled(
+            self.attrs,
+            self.seed(index),
+            lambda: self._certificate(index),
+            lambda name: self._read(f"data/{name}", start, end),
         )
 
-    def _optional(self, start: int, end: int) -> dict[str, Any]:
-        """What not every store keeps."""
-        found: dict[str, Any] = {
-            "poses": {name: self._read(f"data/pose_{name}", start, end) for name in self.attrs["objects"]}
-        }
-        stored = [name.removeprefix("data/") for name in layout(self.attrs)]
-        for name in ("executed", "subgoal"):
-            if name in stored:
-                found[name] = self._read(f"data/{name}", start, end)
-        if "conditions" in self.attrs:
-            values = {name: self._read(f"data/condition_{name}", start, end) for name in JUDGED}
-            found["judged"] = Judged(tuple(self.attrs["conditions"]), **values)
-        extras = {name: self._read(f"data/{name}", start, end) for name in extra_names(self.attrs)}
-        return found | {"extras": extras}
-
     def seed(self, index: int) -> int:
-        """As it is stored or, where that cannot be read, as the row of the certificate says.
-
-        Raises Damage where neither can be read.
-        """
+        """As it is stored or, where that is lost, as the row of the certificate says. Raises Damage."""
         try:
             return int(self._read("meta/seed", index, index + 1)[0])
         except Damage:
@@ -114,10 +94,6 @@ class Damaged:
             rows = min(rows, zarr.open_array(self._path / name, mode="r", zarr_format=3).shape[0])
         return rows
 
-    def _names(self) -> Iterator[str]:
-        for group in ("data", "meta"):
-            yield from (f"{group}/{name}" for name in sorted(self._arrays[group]))  # pyright: ignore
-
     def _array(self, name: str) -> zarr.Array[Any]:
         return array_of(self._arrays, name)
 
@@ -131,3 +107,40 @@ class Damaged:
         except Exception as error:  # whatever a decoder raises on damaged bytes
             refuse_access(self._path, error)
             raise Damage(f"{name} cannot be read: {error}") from error
+
+
+def problems(store: Store, index: int) -> list[str]:
+    """What is wrong with one episode, in words; nothing for one that is whole. Reads all of it."""
+    try:
+        episode = store.episode(index)
+    except Damage as error:
+        return [str(error)]
+    floats: dict[str, NDArray[Any]] = {
+        "qpos": episode.qpos,
+        "qvel": episode.qvel,
+        "action": episode.action,
+        "executed": episode.commanded,
+        **{f"pose_{name}": poses for name, poses in episode.poses.items()},
+    }
+    found = [
+        f"{name} holds values that are not finite" for name, x in floats.items() if not np.isfinite(x).all()
+    ]
+    found += [
+        f"pose_{name} has quaternions that are not of unit length"
+        for name, poses in episode.poses.items()
+        if (np.abs(np.linalg.norm(poses[:, 3:], axis=1) - 1) > UNIT_WITHIN).any()
+    ]
+    found += [
+        f"camera {camera} shows nothing: one colour in every picture"
+        for camera, pictures in episode.images.items()
+        if (pictures == pictures[0, 0, 0]).all()
+    ]
+    texts: Any = episode.certificate.get("subgoals")
+    if episode.subgoal is not None and texts is not None:
+        most = np.array([len(of_agent) for of_agent in texts])
+        if (episode.subgoal < -1).any() or (episode.subgoal >= np.maximum(most, 1)).any():
+            found.append(f"subgoal has numbers that its certificate has no text for: {most.tolist()} texts")
+    if episode.judged is not None and not episode.judged.holds[-1].all():
+        missing = np.array(episode.judged.names)[~episode.judged.holds[-1]].tolist()
+        found.append(f"it ends without success: not {', not '.join(missing)}")
+    return [f"episode {index}, seed {episode.seed}: {what}" for what in found]

@@ -1,10 +1,12 @@
-"""Whether a store is whole: attributes, layout, shapes, types, ends, seeds, and that every file answers.
+"""Whether a path holds a store, and whether that is whole: attributes, layout, ends, seeds, and every file.
 
 What a store declares is never believed: sizes are held against bounds, and lengths against the files that are
-there, before anything is read or allocated.
+there, before anything is read or allocated. What is no store of this project is told by its layout, without
+decoding a value, so that nothing sound is ever called damaged.
 """
 
 import errno
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,15 +17,27 @@ import zarr
 from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
-from rf_exp.store.description import Description
-from rf_exp.store.layout import FORMAT, array_of, chunking, file_of, is_picture, layout, rows_a_file
-from rf_exp.store.other_kinds import refuse_other_kinds
+from rf_exp.store.layout import (
+    FORMAT,
+    Description,
+    array_of,
+    chunking,
+    file_of,
+    is_picture,
+    layout,
+    rows_a_file,
+)
 from rf_exp.texts import printable
 from rf_exp.types import CONTROL_HZ
 
 ATTRIBUTES = {"format", "task", "identity", "agents", "cameras", "objects", "height", "width", "control_hz"}
 SIZES = {"agents": (1, 99), "height": (0, 8192), "width": (0, 8192)}  # least and most; pictures in px
 MOST_SURPLUS = 1_000_000  # rows behind the episodes, of one whose append was killed: 14 hours of motion
+OURS = ("identity", "control_hz")  # attributes that stores of other kinds lack
+OUR_ARRAY = "meta/certificate"  # and a folder that they lack
+BUFFER = {"data/action", "meta/episode_ends"}  # arrays that a replay buffer of Diffusion Policy has
+SHOWN = 8  # arrays that are named
+FILES = {b"\x89HDF\r\n\x1a\n": "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
 REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
@@ -33,10 +47,7 @@ class Damage(StageError):
 
 @contextmanager
 def blames(path: Path, what: str, rescuable: bool = True) -> Iterator[None]:
-    """Turns whatever a decoder raises on damaged bytes into a Damage that names the array.
-
-    Where the system gives no access, or no memory, nothing is damaged: that is another StageError.
-    """
+    """Turns what a decoder raises on damaged bytes into Damage, and lack of access or memory into another."""
     try:
         yield
     except RfError:
@@ -66,10 +77,7 @@ def damaged(path: Path, what: str, rescuable: bool = True) -> Damage:
 
 
 def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, Any]]:
-    """The group of a store and its attributes, checked.
-
-    Raises Damage for attributes that are lost, StageError for what is no store, or one of another format.
-    """
+    """The group of a store and its checked attributes. Raises Damage, StageError for other things."""
     with blames(path, "it has no attributes that can be read", rescuable=False):
         refuse_other_kinds(path)
         group = zarr.open_group(path, mode=mode, zarr_format=3)
@@ -79,7 +87,6 @@ def opened(path: Path, mode: Literal["r", "r+"]) -> tuple[zarr.Group, dict[str, 
 
 
 def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
-    """Raises Damage for attributes that are missing or cannot be, StageError for those of another format."""
     for key, readable in (("format", FORMAT), ("control_hz", CONTROL_HZ)):
         if attributes.get(key, readable) != readable:
             raise StageError(
@@ -97,7 +104,6 @@ def _check_attributes(path: Path, attributes: Mapping[str, Any]) -> None:
 
 
 def _maker(attributes: Mapping[str, Any]) -> str:
-    """Which version has made a store, as far as it says so."""
     versions, commit = attributes.get("versions"), printable(attributes.get("commit") or "unknown")
     version = versions.get("rf_exp") if isinstance(versions, Mapping) else None
     return f"rf_exp {printable(version or 'of unknown version')}, commit {commit}"
@@ -112,10 +118,9 @@ def times_stored(identity: object) -> int:
 def check_rows(
     path: Path, group: zarr.Group, attributes: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Shapes, types, lengths, all states, and one picture from every file.
+    """The row after the last of each episode (E,) and its seed (E,), once all states and files are checked.
 
-    Returns the row after the last of each episode (E,) and its seed (E,). Raises StageError that says what is
-    damaged.
+    Raises StageError that says what is damaged.
     """
     arrays = _arrays(path, group, attributes)
     episodes = arrays["meta/episode_ends"].shape[0]
@@ -138,7 +143,6 @@ def check_rows(
 
 
 def _arrays(path: Path, group: zarr.Group, attributes: Mapping[str, Any]) -> dict[str, zarr.Array[Any]]:
-    """All arrays of the layout, of the shapes and types that it says."""
     arrays = {}
     for name, (shape, dtype) in layout(attributes).items():
         with blames(path, f"{name} is missing or cannot be opened"):
@@ -182,3 +186,74 @@ def require_file(path: Path, name: str, array: zarr.Array[Any], row: int) -> Non
     file = Path(name) / file_of(array, row)
     if not (path / file).is_file():
         raise FileNotFoundError(f"file {file} is missing")
+
+
+def refuse_other_kinds(path: Path) -> None:
+    """Raises StageError for anything but a store of this project, whole or damaged."""
+    try:
+        if not path.exists():
+            raise StageError(
+                f"no store at {path}; generate the data first (stages=[generate]), or name the folder of "
+                "one, such as outputs/data/.../fast.zarr"
+            )
+        what = other_kind(path)
+    except OSError as error:
+        raise StageError(f"{path} cannot be read: {error.strerror or error}") from error
+    if what:
+        raise StageError(
+            f"{path} is {what}; nothing is wrong with it, but it is no store of rf_exp; expected the folder "
+            "of one as stages=[generate] makes it, such as outputs/data/.../fast.zarr"
+        )
+
+
+def other_kind(path: Path) -> str:
+    """What is there, in words; empty for a store of this project, whole or damaged."""
+    if not path.is_dir():
+        with path.open("rb") as file:
+            begins = file.read(8)
+        return next((what for magic, what in FILES.items() if begins.startswith(magic)), "a file")
+    if (path / "zarr.json").is_file():
+        said = _json(path / "zarr.json")
+        if not said or _is_ours(said) or (path / OUR_ARRAY).is_dir():
+            return ""  # what cannot be read may have been one of ours
+        if _is_ours(_json(path.parent / "zarr.json")):
+            return f"a part of the store {path.parent}"
+        return _zarr(3, "array" if said.get("node_type") == "array" else "group", path, "zarr.json")
+    for name, node in ((".zgroup", "group"), (".zarray", "array"), (".zmetadata", "group")):
+        if (path / name).is_file():
+            return _zarr(2, node, path, ".zarray")
+    if (path / OUR_ARRAY).is_dir():
+        return ""  # its zarr.json is lost
+    version = _json(path / "meta/info.json").get("codebase_version")
+    if isinstance(version, str):
+        return f"a LeRobot data set of version {version}"
+    within = sorted(each.name for each in path.iterdir())
+    if not within:
+        return "an empty folder"
+    stores = [name for name in within if name.endswith(".zarr")]
+    if stores:
+        return f"a folder of {len(stores)} stores ({', '.join(stores[:SHOWN])})"
+    return f"a folder without zarr.json ({', '.join(within[:SHOWN])}{', ...' if len(within) > SHOWN else ''})"
+
+
+def _zarr(version: int, node: str, path: Path, file: str) -> str:
+    files = sorted([*path.glob(f"*/{file}"), *path.glob(f"*/*/{file}")]) if node == "group" else []
+    shapes = {each.parent.relative_to(path).as_posix(): _json(each).get("shape") for each in files}
+    found = {name: tuple(shape) for name, shape in shapes.items() if isinstance(shape, list)}
+    kind = ", laid out as a replay buffer of Diffusion Policy" if found.keys() >= BUFFER else ""
+    named = ", ".join(f"{name} {shape}" for name, shape in list(found.items())[:SHOWN])
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return f"a Zarr {version} {node}{kind}{f' ({named}{more})' if found else ''}"
+
+
+def _is_ours(said: dict[str, Any]) -> bool:
+    attributes = said.get("attributes")
+    return isinstance(attributes, dict) and any(name in attributes for name in OURS)
+
+
+def _json(file: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(file.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -1,20 +1,24 @@
-"""Which arrays a store has, and how they lie in files."""
+"""What a store holds: its arrays, how they lie in files, and what it says of them and of itself."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import zarr
 from numpy.typing import NDArray
 from zarr.codecs import ZstdCodec
 
-from rf_exp.artifacts import whole
-from rf_exp.store.description import POSE, command_names, dimensions, explained, joint_names
+from rf_exp.artifacts import plain, whole
+from rf_exp.robots import DEFAULT, Robot
+from rf_exp.types import FINGERS, UNITS, Episode, Judged
 
 FORMAT = 3  # of how a store lies in files and what it says
-IMAGES = ("rgb", "depth", "segmentation")
+MOST_JOINTS = 16  # of an arm with its hand
+POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 JUDGED = ("value", "bound", "unit", "holds")  # the arrays of the conditions of success
+STEP = {"data": "step", "meta": "episode"}  # the name of the first dimension
 PICTURE_CHUNK, PICTURE_SHARD = 8, 256  # frames; a shard is one file
 STATE_CHUNK, STATE_SHARD = 128, 1024  # rows; what is damaged in a chunk costs no more than the rows of that
 CERTIFICATE_CHUNK, CERTIFICATE_SHARD = 1, 32  # episodes
@@ -22,24 +26,184 @@ META_CHUNK = 256  # episodes, a file each
 ALWAYS_WRITE = {"write_empty_chunks": True}  # so that a missing file always means damage
 
 
+@dataclass(frozen=True)
+class Model:
+    """What a store says of the robot of an agent."""
+
+    title: str
+    kind: str  # as others call it
+    joints: tuple[str, ...]  # along its part of qpos and qvel: of the arm, then of the two fingers
+    commands: tuple[str, ...]  # along its part of action and executed
+
+    @staticmethod
+    def of(robot: Robot) -> "Model":
+        return Model(robot.title, robot.kind, robot.measured, robot.told)
+
+
+def stated(robots: Sequence[Robot]) -> dict[str, Any]:
+    """The attribute that tells of the robots of the agents; without it all are the usual one."""
+    if all(robot == DEFAULT for robot in robots):
+        return {}
+    return {"robots": [asdict(Model.of(robot)) for robot in robots]}
+
+
+def models(attributes: Mapping[str, Any]) -> tuple[Model, ...]:
+    """Of every agent. Raises ValueError for an attribute that cannot be."""
+    agents = attributes["agents"]
+    said = attributes.get("robots", [asdict(Model.of(DEFAULT))] * agents)
+    names = [[tuple(map(str, each[key])) for key in ("joints", "commands")] for each in said]
+    found = tuple(
+        Model(str(each["title"]), str(each["kind"]), *own) for each, own in zip(said, names, strict=True)
+    )
+    sizes = {len(each.joints) for each in found} | {len(each.commands) + 1 for each in found}
+    if len(found) != agents or not all(FINGERS < size <= MOST_JOINTS for size in sizes):
+        raise ValueError(f"{len(found)} robots with {sorted(sizes)} joints, of {agents} agents")
+    return found
+
+
+def joint_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
+    """Names along qpos and qvel, of one agent or of all. See `rf_exp.types.joints_of` for what lies where."""
+    return _names([model.joints for model in models(attributes)], ("finger1", "finger2"), agent)
+
+
+def command_names(attributes: Mapping[str, Any], agent: int | None = None) -> tuple[str, ...]:
+    """Names along action and executed, of one agent or of all."""
+    return _names([model.commands for model in models(attributes)], ("gripper",), agent)
+
+
+def _names(each: Sequence[tuple[str, ...]], hand: Sequence[str], agent: int | None) -> tuple[str, ...]:
+    """Padded to the longest: between arm and hand. Of several that differ, the numbers of the joints."""
+    size, arm = max(map(len, each)), -len(hand)
+    if agent is None and len(set(each)) > 1:
+        return (*(f"joint{k}" for k in range(1, size + arm + 1)), *hand)
+    names = each[0 if agent is None else agent - 1]
+    unused = (f"unused{k}" for k in range(len(names) + arm + 1, size + arm + 1))
+    return (*names[:arm], *unused, *names[arm:])
+
+
+@dataclass(frozen=True)
+class Description:
+    """What the demonstrations are about and how they were seen; attributes of a store."""
+
+    language: Mapping[str, str]  # title, description, target_condition of the task
+    conditions: Sequence[str]  # of success, in the order in which their values are stored
+    world_from_base: Sequence[Any]  # (4, 4) of each arm
+    # camera -> intrinsics (3, 3) px, and world_from_camera or hand_from_camera (4, 4), OpenCV axes
+    camera_models: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    depth: bool = False  # whether the pictures' depth is kept
+    labels: Sequence[str] = ()  # what the numbers of the segmentation mean; none is kept without
+
+    def attributes(self) -> dict[str, Any]:
+        return plain(asdict(self))
+
+    @classmethod
+    def of(cls, attributes: Mapping[str, Any]) -> Self | None:
+        """That of a store; None for one that was made without it."""
+        if "conditions" not in attributes:
+            return None
+        return cls(**{each.name: attributes[each.name] for each in fields(cls)})
+
+
+class Kind(NamedTuple):
+    """What arrays of a kind hold."""
+
+    dtype: Any
+    dimensions: tuple[str, ...]  # of a row
+    about: str
+    units: Any = None  # along the last dimension; of joints the first is that of all of the arm
+    frame: str | None = None
+
+
+JOINTS, COMMANDS = ("agent", "joint"), ("agent", "command")
+# By the part of an array's name before its first `_`.
+KINDS: Mapping[str, Kind] = {
+    "qpos": Kind("float32", JOINTS, "measured joints before the action", ("rad", "m", "m")),
+    "qvel": Kind("float32", JOINTS, "measured joint velocities before the action", ("rad/s", "m/s", "m/s")),
+    "action": Kind(
+        "float32",
+        COMMANDS,
+        "joint targets of the next control step; gripper from -1 closed to 1 open",
+        ("rad", "1"),
+    ),
+    "executed": Kind(
+        "float32", COMMANDS, "what the arms were told; `action` is what was meant", ("rad", "1")
+    ),
+    "subgoal": Kind(
+        "int16",
+        ("agent",),
+        "each agent's, an index of its texts in the certificate's `subgoals`; -1: not known",
+    ),
+    "pose": Kind(
+        "float32",
+        ("pose",),
+        "position and unit quaternion w, x, y, z of the object's frame",
+        ("m", "m", "m", "1", "1", "1", "1"),
+        "world: z up, table top at z = 0",
+    ),
+    "time": Kind("float64", (), "since the start of the episode", "s"),
+    "condition_value": Kind("float32", ("condition",), "measured after the action; 1 or 0 of yes or no"),
+    "condition_bound": Kind("float32", ("condition",), "what the value is held against, in its unit"),
+    "condition_unit": Kind("uint8", ("condition",), "of value and bound: index of units", UNITS),
+    "condition_holds": Kind("bool", ("condition",), "whether it holds after the action"),
+    "depth": Kind("uint16", ("height", "width"), "along the viewing direction; 0 is nothing", "mm"),
+    "segmentation": Kind("uint8", ("height", "width"), "index of the store's `labels`"),
+    "rgb": Kind("uint8", ("height", "width", "channel"), "sRGB, seen before the action"),
+    "seed": Kind("int64", (), "of the scene"),
+    "certificate": Kind(
+        np.dtypes.StringDType(), (), "JSON: proposals, check code, verdicts, subgoals, the row of the attempt"
+    ),
+    "episode": Kind("int64", (), "row of `data` after the last of each episode"),
+}
+
+
+def kind_of(name: str) -> Kind:
+    what = name.partition("/")[2]
+    return KINDS[what if what.startswith("condition_") else what.partition("_")[0]]
+
+
 def layout(attributes: Mapping[str, Any]) -> dict[str, tuple[tuple[int, ...], Any]]:
     """Array name -> (shape of one row, dtype), the whole layout of a store."""
-    agents, size = attributes["agents"], (attributes["height"], attributes["width"])
-    joints, commands = ((agents, len(names(attributes))) for names in (joint_names, command_names))
-    executed = {"data/executed": (commands, "float32")} if attributes.get("disturbed") else {}
-    return {
-        "data/qpos": (joints, "float32"),
-        "data/qvel": (joints, "float32"),
-        "data/action": (commands, "float32"),
-        **executed,
-        "data/subgoal": ((agents,), "int16"),
-        **{f"data/pose_{name}": ((len(POSE),), "float32") for name in attributes["objects"]},
-        **_described(attributes, size),
-        **{f"data/rgb_{camera}": ((*size, 3), "uint8") for camera in attributes["cameras"]},
-        "meta/seed": ((), "int64"),
-        "meta/certificate": ((), np.dtypes.StringDType()),
-        "meta/episode_ends": ((), "int64"),
+    names, cameras = ["qpos", "qvel", "action"], attributes["cameras"]
+    names += ["executed"] if attributes.get("disturbed") else []
+    names += ["subgoal", *(f"pose_{each}" for each in attributes["objects"])]
+    if "conditions" in attributes:
+        names += ["time_s", *(f"condition_{each}" for each in JUDGED)]
+        names += [f"depth_{camera}" for camera in cameras if attributes["depth"]]
+        names += [f"segmentation_{camera}" for camera in cameras if attributes["labels"]]
+    names += [f"rgb_{camera}" for camera in cameras]
+    sizes = {
+        "agent": attributes["agents"],
+        "joint": len(joint_names(attributes)),
+        "command": len(command_names(attributes)),
+        "pose": len(POSE),
+        "condition": len(attributes.get("conditions", ())),
+        "height": attributes["height"],
+        "width": attributes["width"],
+        "channel": 3,
     }
+    arrays = [f"data/{name}" for name in names] + ["meta/seed", "meta/certificate", "meta/episode_ends"]
+    return {
+        name: (tuple(sizes[each] for each in kind.dimensions), kind.dtype)
+        for name, kind in zip(arrays, map(kind_of, arrays), strict=True)
+    }
+
+
+def explained(name: str, attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes of an array: what it holds, the names along its last dimension, units, frame."""
+    named: dict[str, Any] = {
+        "joint": joint_names(attributes),
+        "command": command_names(attributes),
+        "pose": POSE,
+        "condition": attributes.get("conditions"),
+        "channel": ("red", "green", "blue"),
+    }
+    kind = kind_of(name)
+    names: Any = named.get(kind.dimensions[-1]) if kind.dimensions else None
+    units = kind.units
+    if units is not None and kind.dimensions[:1] == ("agent",):
+        units = (*units[:1] * (len(names) - len(units)), *units)
+    said = {"names": names, "units": units, "frame": kind.frame, "about": kind.about}
+    return plain({key: value for key, value in said.items() if value is not None})
 
 
 def extra_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
@@ -48,32 +212,40 @@ def extra_names(attributes: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(name for name in names if name.startswith(("depth_", "segmentation_")))
 
 
-def _described(attributes: Mapping[str, Any], size: tuple[int, int]) -> dict[str, tuple[Any, Any]]:
-    """What stores with a description hold besides."""
-    if "conditions" not in attributes:
-        return {}
-    conditions, cameras = (len(attributes["conditions"]),), attributes["cameras"]
-    depth, segmentation = (cameras if attributes[key] else () for key in ("depth", "labels"))
-    return {
-        "data/time_s": ((), "float64"),
-        **{
-            f"data/condition_{name}": (conditions, dtype)
-            for name, dtype in zip(JUDGED, ("float32", "float32", "uint8", "bool"), strict=True)
-        },
-        **{f"data/depth_{camera}": (size, "uint16") for camera in depth},
-        **{f"data/segmentation_{camera}": (size, "uint8") for camera in segmentation},
-    }
+def assembled(
+    attributes: Mapping[str, Any],
+    seed: int,
+    certificate: Callable[[], Any],
+    rows: Callable[[str], NDArray[Any]],
+) -> Episode:
+    """The episode of which `rows` gives what an array holds, by the name of the array below `data`."""
+    judged = attributes.get("conditions")
+    return Episode(
+        task=str(attributes["task"]),
+        seed=seed,
+        qpos=rows("qpos"),
+        qvel=rows("qvel"),
+        action=rows("action"),
+        images={camera: rows(f"rgb_{camera}") for camera in attributes["cameras"]},
+        certificate=certificate(),
+        poses={name: rows(f"pose_{name}") for name in attributes["objects"]},
+        executed=rows("executed") if attributes.get("disturbed") else None,
+        subgoal=rows("subgoal"),
+        judged=None if judged is None else judged_by(judged, rows),
+        extras={name: rows(name) for name in extra_names(attributes)},
+    )
+
+
+def judged_by(conditions: Sequence[str], rows: Callable[[str], NDArray[Any]]) -> Judged:
+    return Judged(tuple(conditions), **{name: rows(f"condition_{name}") for name in JUDGED})
 
 
 def is_picture(name: str) -> bool:
-    return name.startswith(tuple(f"data/{kind}_" for kind in IMAGES))
+    return "height" in kind_of(name).dimensions
 
 
 def chunking(name: str) -> tuple[int, int | None]:
-    """(rows of a chunk, which are compressed together and checked by one sum; rows of a file of such chunks).
-
-    None for a file is one that is a chunk itself.
-    """
+    """(rows that are compressed together, with one sum; rows of a file of such chunks, None: the same)."""
     if is_picture(name):
         return PICTURE_CHUNK, PICTURE_SHARD
     if name == "meta/certificate":
@@ -82,10 +254,7 @@ def chunking(name: str) -> tuple[int, int | None]:
 
 
 def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
-    """A new store without episodes, with all attributes of another, also those that say who made it.
-
-    Raises OSError where nothing can be created there.
-    """
+    """A store without episodes, with all attributes of another. Raises OSError where it cannot be made."""
     with whole(path) as draft:
         group = zarr.create_group(draft, attributes=dict(attributes))
         for name, (shape, dtype) in layout(attributes).items():
@@ -98,7 +267,7 @@ def empty_like(path: Path, attributes: Mapping[str, Any]) -> None:
                 shards=(shard, *shape) if shard else None,
                 filters=None,
                 compressors=ZstdCodec(level=3, checksum=True),
-                dimension_names=dimensions(name),
+                dimension_names=(STEP[name.partition("/")[0]], *kind_of(name).dimensions),
                 attributes=explained(name, attributes),
             )
 

@@ -9,17 +9,15 @@ from rf_exp.artifacts import differing, whole, write_text
 from rf_exp.errors import StageError
 from rf_exp.store.cards import card
 from rf_exp.store.layout import empty_like
-from rf_exp.store.reader import Reader
-from rf_exp.store.writer import Store
+from rf_exp.store.store import Store
 
 PROVENANCE = ("commit", "versions")  # as when episodes are appended: those of who began
 
 
-def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
+def merge_order(stores: Sequence[Store]) -> list[tuple[int, Store, int]]:
     """(seed, store, index in it) of every episode, in the order of their seeds.
 
-    Raises StageError for stores of different configurations, naming what differs, and for seeds that two of
-    them hold.
+    Raises StageError for stores that were made differently, or that hold one seed twice.
     """
     first = stores[0]
     for other in stores[1:]:
@@ -28,13 +26,8 @@ def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
                 f"{first.path} and {other.path} were made from different configurations "
                 f"({'; '.join(differences)}); only stores of one configuration can be merged"
             )
-    found = sorted(
-        (
-            (int(seed), number, index)
-            for number, store in enumerate(stores)
-            for index, seed in enumerate(store.seeds)
-        ),
-    )
+    seeds = [enumerate(store.seeds.tolist()) for store in stores]
+    found = sorted((seed, number, index) for number, each in enumerate(seeds) for index, seed in each)
     for (seed, one, _), (again, other, _) in pairwise(found):
         if seed == again:
             raise StageError(
@@ -44,11 +37,10 @@ def merge_order(stores: Sequence[Reader]) -> list[tuple[int, Reader, int]]:
     return [(seed, stores[number], index) for seed, number, index in found]
 
 
-def merge(stores: Sequence[Reader], to: Path, advance: Callable[[], object] = lambda: None) -> None:
-    """Writes the store `to`, as if it had been made in one go: the same bytes. It is there as a whole or not.
+def merge(stores: Sequence[Store], to: Path, advance: Callable[[], object] = lambda: None) -> None:
+    """Writes the store `to`, whole, as if it had been made in one go: the same bytes; and its card beside it.
 
-    Its card lies beside it, and is there when the store is. `advance` is called after each episode. Raises
-    StageError as `merge_order` does, and where `to` exists; OSError where it cannot be written.
+    `advance` is called after each episode. Raises StageError as `merge_order` does, and where `to` exists.
     """
     if to.exists():
         raise StageError(f"{to} exists already; nothing is written over it: name another store")

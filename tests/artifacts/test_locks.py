@@ -18,7 +18,7 @@ from rf_exp.stages import owned
 HOLD = """
     import sys, time
     from pathlib import Path
-    from rf_exp.artifacts.locks import locked
+    from rf_exp.artifacts import locked
     with locked(Path(sys.argv[1]), "it"):
         print("held", flush=True)
         time.sleep(600)

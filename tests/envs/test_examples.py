@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rf_exp.envs.registration import configured
+from rf_exp.envs.core import configured
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs/environments.md").read_text("utf-8")

@@ -3,7 +3,7 @@
 import pytest
 
 from rf_exp.stages import Cell
-from rf_exp.stages.acting import acting
+from rf_exp.stages.evaluation import acting
 from tests.conftest import RECIPES, cell_of, experiment
 
 FOREIGN = ("stages=[evaluate]", "foreign.name=mine", "foreign.factory=examples.foreign.hold:make")

@@ -6,7 +6,7 @@ import pytest
 
 from rf_exp.ablation import append_row
 from rf_exp.experiment import Experiment
-from rf_exp.stages.costs import foretold
+from rf_exp.stages.beforehand import foretold
 from tests.ablation.conftest import evaluation
 from tests.conftest import cell_of, experiment
 

@@ -22,7 +22,7 @@ from rf_exp.data.__main__ import main as data
 from rf_exp.errors import StageError
 from rf_exp.rescue import main as rescue
 from rf_exp.stages import generate_data
-from rf_exp.stages.correction import demonstrations
+from rf_exp.stages.training import demonstrations
 from rf_exp.store import Damage, Store
 from tests.conftest import cell_of, experiment
 from tests.store.episodes import make_episode, make_store

@@ -1,18 +1,22 @@
-"""What a body is for planners: a frame on its underside, and where it can be taken and built upon.
+"""A scene that was read, as the rest of the suite knows tasks: arms, objects and places, and no criteria.
 
-Derived from its shape and from how it stands, where nobody has annotated it: a grasp from above across its
-narrow side, and a flat top as a place. What should be met otherwise wants points of its own.
+A body has a frame on its underside, and points where it can be taken and built upon, derived from its shape
+and from how it stands where nobody has annotated it: a grasp from above across its narrow side, a flat top as
+a place. What should be met otherwise wants points of its own.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from shapely import MultiPoint, Point, get_coordinates
 
+from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task
 from rf_exp.tasks.assets import Asset, InteractionPoint, Part
 from rf_exp.transforms import Matrix, apply, from_axes, inverse, transform
+from rf_exp.types import Scene
 
 WIDEST_M = 0.075  # between open fingers, with a little to spare
 PALM_M = 0.03  # of a thing that may stand out above the tool centre point, below the palm
@@ -25,6 +29,68 @@ GREY = (0.5, 0.5, 0.5)
 MARK_M = 0.005  # radius of what stands for a body without a shape
 
 Solids = Sequence[trimesh.Trimesh]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReadRobot(RobotSpec):
+    """An arm that stands anywhere, in any way."""
+
+    pose: Matrix  # world_from_base (4, 4)
+    on_hand: Asset | None  # a camera, say; in the frame of its link
+
+    @property
+    def world_from_base(self) -> Matrix:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.pose
+
+    @property
+    def mounted(self) -> Asset | None:
+        return self.on_hand
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReadTask(Task):
+    """A scene with what can be said of it. When it is solved, its environment knows."""
+
+    assets: Mapping[str, Asset]
+    spots: Mapping[str, Matrix]  # named places: world_from_object (4, 4) of what is put there
+
+    @staticmethod
+    def of(
+        name: str,
+        robots: tuple[ReadRobot, ...],
+        assets: Mapping[str, Asset],
+        spots: Mapping[str, Matrix],
+        below: Mapping[str, str],
+    ) -> "ReadTask":
+        """`below` names, for what stands on another object, that object."""
+        return ReadTask(
+            name,
+            title=name,
+            description=name,
+            target_condition="",
+            robots=robots,
+            objects={
+                each: ObjectSpec(asset.name, relative_to=below.get(each)) for each, asset in assets.items()
+            },
+            # Nobody looks on: sentences cannot speak of the left arm.
+            cameras={
+                camera: CameraSpec() for camera in ("global", *(f"agent{k + 1}" for k in range(len(robots))))
+            },
+            success={},
+            randomisation=Randomisation(0.0, 0.0, 0.0, 0.0),  # its environment draws the scenes
+            assets=assets,
+            spots=spots,
+        )
+
+    def asset(self, name: str) -> Asset:
+        return self.assets[name]
+
+    def places(self, scene: Scene) -> Mapping[str, Matrix]:
+        return self.spots
+
+    @property
+    def _sides(self) -> dict[str, int]:
+        return {}
 
 
 def upright_frame(solids: Solids, world_from_body: Matrix) -> Matrix:

@@ -1,0 +1,247 @@
+"""The engines: `launch` in conf/config.yaml, checked, and for each a function that takes jobs to it."""
+
+import logging
+import os
+import signal
+import socket
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
+from inspect import signature
+from multiprocessing import current_process
+from pathlib import Path
+from threading import current_thread, main_thread
+from typing import Any, NamedTuple, Protocol
+
+from rf_exp.errors import ArgumentError, StageError, choices, portable
+from rf_exp.processes import end_with_parent
+from rf_exp.progress import console
+
+HERE = "processes"  # of this machine, without any engine
+IDLE_S = 300  # after which a process of loky without a job ends
+NOT_OPTIONS = {"self", "func", "args", "kwargs", "key", "pure"}  # of the parameters of Dask's Client.submit
+TIMEOUT_MIN = 240  # of a job of submitit, unless options say otherwise; its own is 5
+
+Job = Callable[[], Any]
+
+
+class Handle(Protocol):
+    """How a job stands that an engine has taken."""
+
+    def done(self) -> bool: ...
+
+    def result(self) -> Any:
+        """Of a job that is done: what it gave, or the error it raised. Raises whatever if its worker died."""
+
+    def cancel(self) -> object: ...
+
+
+Submit = Callable[[Job], Handle]
+
+
+class Engine(NamedTuple):
+    """What an engine needs; empty: nothing."""
+
+    package: str = ""
+    extra: str = ""  # of pyproject.toml, that brings the package
+    address: str = ""  # what its address is
+    network: bool = False  # whether somebody has to answer there
+
+
+ENGINES = {
+    HERE: Engine(),
+    "loky": Engine("joblib"),
+    "dask": Engine("distributed", "dask", "tcp://HOST:8786, or the file of the scheduler", True),
+    "ray": Engine("ray", "ray", "HOST:6379, or auto for a cluster that has a node on this machine", True),
+    "submitit": Engine("submitit", "submitit", "slurm, or local to try it on this machine"),
+}
+
+
+@dataclass(frozen=True)
+class Launch:
+    """An engine and how it is reached. Raises ArgumentError for what cannot be, before any work."""
+
+    engine: str
+    address: str | None
+    shard_seeds: int  # consecutive seeds that are one job
+    connect_s: float  # how long an engine may take to answer
+    options: Mapping[str, Any] | None = field(hash=False)  # the engine's own, of each job
+
+    def __post_init__(self) -> None:
+        for key in ("shard_seeds", "connect_s"):
+            if (value := getattr(self, key)) <= 0:
+                raise ArgumentError(f"launch.{key} is {value}; it must be positive")
+        if self.engine not in ENGINES:
+            raise choices("launch.engine", self.engine, ENGINES)
+        needs = ENGINES[self.engine]
+        for key in ("address", "options"):
+            if getattr(self, key) and not needs.address:
+                raise ArgumentError(f"launch.{key} is given, and launch.engine={self.engine} has none")
+        if needs.address and not self.address:
+            raise ArgumentError(f"launch.engine={self.engine} needs launch.address: {needs.address}")
+        if needs.package and find_spec(needs.package) is None:
+            raise ArgumentError(
+                f"launch.engine={self.engine} needs {needs.package}, which is not installed; "
+                f"run: pip install 'rf_exp[{needs.extra}]'"
+            )
+
+    @property
+    def said(self) -> str:
+        """The engine and where it is, for people."""
+        return f"{self.engine} {self.address}" if self.address else self.engine
+
+
+def on_node(job: Job) -> Any:
+    """Where the engine runs it: what a job gives, or the error it raises, as not every engine brings it."""
+    for name in ("OMP_NUM_THREADS", "LP_NUM_THREADS"):  # jobs stand side by side: a core each
+        os.environ.setdefault(name, "1")
+    try:
+        return job()
+    except Exception as error:
+        return portable(error)
+
+
+@contextmanager
+def on_loky(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+    """As many processes of this machine as jobs at a time; new ones for the next job when some died."""
+    from joblib.externals.loky import get_reusable_executor
+
+    executor = partial(get_reusable_executor, max_workers=at_once, timeout=IDLE_S, initializer=_begin)
+    try:
+        yield lambda job: executor().submit(on_node, job)
+    finally:
+        executor().shutdown(wait=True, kill_workers=True)
+
+
+def _begin() -> None:
+    """A new process: its parent speaks for it, and Ctrl-C is its parent's affair."""
+    end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    console.quiet = True
+
+
+@contextmanager
+def on_dask(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+    """A scheduler and its workers, wherever they are; certificates are those of Dask's own configuration."""
+    from distributed import Client
+
+    options, possible = launch.options or {}, signature(Client.submit).parameters.keys() - NOT_OPTIONS
+    for name in options.keys() - possible:
+        raise choices("launch.options", name, possible)
+    address = str(launch.address)
+    where: dict[str, Any] = {"address": address}
+    if address.endswith(".json"):
+        if not Path(address).is_file():
+            raise StageError(f"launch.address={address}: no such file; Dask's scheduler writes it")
+        where = {"scheduler_file": address}
+    try:
+        client = Client(**where, timeout=launch.connect_s, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:  # also of addresses and certificates
+        raise StageError(
+            f"launch.address={address}: no scheduler of Dask answers within {launch.connect_s:g} s "
+            f"({str(error) or type(error).__name__})"
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=launch.connect_s)
+        except TimeoutError as error:
+            raise StageError(
+                f"launch.address={address}: the scheduler has no worker after {launch.connect_s:g} s; "
+                "start some with `dask worker`"
+            ) from error
+        yield lambda job: client.submit(_with_children, job, pure=False, **options)
+
+
+def _with_children(job: Job) -> Any:
+    # Dask's nanny makes its workers daemonic, which may have no children. Ours, the process in which a seed
+    # has its time limit, ends with the worker.
+    current_process()._config["daemon"] = False  # pyright: ignore
+    return on_node(job)
+
+
+@contextmanager
+def on_ray(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+    """A cluster, whose nodes say how many cores they have; each job takes one."""
+    import ray
+    from ray.exceptions import RayError
+
+    class Remote:
+        def __init__(self, reference: Any) -> None:
+            self.reference = reference
+
+        def done(self) -> bool:
+            return bool(ray.wait([self.reference], timeout=0)[0])
+
+        def result(self) -> Any:
+            return ray.get(self.reference)
+
+        def cancel(self) -> None:
+            ray.cancel(self.reference, force=True)
+
+    address = str(launch.address)
+    if ":" in address:  # Ray itself tries for minutes
+        host, _, port = address.rpartition("://")[2].rpartition(":")
+        try:
+            socket.create_connection((host, int(port)), timeout=launch.connect_s).close()
+        except (OSError, ValueError) as error:
+            raise StageError(
+                f"launch.address={address}: no head of Ray answers within {launch.connect_s:g} s ({error})"
+            ) from error
+    told = signal.getsignal(signal.SIGTERM)
+    try:
+        ray.init(address, log_to_driver=False, logging_level=logging.ERROR)
+    except (RayError, RuntimeError, ConnectionError, ValueError) as error:
+        raise StageError(
+            f"launch.address={address}: Ray cannot be joined: {error} (a cluster with a token wants "
+            "RAY_AUTH_MODE=token here too, and RAY_AUTH_TOKEN_PATH or ~/.ray/auth_token)"
+        ) from error
+    finally:
+        signal.signal(signal.SIGTERM, told)  # Ray sets a handler of its own
+    try:
+        try:  # another try after a worker's death is given in running.py, for all engines
+            remote = ray.remote(**{"num_cpus": 1, "max_retries": 0, **(launch.options or {})})(on_node)
+        except (ValueError, TypeError) as error:
+            raise ArgumentError(f"launch.options, of ray.remote: {error}") from error
+        yield lambda job: Remote(remote.remote(job))
+    finally:
+        ray.shutdown()
+
+
+@contextmanager
+def on_submitit(launch: Launch, at_once: int, folder: Path) -> Iterator[Submit]:
+    """A job of Slurm for each of ours; or, for a try, processes of this machine that act like it.
+
+    Jobs outlive this command: only one that is told to end cancels them. Raises ArgumentError where there is
+    no Slurm, and for options that it does not have.
+    """
+    from submitit import AutoExecutor
+
+    try:
+        executor = AutoExecutor(folder / "submitit", cluster=launch.address)
+        executor.update_parameters(**{"name": "rf_exp", "timeout_min": TIMEOUT_MIN, **(launch.options or {})})
+    except (RuntimeError, ValueError, NameError, AssertionError, TypeError) as error:
+        raise ArgumentError(f"launch.address={launch.address}, launch.options: {error}") from error
+
+    def submit(job: Job) -> Handle:
+        # Processes end at SIGINT, by which submitit cancels them on this machine. Where this one ignores it,
+        # as in the background of a shell's script, they would ignore it as well.
+        ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN and current_thread() is main_thread()
+        if ignored:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        try:
+            return executor.submit(on_node, job)
+        finally:
+            if ignored:
+                signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    yield submit
+
+
+CONNECTED: Mapping[str, Callable[[Launch, int, Path], AbstractContextManager[Submit]]] = {
+    "loky": on_loky,
+    "dask": on_dask,
+    "ray": on_ray,
+    "submitit": on_submitit,
+}

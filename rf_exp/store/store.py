@@ -1,0 +1,393 @@
+"""A store: its episodes, each array over all of them, and adding more."""
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NoReturn, Self
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from rf_exp.artifacts import code, disk_full, expect_same, hold_folder, installed, plain
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.robots import Robot
+from rf_exp.store import layout
+from rf_exp.store.integrity import blames, check_rows, opened, times_stored
+from rf_exp.store.layout import JUDGED, PICTURE_SHARD, Description, Model, array_of, extra_names, view
+from rf_exp.types import CONTROL_HZ, NO_EXTRAS, Episode, Extras, Judged
+
+PACKAGES = ("rf_exp", "numpy", "zarr", "mani-skill", "sapien", "pin", "coal", "toppra")
+
+
+class Store:
+    """Demonstrations of one task made by one configuration, in their order. `create` or `open` one."""
+
+    def __init__(self, path: Path, group: zarr.Group, attributes: dict[str, Any]) -> None:
+        self.path = path
+        self.attrs = attributes  # task, identity, versions of packages and criteria, control rate, sizes
+        self._group = group
+        self._ends = np.zeros(0, np.int64)
+        self._seeds = np.zeros(0, np.int64)
+        self._kept: dict[str, NDArray[Any]] = {}  # arrays that were read, until there are more episodes
+        self._lock: int | None = None  # descriptor that holds the right to write
+
+    @classmethod
+    def create(
+        cls,
+        path: str | Path,
+        identity: Mapping[str, object],
+        agents: int,
+        cameras: Sequence[str],
+        height: int,
+        width: int,
+        objects: Sequence[str] = (),
+        disturbed: bool = False,
+        description: Description | None = None,
+        robots: Sequence[Robot] = (),
+    ) -> Self:
+        """A new, empty store, opened for writing.
+
+        `identity` is the configuration that makes the data, as plain JSON values. Pictures are (height,
+        width, 3), 0 without cameras. `disturbed` demonstrations were executed otherwise than intended. With a
+        `description` the store also holds times, the conditions of success, depth and segmentation. Without
+        `robots` all are the usual one.
+
+        Raises StageError when `path` exists or the disk is full, ArgumentError where nothing can be made.
+        """
+        path, configuration = Path(path), plain(identity)
+        if path.exists():
+            raise StageError(f"{path} exists already; open it, delete it, or choose another `out`")
+        attributes = {
+            "format": layout.FORMAT,
+            "task": configuration.get("task"),
+            "criteria_version": configuration.get("version"),
+            "generator": configuration.get("generator"),
+            "commit": code(),
+            "identity": configuration,
+            "control_hz": CONTROL_HZ,
+            "agents": agents,
+            "cameras": list(cameras),
+            "height": height,
+            "width": width,
+            "objects": list(objects),
+            "disturbed": disturbed,
+            **layout.stated(robots),
+            **(description.attributes() if description else {}),
+            "versions": installed(PACKAGES),
+        }
+        try:
+            layout.empty_like(path, attributes)
+        except OSError as error:
+            if path.exists():
+                raise StageError(f"{path} was made by another process meanwhile; run again") from error
+            if disk_full(error):
+                _raise_full(path, 100_000, "creating the store", error)
+            raise ArgumentError(
+                f"cannot create a store at {path}: {error.strerror or error}; "
+                "expected `out` to be a folder that can be written"
+            ) from error
+        return cls.open(path, writable=True)
+
+    @classmethod
+    def open(
+        cls, path: str | Path, identity: Mapping[str, object] | None = None, writable: bool = False
+    ) -> Self:
+        """An existing store, checked: layout, shapes, types, ends, seeds, and that every file answers.
+
+        It must have been made by `identity`, if that is given. A writable one is locked, and rows of an
+        interrupted append are cut off. Raises StageError saying what is damaged or different, and what to do.
+        """
+        path = Path(path)
+        store = cls(path, *opened(path, "r+" if writable else "r"))
+        try:
+            if writable:
+                store._lock = hold_folder(path)
+                if store._lock is None:
+                    raise StageError(f"{path} is being written by another process; wait for it or stop it")
+            if identity is not None:
+                expect_same(path, store.identity, identity, "delete it or choose another `out`")
+            store._ends, store._seeds = check_rows(path, store._group, store.attrs)
+            if writable:
+                store._cut()
+        except BaseException:
+            store.close()
+            raise
+        return store
+
+    def _cut(self) -> None:
+        for name in layout.layout(self.attrs):
+            array = self._array(name)
+            committed = self.steps if name.startswith("data/") else len(self)
+            if array.shape[0] > committed:
+                array.resize((committed, *array.shape[1:]))
+        for leftover in self.path.rglob("*.partial"):
+            leftover.unlink()
+
+    def append(self, episode: Episode) -> None:
+        """Store one more episode; when this returns it is there, when it raises it is not.
+
+        Raises StageError for one that does not fit, and when the disk is full.
+        """
+        if self._lock is None:
+            raise StageError(f"{self.path} is open for reading; open it with writable=True to append")
+        rows = self._rows_of(episode)
+        start = {"data": self.steps, "meta": len(self)}
+        try:
+            for name, values in rows.items():  # `meta/episode_ends` is the last: the commit
+                layout.write(self._array(name), start[name.split("/")[0]], values)
+        except OSError as error:
+            if disk_full(error):
+                needed = sum(values.nbytes for values in rows.values())
+                doing = f"storing the episode of seed {episode.seed}"
+                _raise_full(self.path, needed, doing, error, len(self))
+            raise StageError(
+                f"cannot write the episode of seed {episode.seed} to {self.path}: {error.strerror or error}; "
+                f"its {len(self)} stored episodes are intact"
+            ) from error
+        self._ends = np.append(self._ends, rows["meta/episode_ends"])
+        self._seeds = np.append(self._seeds, rows["meta/seed"])
+        self._kept.clear()
+        for name in ("images", "certificates"):
+            self.__dict__.pop(name, None)  # read again when asked for
+
+    def _rows_of(self, episode: Episode) -> dict[str, NDArray[Any]]:
+        """Array name -> the rows that an episode adds, in the order of writing. Raises StageError."""
+        label, steps = f"episode of seed {episode.seed}", len(episode.qpos)
+        self._require_fit(episode, label)
+        data: dict[str, Any] = {"qpos": episode.qpos, "qvel": episode.qvel, "action": episode.action}
+        data |= {f"rgb_{camera}": episode.images[camera] for camera in self.cameras}
+        data |= {f"pose_{name}": episode.poses[name] for name in self.objects}
+        if episode.executed is not None:
+            data["executed"] = episode.executed
+        unknown = np.full((steps, self.agents), -1, np.int16)
+        data["subgoal"] = unknown if episode.subgoal is None else episode.subgoal
+        if "conditions" in self.attrs:
+            data["time_s"] = np.arange(steps) / CONTROL_HZ
+            data |= {f"condition_{name}": getattr(episode.judged, name) for name in JUDGED}
+        data |= episode.extras
+        wanted = layout.layout(self.attrs)
+        for name, values in data.items():
+            shape, dtype = wanted[f"data/{name}"]
+            if values.shape != (steps, *shape) or values.dtype != np.dtype(dtype):
+                raise StageError(
+                    f"data/{name} of the {label} is {values.dtype} {values.shape}; "
+                    f"expected {dtype} {(steps, *shape)}"
+                )
+            if dtype == "float32" and not np.isfinite(values).all():
+                raise StageError(f"data/{name} of the {label} holds values that are not finite numbers")
+        certificate = json.dumps(plain(episode.certificate), sort_keys=True)
+        return {f"data/{name}": values for name, values in data.items()} | {
+            "meta/seed": np.array([episode.seed], np.int64),
+            "meta/certificate": np.array([certificate], np.dtypes.StringDType()),
+            "meta/episode_ends": np.array([self.steps + steps], np.int64),
+        }
+
+    def _require_fit(self, episode: Episode, label: str) -> None:
+        if episode.task != (task := self.attrs["task"]) and isinstance(task, str):
+            raise StageError(f"{label} is of task {episode.task!r}; {self.path} holds {task!r}")
+        times = times_stored(self.identity)
+        if np.count_nonzero(self.seeds == episode.seed) >= times:
+            often = "once" if times == 1 else f"{times} times"
+            raise StageError(f"{label} is stored already in {self.path}; every seed is stored {often}")
+        if len(episode.qpos) == 0:
+            raise StageError(f"{label} has no steps; expected at least one")
+        conditions = self.attrs.get("conditions")
+        judges = list(episode.judged.names if episode.judged else ())
+        told, expected = ("some", "no") if episode.executed is not None else ("no", "some")
+        for what, found, wanted in (
+            ("has images of", sorted(episode.images), sorted(self.cameras)),
+            ("has poses of", sorted(episode.poses), sorted(self.objects)),
+            ("has depth and segmentation", sorted(episode.extras), sorted(self.extra_names)),
+            ("is judged by", judges, judges if conditions is None else conditions),
+        ):
+            if found != wanted:
+                raise StageError(f"{label} {what} {found}; {self.path} expects {wanted}")
+        if (episode.executed is not None) != self.disturbed:
+            raise StageError(
+                f"{label} has {told} executed actions of its own; {self.path} expects {expected}"
+            )
+
+    def close(self) -> None:
+        """Give up the right to write; reading goes on."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        return len(self._ends)
+
+    @property
+    def steps(self) -> int:
+        """Rows of all episodes together, T."""
+        return int(self._ends[-1]) if len(self._ends) else 0
+
+    def by_episode(self, values: NDArray) -> list[NDArray]:
+        """Rows of all stored steps (T, ...) -> those of each episode."""
+        return np.split(values[: self.steps], self.episode_ends[:-1])
+
+    def first(self, episodes: int) -> Self:
+        """The same store, for reading, as if it held its first episodes alone. Raises ArgumentError."""
+        if not 0 <= episodes <= len(self):
+            raise ArgumentError(f"{self.path} holds {len(self)} episodes; {episodes} were asked for")
+        part = type(self)(self.path, self._group, self.attrs)
+        part._ends, part._seeds = self._ends[:episodes], self._seeds[:episodes]
+        return part
+
+    @property
+    def episode_ends(self) -> NDArray[np.int64]:
+        """(E,) row after the last of each episode."""
+        return self._ends.copy()
+
+    @property
+    def seeds(self) -> NDArray[np.int64]:
+        """(E,) scene seed of each episode."""
+        return self._seeds.copy()
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The configuration that made the data."""
+        return self.attrs["identity"]
+
+    @property
+    def agents(self) -> int:
+        return self.attrs["agents"]
+
+    @property
+    def models(self) -> tuple[Model, ...]:
+        """What is known of the robot of each agent."""
+        return layout.models(self.attrs)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        return tuple(self.attrs["cameras"])
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """The objects whose poses are kept."""
+        return tuple(self.attrs["objects"])
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether what was executed differs from what was intended."""
+        return bool(self.attrs.get("disturbed", False))
+
+    @property
+    def description(self) -> Description | None:
+        """What the data are about; None in a store that was made without it."""
+        return Description.of(self.attrs)
+
+    @property
+    def extras(self) -> Extras:
+        """What is kept of the cameras beside pictures."""
+        said = self.description
+        return Extras(said.depth, bool(said.labels)) if said else NO_EXTRAS
+
+    @property
+    def qpos(self) -> NDArray[np.float32]:
+        """(T, N, D) measured joints, rad and metres."""
+        return self._whole("qpos")
+
+    @property
+    def qvel(self) -> NDArray[np.float32]:
+        """(T, N, D) measured joint velocities, rad/s and m/s."""
+        return self._whole("qvel")
+
+    @property
+    def action(self) -> NDArray[np.float32]:
+        """(T, N, A) joint targets, rad, and gripper command."""
+        return self._whole("action")
+
+    @property
+    def executed(self) -> NDArray[np.float32]:
+        """(T, N, A) what the arms were told: `action`, unless the demonstrations were disturbed."""
+        return self._whole("executed") if self.disturbed else self.action
+
+    @property
+    def poses(self) -> dict[str, NDArray[np.float32]]:
+        """Object -> (T, 7) position in m and quaternion w, x, y, z."""
+        return {name: self._whole(f"pose_{name}") for name in self.objects}
+
+    @property
+    def subgoal(self) -> NDArray[np.int16]:
+        """(T, N) index of what each agent is about in its texts in the certificate; -1 is not known."""
+        return self._whole("subgoal")
+
+    @property
+    def judged(self) -> Judged | None:
+        """How far each condition of success was met after each action; None without a description."""
+        conditions = self.attrs.get("conditions")
+        return None if conditions is None else layout.judged_by(conditions, self._whole)
+
+    @property
+    def extra_names(self) -> tuple[str, ...]:
+        """`depth_<camera>` and `segmentation_<camera>` of what was asked for."""
+        return extra_names(self.attrs)
+
+    @cached_property
+    def images(self) -> dict[str, zarr.Array[Any]]:
+        """Camera -> Zarr array (T, H, W, 3) u8 of exactly the stored episodes."""
+        return {camera: view(self._array(f"data/rgb_{camera}"), self.steps) for camera in self.cameras}
+
+    @cached_property
+    def certificates(self) -> list[dict[str, Any]]:
+        """The certificate of the checks of each episode."""
+        texts = self._read("meta/certificate", 0, len(self))
+        with blames(self.path, "meta/certificate holds no JSON"):
+            return [json.loads(text) for text in texts]
+
+    def episode(self, index: int) -> Episode:
+        """One episode, read into memory. Raises IndexError beyond the last."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"episode {index} of {len(self)} in {self.path}")
+        index %= len(self)
+        start, end = int(self._ends[index - 1]) if index else 0, int(self._ends[index])
+
+        def rows(name: str) -> NDArray[Any]:
+            is_large = layout.is_picture(f"data/{name}")
+            return self._read(f"data/{name}", start, end) if is_large else self._whole(name)[start:end]
+
+        return layout.assembled(self.attrs, int(self._seeds[index]), lambda: self.certificates[index], rows)
+
+    def digest(self) -> str:
+        """SHA-256 over the decoded qpos, action and pictures in order: same seeds, same digest."""
+        sha = hashlib.sha256()
+        for name in ("data/qpos", "data/action", *(f"data/rgb_{camera}" for camera in self.cameras)):
+            sha.update(f"{name} {(self.steps, *self._array(name).shape[1:])}".encode())
+            for start in range(0, self.steps, PICTURE_SHARD):
+                sha.update(self._read(name, start, min(start + PICTURE_SHARD, self.steps)).tobytes())
+        return sha.hexdigest()
+
+    def _whole(self, name: str) -> NDArray[Any]:
+        if name not in self._kept:
+            self._kept[name] = self._read(f"data/{name}")
+        return self._kept[name]
+
+    def _array(self, name: str) -> zarr.Array[Any]:
+        return array_of(self._group, name)
+
+    def _read(self, name: str, start: int = 0, end: int | None = None) -> NDArray[Any]:
+        with blames(self.path, f"{name} cannot be read"):
+            return np.asarray(self._array(name)[start : self.steps if end is None else end])
+
+
+def _raise_full(path: Path, needed: int, doing: str, error: OSError, episodes: int = 0) -> NoReturn:
+    free = shutil.disk_usage(path if path.exists() else path.parent).free
+    raise StageError(
+        f"no space left while {doing} in {path}: up to {needed} bytes needed, {free} bytes free "
+        f"({error.strerror}); its {episodes} stored episodes are intact: make room and run the same "
+        "command again"
+    ) from error
