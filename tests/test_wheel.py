@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,16 @@ def test_an_installation_is_run_from_an_empty_folder(site: Path, tmp_path: Path)
     assert wrong.returncode == 2
     assert f"did you mean demos? The keys are in {site}/rf_exp/conf/config.yaml and" in wrong.stderr
     shutil.rmtree(site / "conf")
+
+
+@pytest.mark.slow
+def test_an_installation_makes_demonstrations(site: Path, tmp_path: Path) -> None:
+    """Though it has no commit to name in their rows."""
+    small = ("stages=[generate]", "episodes=1", "render=false", "recordings=0", "workers=1", "wandb=disabled")
+    made = run(site, tmp_path, *small, "out=made")
+    assert made.returncode == 0, made.stderr
+    (rows,) = (tmp_path / "made/results/generate").rglob("*.jsonl")
+    assert f'"commit": "rf_exp-{metadata.version("rf_exp")}"' in rows.read_text()
 
 
 @pytest.mark.slow

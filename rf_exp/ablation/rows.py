@@ -89,7 +89,7 @@ class GenerationRow(_Row):
     violations: int  # proposals that ended in a violation
     contacts: int  # control steps in which arms touched each other
     generator: str  # version of the code that decides the bytes of the episode
-    commit: str  # git commit of that code, with a + where it was changed since; empty outside of a checkout
+    commit: str  # git commit of that code, with a + where it was changed since, or its version
     schema: int = SCHEMA
     disturbance_rad: float = 0.0  # of executed motion
     delay_s: float = 0.0  # how late an arm may have been
@@ -125,7 +125,7 @@ class EvaluationRow(_Row):
     wall_s: float
     version: str  # of the success criteria
     contacts: int  # control steps in which arms touched each other
-    commit: str  # git commit of the code, with a + where it was changed since; empty outside of a checkout
+    commit: str  # git commit of the code, with a + where it was changed since, or its version
     schema: int = SCHEMA
     shield: bool = False  # whether a shield stood between policies and arms
     interventions: int = 0  # control steps in which it kept an arm from the command of its policy

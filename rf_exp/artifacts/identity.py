@@ -158,8 +158,8 @@ def commit(checkout: Path = CHECKOUT) -> str:
 
 
 def code(checkout: Path = CHECKOUT) -> str:
-    """Which code runs, as every artifact says: its commit or, where it is no checkout, its version."""
-    return commit(checkout) or f"rf_exp {installed(['rf_exp']).get('rf_exp', 'of unknown version')}"
+    """Which code runs, in one word, as every artifact says: its commit or, of no checkout, its version."""
+    return commit(checkout) or f"rf_exp-{installed(['rf_exp']).get('rf_exp', 'unknown')}"
 
 
 def installed(packages: Iterable[str]) -> dict[str, str]:

@@ -43,7 +43,7 @@ def test_no_commit_outside_of_a_checkout(checkout: Path, monkeypatch: pytest.Mon
 def test_code_is_named_by_its_commit_or_its_version(checkout: Path) -> None:
     assert code(checkout) == commit(checkout) != ""
     (checkout / "site-packages").mkdir()
-    assert code(checkout / "site-packages") == f"rf_exp {metadata.version('rf_exp')}"
+    assert code(checkout / "site-packages") == f"rf_exp-{metadata.version('rf_exp')}"
 
 
 @pytest.mark.slow
@@ -54,4 +54,4 @@ def test_a_store_that_an_installed_package_makes_names_its_version(tmp_path: Pat
     make = "from rf_exp.store import Store; Store.create('s.zarr', {'task': 'lift_barrier'}, 1, (), 0, 0)"
     subprocess.run([sys.executable, "-c", make], cwd=tmp_path, check=True)
     said = json.loads((tmp_path / "s.zarr/zarr.json").read_text())["attributes"]
-    assert said["commit"] == f"rf_exp {metadata.version('rf_exp')}"
+    assert said["commit"] == f"rf_exp-{metadata.version('rf_exp')}"
