@@ -175,9 +175,9 @@ ENCODERS: dict[str, Kind] = {
     "privileged": Kind(PrivilegedConfig, "encoders:Privileged"),
 }
 HEADS: dict[str, Kind] = {
-    "diffusion": Kind(DiffusionConfig, "diffusion:DiffusionHead"),
-    "regression": Kind(RegressionConfig, "regression:RegressionHead"),
-    "refined": Kind(RefinedConfig, "diffusion:RefinedHead"),
+    "diffusion": Kind(DiffusionConfig, "heads:DiffusionHead"),
+    "regression": Kind(RegressionConfig, "heads:RegressionHead"),
+    "refined": Kind(RefinedConfig, "heads:RefinedHead"),
 }
 PARTS = {"encoder": ENCODERS, "head": HEADS}
 

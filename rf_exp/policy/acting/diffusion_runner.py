@@ -18,8 +18,8 @@ from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import HAND
 from rf_exp.policy.inputs.coordination import phases
-from rf_exp.policy.inputs.gripper_history import Memory
 from rf_exp.policy.inputs.observation_spec import (
+    Memory,
     ObservationSpec,
     base_from_tcps,
     context,
@@ -27,8 +27,7 @@ from rf_exp.policy.inputs.observation_spec import (
     proprioception,
     widths,
 )
-from rf_exp.policy.inputs.pictures import side_by_side
-from rf_exp.policy.inputs.rays import rays_of
+from rf_exp.policy.inputs.pictures import rays_of, side_by_side
 from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
@@ -92,13 +91,6 @@ class _Episode:
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
 
-    def frames(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Features (S, O, F), proprioception (S, O, P) and context (S, O, C), oldest frame first."""
-        features, proprio, known = (
-            torch.stack([*each], dim=1) for each in (self.features, self.proprio, self.context)
-        )
-        return features, proprio, known
-
 
 class DiffusionRunner(PolicyRunner):
     """One policy acting through all streams of its view, batched: each stream is a row.
@@ -114,7 +106,15 @@ class DiffusionRunner(PolicyRunner):
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
         of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
-        declared = _declared(self._config, view, self.spec)
+        cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
+        everyone = tuple(range(1, len(self.spec.bases) + 1))
+        declared = Declaration(
+            everyone if self.spec.objects else view.agents,
+            objects=self.spec.objects,
+            cameras=tuple(cameras) if self._config.encoder.pictures else (),
+            coordinated=view.agents if view.coordinated else (),
+            calibrated=self._config.encoder.keypoints,
+        )
         super().__init__(view, np.tile(of_stream, len(view.streams)), declared)
         self._rows = np.array(view.agents) - 1  # of the own agents among all
         self._agents = max(declared.agents)  # rows of what is measured; those of others are NaN
@@ -150,7 +150,9 @@ class DiffusionRunner(PolicyRunner):
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:
         """Keep what belongs to the next prediction."""
-        episode, qpos = self._episode, self._measured(observation)
+        episode, qpos = self._episode, np.full((self._agents, ARM_JOINTS + 2), np.nan)
+        for agent, joints in observation.qpos.items():
+            qpos[agent - 1] = joints
         episode.widths = widths(qpos)
         if not self._observes:
             return
@@ -163,13 +165,6 @@ class DiffusionRunner(PolicyRunner):
             episode.features.append(features)
             episode.proprio.append(proprio)
             episode.context.append(known)
-
-    def _measured(self, observation: Observation) -> NDArray[np.float64]:
-        """(N, 9) joints; NaN for agents that are not declared."""
-        qpos = np.full((self._agents, ARM_JOINTS + 2), np.nan)
-        for agent, joints in observation.qpos.items():
-            qpos[agent - 1] = joints
-        return qpos
 
     def _context(self, observation: Observation, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
         """(S, C) of the streams."""
@@ -239,32 +234,41 @@ class DiffusionRunner(PolicyRunner):
         """Keypoints detected at (S, M, 2), but for those of gripper changes that are past."""
         changes, last = self._episode.grippers.changes, self.spec.keyframes
         for stream, of_stream in zip(self.view.streams, places, strict=True):
-            meant = [
-                (agent, key == following, key >= following)
-                for agent, following in ((k, min(changes[k - 1], last)) for k in stream.agents)
-                for key in range(last + 1)
-            ]
+            meant = []  # of each keypoint: agent, whether it is the next, whether it is not past
+            for agent in stream.agents:
+                following = min(changes[agent - 1], last)
+                meant += [(agent, key == following, key >= following) for key in range(last + 1)]
             meant += [(agent, False, False) for agent in stream.agents]
             meant += [(agent, False, True) for agent in others(self.spec, stream)]
             count = len(stream.cameras)
-            parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
-            for row, (camera, in_picture) in enumerate(parts):
+            for row, in_picture in enumerate(np.split(of_stream, count)):
                 for (agent, is_next, ahead), (x, y) in zip(meant, in_picture, strict=True):
                     if ahead:
                         place = float(count * x - row), float(y)
-                        yield KeypointDetection(camera, agent, *place, bool(is_next))
+                        yield KeypointDetection(stream.cameras[row], agent, *place, bool(is_next))
 
     # what is predicted
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
-        """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
-        features, proprio, known = self._episode.frames()
+        """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent.
+
+        Raises StageError for actions that are not finite.
+        """
+        kept = self._episode.features, self._episode.proprio, self._episode.context
+        features, proprio, known = (torch.stack([*each], dim=1) for each in kept)  # (S, O, ...) oldest first
         known, waits = self._phase(observation, features, proprio, known)
         opened = self._episode.grippers.opened[self._rows]
         if waits.all():
             stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        actions = self._sample(observation, features, proprio, known)
+        sampled = self._policy.act(features, proprio, known, self._episode.generators)
+        actions = sampled.cpu().double().numpy()
+        if not np.isfinite(actions).all():
+            raise StageError(
+                f"policy {self.view.name!r}, control step {observation.step}: it predicts actions that are "
+                "not finite; its weights are of no use"
+            )
+        actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         joints = np.stack([observation.qpos[agent] for agent in self.view.agents])[:, :ARM_JOINTS]
         stays = waits | self._within_deadband(actions, joints, opened)
         chunk = self._commands(actions[:, : self._config.acting.action_steps])
@@ -285,43 +289,24 @@ class DiffusionRunner(PolicyRunner):
         waits = np.zeros(len(agents), dtype=bool)
         probabilities = self._policy.chances(features, proprio, known)
         if probabilities is not None:
-            numbers, free = self._episode.transitions(probabilities.flatten(0, 1).cpu().double().numpy())
-            phase = (
-                torch.from_numpy(each).to(known.device).unflatten(0, (len(known), -1))
-                for each in (numbers, free)
-            )
-            known, waits = self._policy.in_phase(known, *phase), ~free
+            phase = self._episode.transitions(probabilities.flatten(0, 1).cpu().double().numpy())
+            numbers, free = (torch.from_numpy(each).to(known.device) for each in phase)
+            rows = len(known), -1
+            known = self._policy.in_phase(known, numbers.unflatten(0, rows), free.unflatten(0, rows))
+            waits = ~phase[1]
         if observation.subgoals is not None:
             waits = np.array([not observation.subgoals[agent][1] for agent in agents])
         if size := self.spec.phase_size:
             said = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
-            doing = said[:, :-1].argmax(dim=1).tolist()
-            self.state.phases = {
-                agent: (number, not waiting)
-                for agent, number, waiting in zip(agents, doing, waits.tolist(), strict=True)
-            }
+            phases_of = zip(said[:, :-1].argmax(dim=1).tolist(), (~waits).tolist(), strict=True)
+            self.state.phases = dict(zip(agents, phases_of, strict=True))
         return known, waits
-
-    def _sample(
-        self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
-    ) -> NDArray[np.float64]:
-        """Actions (S, T, A) from this control step on. Raises StageError where they are not finite."""
-        generators = self._episode.generators
-        actions = self._policy.act(features, proprio, known, generators).cpu().double().numpy()
-        if not np.isfinite(actions).all():
-            raise StageError(
-                f"policy {self.view.name!r}, control step {observation.step}: it predicts actions that are "
-                "not finite; its weights are of no use"
-            )
-        return actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
 
     def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
         if self._config.task_space_actions:
             streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate(
-                [joint_actions(self.spec, stream, rows) for stream, rows in streams], axis=1
-            )
+            return np.concatenate([joint_actions(self.spec, *each) for each in streams], axis=1)
         return self._joint_actions(actions).copy()
 
     def _within_deadband(
@@ -347,19 +332,6 @@ class DiffusionRunner(PolicyRunner):
         grippers = dict(zip(self.view.agents, commands[:, ARM_JOINTS], strict=True))
         self._episode.grippers.told(grippers, self._episode.widths)
         return commands
-
-
-def _declared(config: PolicyConfig, view: View, spec: ObservationSpec) -> Declaration:
-    """What a policy of a view needs: of its own agents, or of everything where it is told the true state."""
-    privileged = bool(spec.objects)
-    cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
-    return Declaration(
-        tuple(range(1, len(spec.bases) + 1)) if privileged else view.agents,
-        objects=spec.objects,
-        cameras=tuple(cameras) if config.encoder.pictures else (),
-        coordinated=view.agents if view.coordinated else (),
-        calibrated=config.encoder.keypoints,
-    )
 
 
 def load_runners(

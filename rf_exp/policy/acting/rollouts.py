@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Violation
-from rf_exp.observations import observe
+from rf_exp.observations import Declaration, observe
 from rf_exp.policy.acting.runner import PolicyRunner
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.inputs.coordination import Coordinate
@@ -63,55 +63,31 @@ def rollout(
     action[:, ARM_JOINTS] = GRIPPER_OPEN
     tally = _Tally()
     while tally.steps < step_limit and not tally.success:
-        decision = _act(world, runners, scene, action, shield, coordinate)
+        declared = [_declared(world, runner) for runner in runners]
+        said = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
+        for runner, seen in zip(runners, observe(scene, world, declared, said), strict=True):
+            runner.think(seen)
+        decision = None
+        if shield is not None:
+            decision = shield(scene, {k: rows for runner in runners for k, rows in runner.ahead().items()})
+        for runner in runners:
+            action[np.array(runner.view.agents) - 1] = runner.act(decision)
         scene = world.step(action.copy())
-        verdict, violation = judge(scene), None
-        if monitor is not None:
-            violation = monitor(scene)
-        tally.see(scene, verdict, violation, decision)
+        states, verdict = [runner.state for runner in runners], judge(scene)
+        step = RolloutStep(
+            scene,
+            action.copy(),
+            {agent: chunk for state in states for agent, chunk in state.predicted.items()},
+            verdict,
+            None if monitor is None else monitor(scene),
+            None if decision is None else decision.withheld,
+            tuple(each for state in states for each in state.detections),
+            {agent: phase for state in states for agent, phase in state.phases.items()},
+        )
+        tally.see(step)
         if on_step is not None:
-            on_step(_step(runners, scene, action, verdict, violation, decision))
+            on_step(step)
     return tally.result(seed)
-
-
-def _act(
-    world: World,
-    runners: Sequence[PolicyRunner],
-    scene: Scene,
-    action: NDArray[np.float64],
-    shield: Shielding | None,
-    coordinate: Coordinate | None,
-) -> Decision | None:
-    """Everybody looks and decides: the last commands (N, 8) in `action` become those of this control step."""
-    declared = [runner.declares for runner in runners]
-    for runner, each in zip(runners, declared, strict=True):
-        _expect_cameras(world, runner, each.cameras)
-    said = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
-    observations = observe(scene, world, declared, said)
-    for runner, observation in zip(runners, observations, strict=True):
-        runner.think(observation)
-    decision = None
-    if shield is not None:
-        decision = shield(scene, {k: rows for runner in runners for k, rows in runner.ahead().items()})
-    for runner in runners:
-        action[np.array(runner.view.agents) - 1] = runner.act(decision)
-    return decision
-
-
-def _step(
-    runners: Sequence[PolicyRunner],
-    scene: Scene,
-    action: NDArray[np.float64],
-    verdict: Verdict,
-    violation: Violation | None,
-    decision: Decision | None,
-) -> RolloutStep:
-    states = [runner.state for runner in runners]
-    predicted = {agent: chunk for state in states for agent, chunk in state.predicted.items()}
-    withheld = None if decision is None else decision.withheld
-    detections = tuple(each for state in states for each in state.detections)
-    phases = {agent: said for state in states for agent, said in state.phases.items()}
-    return RolloutStep(scene, action.copy(), predicted, verdict, violation, withheld, detections, phases)
 
 
 class _Tally:
@@ -124,17 +100,15 @@ class _Tally:
         self._first: dict[tuple[int, ...], Violation] = {}  # agents -> their first violation
         self._ledger = Ledger()
 
-    def see(
-        self, scene: Scene, verdict: Verdict, violation: Violation | None, decision: Decision | None
-    ) -> None:
+    def see(self, step: RolloutStep) -> None:
         self.steps += 1
-        self.success = verdict.success
-        self._success_paper |= verdict.success_paper
-        self._interventions += decision is not None and bool(decision.withheld)
-        self._ledger.see(scene, verdict)
-        if violation is not None:
+        self.success = step.verdict.success
+        self._success_paper |= step.verdict.success_paper
+        self._interventions += bool(step.withheld)
+        self._ledger.see(step.scene, step.verdict)
+        if step.violation is not None:
             self._violations += 1
-            self._first.setdefault(violation.agents, violation)
+            self._first.setdefault(step.violation.agents, step.violation)
 
     def result(self, seed: int) -> Rollout:
         return Rollout(
@@ -149,9 +123,11 @@ class _Tally:
         )
 
 
-def _expect_cameras(world: World, runner: PolicyRunner, cameras: Sequence[str]) -> None:
-    """Raises StageError for a camera that the world does not have."""
-    for camera in cameras:
+def _declared(world: World, runner: PolicyRunner) -> Declaration:
+    """What a runner needs now. Raises StageError for a camera that the world does not have."""
+    declared = runner.declares
+    for camera in declared.cameras:
         if camera not in world.cameras:
             known = ", ".join(sorted(world.cameras)) or "none"
             raise StageError(f"policy {runner.view.name!r} needs camera {camera!r}; the world has {known}")
+    return declared

@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.inputs.gripper_history import changes
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, base_of, others, widths, world_from_tcp
-from rf_exp.policy.inputs.rays import calibrations, rays_of
+from rf_exp.policy.inputs.observation_spec import (
+    ObservationSpec,
+    base_of,
+    changes,
+    others,
+    widths,
+    world_from_tcp,
+)
+from rf_exp.policy.inputs.pictures import calibrations, inside_picture, rays_of
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.transforms import apply, inverse, placed
 from rf_exp.types import ARM_JOINTS, CameraModel
@@ -81,7 +87,7 @@ def keypoints(
 def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.float32]:
     """Places in one of several pictures of the same size (..., 2) -> in all of them, side by side."""
     if count > 1:
-        within = ((pixels >= 0) & (pixels <= 1)).all(axis=-1, keepdims=True)
+        within = inside_picture(pixels)[..., None]
         pixels = np.where(within, (pixels + np.array([row, 0])) / np.array([count, 1]), np.nan)
     return pixels.astype(np.float32)
 

@@ -27,10 +27,6 @@ class Draw:
     generator: torch.Generator
 
 
-def _nothing() -> None:
-    """Where nothing follows from what has been learned."""
-
-
 @dataclass(frozen=True)
 class Fit:
     """A stretch of training: these parts learn from this loss, and nothing else does."""
@@ -39,7 +35,9 @@ class Fit:
     loss: Callable[..., Tensor]  # of a Draw; of a head: of condition, actions and generator
     steps: int | None = None  # None: the training's own budget
     rate: float = 1.0  # of learning, as a multiple of the training's
-    settle: Callable[[], None] = _nothing  # once it is learned and averaged; doing it again changes nothing
+    settle: Callable[[], None] = lambda: (
+        None
+    )  # once it is learned and averaged; doing it again changes nothing
     # Of a first fit that other trainings may share: what decides it, beside data, view and pace of training.
     shared: Mapping[str, Any] | None = None
 
@@ -66,8 +64,8 @@ class Encoder(nn.Module):
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
         """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there.
 
-        `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.rays`. None: as usual, of
-        one picture of each stream.
+        `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.pictures`. None: as
+        usual, of one picture of each stream.
         """
         return self(pictures), None
 
