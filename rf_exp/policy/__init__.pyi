@@ -1,7 +1,7 @@
 from .acting.diffusion_runner import DiffusionRunner as DiffusionRunner
 from .acting.diffusion_runner import load_runners as load_runners
+from .acting.rollouts import PolicyRunner as PolicyRunner
 from .acting.rollouts import rollout as rollout
-from .acting.runner import PolicyRunner as PolicyRunner
 from .acting.shield import SHIELD_VERSION as SHIELD_VERSION
 from .acting.shield import Decision as Decision
 from .acting.shield import Shield as Shield
@@ -36,13 +36,13 @@ from .learning.checkpoint import expect_policy as expect_policy
 from .learning.checkpoint import load_policy as load_policy
 from .learning.checkpoint import provenance as provenance
 from .learning.checkpoint import write_small as write_small
-from .learning.curves import Curve as Curve
-from .learning.curves import cost_s as cost_s
+from .learning.training import Curve as Curve
 from .learning.training import Training as Training
+from .learning.training import cost_s as cost_s
 from .learning.training import train as train
 from .networks.heads import ConditionalUNet1D as ConditionalUNet1D
-from .networks.heads import hidden as hidden
 from .networks.interfaces import Encoder as Encoder
 from .networks.interfaces import Fit as Fit
 from .networks.interfaces import Head as Head
+from .networks.interfaces import hidden as hidden
 from .networks.policy import Policy as Policy

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from rf_exp.errors import StageError
 from rf_exp.observations import Declaration, Observation
-from rf_exp.policy.acting.runner import PolicyRunner
+from rf_exp.policy.acting.rollouts import PolicyRunner
 from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
@@ -29,7 +29,7 @@ from rf_exp.policy.inputs.observation_spec import (
 )
 from rf_exp.policy.inputs.pictures import rays_of, side_by_side
 from rf_exp.policy.inputs.task_space import joint_actions
-from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
+from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.policy import Policy
 from rf_exp.transforms import placed
@@ -52,8 +52,7 @@ class TransitionIntegrator:
 
     def __init__(self, bound: float) -> None:
         self._bound = bound
-        self._last: NDArray[np.float64] | None = None  # (n, K + 1), of the last prediction
-        self._sums: NDArray[np.float64] = np.zeros(0)  # (n, K + 1), since something changed
+        self._last = self._sums = np.zeros(())  # (n, K + 1) of the last prediction, since something changed
 
     def __call__(self, probabilities: NDArray[np.float64]) -> Phase:
         """From probabilities (n, K + 1) of each of K subgoals and, last, of going on, for each of n agents.
@@ -61,11 +60,8 @@ class TransitionIntegrator:
         Who goes on because the sum reaches the bound is at a later subgoal than the most likely one, if
         at least half of the sum says so.
         """
-        if self._last is None:
-            self._last, self._sums = probabilities, np.zeros_like(probabilities)
         changes = np.abs(probabilities - self._last).max(axis=1) > SAME_SCENE
-        self._sums[changes] = 0
-        self._sums += probabilities
+        self._sums = np.where(changes[:, None], 0, self._sums) + probabilities
         self._last = probabilities
         numbers, free = probabilities[:, :-1].argmax(axis=1), probabilities[:, -1] > 0.5
         if not self._bound:
@@ -82,9 +78,7 @@ class TransitionIntegrator:
 class _Episode:
     """The last observed frames of an episode, and what else the next prediction depends on."""
 
-    features: deque[Tensor]  # of (S, F)
-    proprio: deque[Tensor]  # of (S, P)
-    context: deque[Tensor]  # of (S, C)
+    frames: deque[tuple[Tensor, ...]]  # features (S, F), proprioception (S, P) and context (S, C) of each
     transitions: TransitionIntegrator
     generators: list[torch.Generator]  # of the streams
     grippers: Memory
@@ -126,13 +120,15 @@ class DiffusionRunner(PolicyRunner):
         self._episode = self._begin(seed)
 
     def _begin(self, seed: int) -> _Episode:
-        features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
-        generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
+        frames: deque[tuple[Tensor, ...]] = deque(maxlen=self._config.observation_steps)
+        drawn = [np.random.SeedSequence([seed, stream.agents[0]]) for stream in self.view.streams]
+        # On the CPU, so that the noise does not depend on the device.
+        generators = [torch.Generator().manual_seed(int(each.generate_state(1)[0])) for each in drawn]
         transitions = TransitionIntegrator(self._config.acting.transition_integrator)
         grippers, nothing = Memory(self._agents), np.full(self._agents, np.nan)
         size_px, usual = (self._config.width, self._config.height), self._policy.encoder.usual_rays
         cameras = [] if usual is None else [estimates(each, size_px) for each in usual.cpu().double().numpy()]
-        return _Episode(features, proprio, context, transitions, generators, grippers, nothing, cameras)
+        return _Episode(frames, transitions, generators, grippers, nothing, cameras)
 
     # what is observed
 
@@ -145,7 +141,7 @@ class DiffusionRunner(PolicyRunner):
     def _observes(self) -> bool:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
         runs_out = len(self.state.targets) < self._config.observation_steps
-        return not self._episode.features or self.state.kept or runs_out
+        return not self._episode.frames or self.state.kept or runs_out
 
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:
@@ -158,38 +154,40 @@ class DiffusionRunner(PolicyRunner):
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
         proprio = torch.from_numpy(proprioception(own)).to(self._device)
-        known = torch.from_numpy(self._context(observation, qpos)).to(self._device)
-        features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
-        # Before an episode's start its first frame repeats, as in training.
-        for _ in range(1 if episode.features else self._config.observation_steps):
-            episode.features.append(features)
-            episode.proprio.append(proprio)
-            episode.context.append(known)
-
-    def _context(self, observation: Observation, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(S, C) of the streams."""
-        memory = self._episode.grippers.vector
+        memory, streams = episode.grippers.vector, range(len(own))
         if self.spec.subgoals:
             memory = np.concatenate([memory, self._subgoals(observation)], axis=-1)
-        rows = range(len(self.view.streams))
-        return np.stack([context(self.spec, self.view, row, qpos, observation.poses, memory) for row in rows])
+        told = [context(self.spec, self.view, row, qpos, observation.poses, memory) for row in streams]
+        known = torch.from_numpy(np.stack(told)).to(self._device)
+        features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
+        # Before an episode's start its first frame repeats, as in training.
+        for _ in range(1 if episode.frames else self._config.observation_steps):
+            episode.frames.append((features, proprio, known))
 
     def _subgoals(self, observation: Observation) -> NDArray[np.float32]:
         """(N, subgoals + 1) by which the policy is conditioned: as coordinated, or until it predicts them."""
         numbers, may_go = np.zeros(self._agents, int), np.ones(self._agents, bool)
         if self.view.coordinated:
             if observation.subgoals is None:
-                raise StageError(
-                    f"policy {self.view.name!r} has learned with a coordinator; there is none here"
-                )
+                name = self.view.name
+                raise StageError(f"policy {name!r} has learned with a coordinator; there is none here")
             for agent, (number, goes) in observation.subgoals.items():
                 numbers[agent - 1], may_go[agent - 1] = number, goes
         return phases(numbers, may_go, self.spec.subgoals)
 
     def _look(self, observation: Observation) -> Tensor:
         """Features (S, F) of the present pictures; remembers which keypoints were detected in them."""
-        pictures = np.stack([self._picture(observation, stream) for stream in self.view.streams])
-        shown = torch.from_numpy(pictures).to(self._device)
+        pictures, expected = [], (self._config.height, self._config.width, 3)
+        for stream in self.view.streams:
+            taken = [observation.pictures[camera] for camera in stream.cameras]
+            for camera, picture in zip(stream.cameras, taken, strict=True):
+                if picture.shape != expected:
+                    raise StageError(
+                        f"camera {camera!r} gives pictures {picture.shape}; "
+                        f"policy {self.view.name!r} was trained on {expected}"
+                    )
+            pictures.append(side_by_side(taken))
+        shown = torch.from_numpy(np.stack(pictures)).to(self._device)
         features, places = self._policy.look(shown, self._rays(observation))
         if places is None:
             return features
@@ -219,17 +217,6 @@ class DiffusionRunner(PolicyRunner):
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
                 camera.see(points, seen[first : first + len(points)])
 
-    def _picture(self, observation: Observation, stream: Stream) -> NDArray[np.uint8]:
-        expected = (self._config.height, self._config.width, 3)
-        pictures = [observation.pictures[camera] for camera in stream.cameras]
-        for camera, picture in zip(stream.cameras, pictures, strict=True):
-            if picture.shape != expected:
-                raise StageError(
-                    f"camera {camera!r} gives pictures {picture.shape}; "
-                    f"policy {self.view.name!r} was trained on {expected}"
-                )
-        return side_by_side(pictures)
-
     def _detections(self, places: NDArray[np.float64]) -> Iterator[KeypointDetection]:
         """Keypoints detected at (S, M, 2), but for those of gripper changes that are past."""
         changes, last = self._episode.grippers.changes, self.spec.keyframes
@@ -250,12 +237,9 @@ class DiffusionRunner(PolicyRunner):
     # what is predicted
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
-        """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent.
-
-        Raises StageError for actions that are not finite.
-        """
-        kept = self._episode.features, self._episode.proprio, self._episode.context
-        features, proprio, known = (torch.stack([*each], dim=1) for each in kept)  # (S, O, ...) oldest first
+        """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
+        kept = zip(*self._episode.frames, strict=True)
+        features, proprio, known = (torch.stack(each, dim=1) for each in kept)  # (S, O, ...) oldest first
         known, waits = self._phase(observation, features, proprio, known)
         opened = self._episode.grippers.opened[self._rows]
         if waits.all():
@@ -271,7 +255,12 @@ class DiffusionRunner(PolicyRunner):
         actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         joints = np.stack([observation.qpos[agent] for agent in self.view.agents])[:, :ARM_JOINTS]
         stays = waits | self._within_deadband(actions, joints, opened)
-        chunk = self._commands(actions[:, : self._config.acting.action_steps])
+        actions = actions[:, : self._config.acting.action_steps]
+        if self._config.task_space_actions:
+            streams = zip(self.view.streams, actions, strict=True)
+            chunk = np.concatenate([joint_actions(self.spec, *each) for each in streams], axis=1)
+        else:
+            chunk = self._joint_actions(actions).copy()
         chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
@@ -281,10 +270,7 @@ class DiffusionRunner(PolicyRunner):
     def _phase(
         self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
     ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """The context (S, O, C) with the phase that the policy predicts, and (agents of the view,) who waits.
-
-        Or both unchanged: as a coordinator says, or where nobody ever waits.
-        """
+        """Context (S, O, C) with the phase that is predicted, if any, and (agents of the view,) who waits."""
         agents = self.view.agents
         waits = np.zeros(len(agents), dtype=bool)
         probabilities = self._policy.chances(features, proprio, known)
@@ -301,13 +287,6 @@ class DiffusionRunner(PolicyRunner):
             phases_of = zip(said[:, :-1].argmax(dim=1).tolist(), (~waits).tolist(), strict=True)
             self.state.phases = dict(zip(agents, phases_of, strict=True))
         return known, waits
-
-    def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
-        if self._config.task_space_actions:
-            streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate([joint_actions(self.spec, *each) for each in streams], axis=1)
-        return self._joint_actions(actions).copy()
 
     def _within_deadband(
         self, actions: NDArray[np.float64], joints: NDArray[np.float64], opened: NDArray[np.bool_]
@@ -342,9 +321,3 @@ def load_runners(
     if not found:
         raise StageError(f"no trained policies in {folder}; train them first (stages=[train])")
     return tuple(DiffusionRunner(*load_policy(path, device, acting)) for path in found)
-
-
-def _generator(seed: int, agent: int) -> torch.Generator:
-    """On the CPU, so that the noise does not depend on the device."""
-    state = np.random.SeedSequence([seed, agent]).generate_state(1)[0]
-    return torch.Generator().manual_seed(int(state))

@@ -93,10 +93,7 @@ class Lookahead:
         return with_it or [agent]
 
     def meet(self, pair: Pair, waits: Collection[int] = ()) -> float:
-        """The first control step from now after which two are closer than the margin; inf without one.
-
-        Who waits stands still.
-        """
+        """The first control step from now after which two are too close if who waits stands still, or inf."""
         diagram = self.diagram(pair)
         steps = np.arange(1, max(len(self.ahead[agent]) for agent in pair) + TRAILS_STEPS + 1)
         hit = np.zeros(len(steps), dtype=bool)
@@ -233,14 +230,11 @@ class Shield:
     def _until(self, lookahead: Lookahead, pair: Pair) -> float:
         """Control steps until two meet if both go on. Known while they do, and nothing new was predicted."""
         known = self._meet.get(pair, 0.0)
-        if known > LOOKAHEAD_STEPS and all(self._same(lookahead, agent) for agent in pair):
-            return known - 1
-        return lookahead.meet(pair)
-
-    def _same(self, lookahead: Lookahead, agent: int) -> bool:
-        """Whether an agent is about to do what was left to do, with the same load."""
-        left, load = self._known.get(agent, (np.empty(0), None))
-        return np.array_equal(left, lookahead.ahead[agent]) and load == lookahead.held(agent)
+        for agent in pair:
+            left, load = self._known.get(agent, (np.empty(0), None))
+            if not np.array_equal(left, lookahead.ahead[agent]) or load != lookahead.held(agent):
+                return lookahead.meet(pair)
+        return known - 1 if known > LOOKAHEAD_STEPS else lookahead.meet(pair)
 
     def _yield(self, lookahead: Lookahead, pair: Pair, waits: Collection[int]) -> list[Pair]:
         """(who waits, for whom) of two that would meet."""
@@ -297,7 +291,8 @@ class Shield:
         self._waited[agent] = self._waited[agent] + 1 if waits else max(0, self._waited[agent] - 1)
         if not waits or self._waited[agent] % WAIT_LIMIT_STEPS:
             return False
-        back = other if self._stands(other, lookahead) and self._last_back != other else agent
+        left_rad = np.abs(lookahead.ahead[other][:, :ARM_JOINTS] - self._given[other - 1, :ARM_JOINTS])
+        back = other if left_rad.max() < STANDS_RAD and self._last_back != other else agent
         way = self._way_back(back)
         if self._waited[agent] % (2 * WAIT_LIMIT_STEPS) or self._back or not len(way):
             return True
@@ -315,8 +310,3 @@ class Shield:
         off = np.append(self._task.robots[agent - 1].model.aside_rad, here[ARM_JOINTS]) - here
         count = int(np.ceil(np.abs(off).max() / STRIDE_RAD))
         return here + off * np.arange(1, count + 1)[:ASIDE_STEPS, None] / max(1, count)
-
-    def _stands(self, agent: int, lookahead: Lookahead) -> bool:
-        """Whether an agent is about to go nowhere."""
-        ahead = lookahead.ahead[agent][:, :ARM_JOINTS]
-        return bool(np.abs(ahead - self._given[agent - 1, :ARM_JOINTS]).max() < STANDS_RAD)

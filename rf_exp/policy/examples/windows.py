@@ -24,7 +24,6 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import keypoints
 from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, phases
 from rf_exp.policy.inputs.observation_spec import (
-    ObservationSpec,
     context,
     of_agent,
     others,
@@ -78,20 +77,6 @@ def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     return zip(*(store.by_episode(each) for each in arrays), strict=True)
 
 
-def _told(
-    store: "Store", spec: ObservationSpec, numbers: NDArray[np.int64], free: NDArray[np.bool_]
-) -> NDArray[np.float32]:
-    """(T, N, M) what the context says of grippers and subgoals at each step of a store."""
-    memory = np.zeros((store.steps, store.agents, 0), np.float32)
-    if spec.bases:
-        told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
-        episodes = zip(*map(store.by_episode, told_and_done), strict=True)
-        memory = np.concatenate([remembered(*each) for each in episodes])
-    if spec.subgoals:
-        memory = np.concatenate([memory, phases(numbers, free, spec.subgoals)], axis=-1)
-    return memory
-
-
 class _Meant:
     """The steps of an agent in which it does not hesitate."""
 
@@ -109,10 +94,7 @@ class _Meant:
 
 
 def largest_change(action: Tensor, within: Tensor) -> Tensor:
-    """(A,) largest change between neighbouring rows of action (K, A).
-
-    `within` (K - 1,) says which neighbours belong to one episode.
-    """
+    """(A,) largest change between neighbours of action (K, A), of those `within` (K - 1,) an episode."""
     change = action.diff(dim=0).abs()[within]
     return change.amax(dim=0) if len(change) else torch.zeros_like(action[0])
 
@@ -173,9 +155,15 @@ class Windows:
 
         qpos, action = store.qpos[kept], store.action[kept]
         self.proprio = stacked([proprioception(qpos[:, agents]) for agents in columns])  # raw (S * T, P)
-        told = _told(store, spec, numbers, free)[kept]
+        memory = np.zeros((store.steps, store.agents, 0), np.float32)  # of grippers, then of subgoals
+        if spec.bases:
+            told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
+            episodes = zip(*map(store.by_episode, told_and_done), strict=True)
+            memory = np.concatenate([remembered(*each) for each in episodes])
+        if spec.subgoals:
+            memory = np.concatenate([memory, phases(numbers, free, spec.subgoals)], axis=-1)
         poses = {name: from_quaternion(store.poses[name][kept]) for name in spec.objects}
-        known = [context(spec, view, row, qpos, poses, told) for row in range(len(columns))]
+        known = [context(spec, view, row, qpos, poses, memory[kept]) for row in range(len(columns))]
         self.context = stacked(known)  # raw (S * T, C)
         commands = [action[:, agents] for agents in columns]
         if config.task_space_actions:
@@ -186,7 +174,7 @@ class Windows:
         self._pictures = torch.empty((0, 0, 0, 3), dtype=torch.uint8, device=device)  # (S * T, H, W, 3)
         if config.encoder.pictures:
             cameras = [stream.cameras for stream in view.streams]
-            taken = [[pictures_of(store, each, config)[kept] for each in names] for names in cameras]
+            taken = ([pictures_of(store, each, config)[kept] for each in names] for names in cameras)
             self._pictures = stacked([side_by_side(each) for each in taken])
         # Of keypoints, see `Keypoints`; (S * T, N) the subgoals of the other agents; (S, K, 3, 4) the rays of
         # the cameras where they usually stand.
@@ -194,10 +182,8 @@ class Windows:
         self.pixels = self.points = self.headings = self.rays = self.doing = self.usual_rays = nothing
         if config.encoder.keypoints:
             found = [keypoints(store, stream, spec, kept) for stream in view.streams]
-            self.pixels = stacked([each.pixels for each in found])
-            self.points = stacked([each.points for each in found])
-            self.headings = stacked([each.headings for each in found])
-            self.rays = stacked([each.rays for each in found])
+            arrays = map(stacked, zip(*found, strict=True))
+            self.pixels, self.points, self.headings, self.rays = arrays
             watched = [np.array(others(spec, stream), int) - 1 for stream in view.streams]
             self.doing = stacked([numbers[kept][:, agents] for agents in watched])
             usual = [rays_of(usual_calibration(store, each.cameras), each) for each in view.streams]
@@ -228,14 +214,10 @@ class Windows:
         origin = action_origin(self.proprio[:, None], context)
         return (actions - origin).flatten(0, 1)
 
-    def _oldest(self, windows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(B, 1) the oldest frame of windows (B,), which may lie before the first of the episode."""
-        return windows[:, None] - (self._config.observation_steps - 1)
-
     def _actions(self, windows: NDArray[np.int64]) -> Tensor:
         """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
         first, last = self._first[windows, None], self._last[windows, None]
-        ahead = self._oldest(windows) + np.arange(self._config.horizon)
+        ahead = windows[:, None] + np.arange(self._config.horizon) - (self._config.observation_steps - 1)
         found = [self.action[self._index(each.rows(ahead, first, last))] for each in self._meant]
         if len(found) == 1:
             return found[0]
@@ -252,7 +234,10 @@ class Windows:
 
     def epoch(self, batch_size: int, run_length: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:
         """Window indices of each batch of an epoch: shuffled runs; sizes differ by at most one."""
-        runs = [run for start, end in self._spans for run in _runs(start, end, run_length, rng)]
+        runs: list[NDArray[np.int64]] = []
+        for start, end in self._spans:  # cut at a random phase
+            cuts = np.arange(start + rng.integers(1, run_length + 1), end, run_length)
+            runs += np.split(np.arange(start, end), cuts - start)
         order = np.concatenate([runs[k] for k in rng.permutation(len(runs))])
         return np.array_split(order, self.batches(batch_size))
 
@@ -263,8 +248,8 @@ class Windows:
         """
         config = self._config
         first = self._first[windows]
-        ahead = self._oldest(windows) + np.arange(config.observation_steps)
-        frames = np.maximum(ahead, first[:, None])
+        behind = np.arange(config.observation_steps) - (config.observation_steps - 1)
+        frames = np.maximum(windows[:, None] + behind, first[:, None])
         breaks = (np.diff(windows, prepend=windows[0]) != 1) | (np.diff(first, prepend=first[0]) != 0)
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
@@ -336,9 +321,3 @@ class Windows:
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self._device)
-
-
-def _runs(start: int, end: int, length: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
-    """Cut [start, end) into runs of `length` at a random phase; the first and the last may be shorter."""
-    cuts = np.arange(start + rng.integers(1, length + 1), end, length)
-    yield from np.split(np.arange(start, end), cuts - start)

@@ -51,13 +51,11 @@ class Remote:
         except TimeoutError as error:
             raise self._failed(f"does not answer within {connect_s:g} s (foreign.connect_s)") from error
         except (InvalidHandshake, InvalidURI) as error:
-            raise self._failed(
-                f"refuses the connection: {printable(error)}; expected a websocket server"
-            ) from error
+            how = f"refuses the connection: {printable(error)}; expected a websocket server"
+            raise self._failed(how) from error
         except OSError as error:
-            raise self._failed(
-                f"cannot be reached: {printable(error.strerror or error)}; start it first"
-            ) from error
+            how = f"cannot be reached: {printable(error.strerror or error)}; start it first"
+            raise self._failed(how) from error
         self.metadata = self._answer(connect_s, "foreign.connect_s")
 
     def reset(self, seed: int) -> None:
@@ -95,9 +93,8 @@ class Remote:
         try:
             answer = unpack(said)
         except ValueError as error:
-            raise self._failed(
-                f"answers with {printable(error)}; expected msgpack, as openpi's servers send"
-            ) from error
+            how = f"answers with {printable(error)}; expected msgpack, as openpi's servers send"
+            raise self._failed(how) from error
         if not isinstance(answer, dict):
             raise self._failed(f"answers with a {type(answer).__name__}; expected a map")
         return answer

@@ -8,13 +8,14 @@ thing that goes along the whole table, a millimetre would be less than a thousan
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.inputs.coordination import numbered
@@ -56,6 +57,16 @@ class ObservationSpec:
         for name, high in (("keyframes", CHANGES), ("subgoals", MOST_SUBGOALS)):
             if not 0 <= (value := getattr(self, name)) <= high:
                 raise ArgumentError(f"{name} is {value}; expected 0 to {high}")
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its fields, but for those that say nothing and came later."""
+        return without(asdict(self), subgoals=0, names=())
+
+    @property
+    def world_from_base(self) -> list[Matrix]:
+        """(4, 4) of every arm."""
+        return [planar(*each) for each in self.bases]
 
     def keypoints(self, view: View) -> int:
         """That an encoder looks for through each camera: of the own agents, then all hands now."""
@@ -157,10 +168,7 @@ def remembered(grippers: NDArray[np.floating], widths: NDArray[np.floating]) -> 
 
 
 def changes(gripper: NDArray[np.floating], width: NDArray[np.floating]) -> NDArray[np.int64]:
-    """The steps of an episode in which a gripper changes, from its commands and widths in m, (T,) each.
-
-    Without those that are taken back.
-    """
+    """The steps in which a gripper changes for good, by its commands and widths in m, (T,) each."""
     found: list[int] = []
     for step in np.flatnonzero(np.diff(gripper > 0, prepend=True)):
         if gripper[step] > 0 and width[step] < EMPTY_M and found:
@@ -200,11 +208,11 @@ def context(
     """
     if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
-    stream, parts = view.streams[row], list[NDArray[np.floating]]()
-    base_from_world = inverse(base_of(spec, stream.agents[0]))
+    stream, bases, parts = view.streams[row], spec.world_from_base, list[NDArray[np.floating]]()
+    base_from_world = inverse(bases[stream.agents[0] - 1])
 
     def hand_of(agent: int) -> NDArray[np.floating]:
-        return _flat(base_from_world @ world_from_tcp(spec, agent, qpos))
+        return _flat(base_from_world @ world_from_tcp(bases, agent, qpos))
 
     hands = [hand_of(agent) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
@@ -229,9 +237,10 @@ def base_from_tcps(
     spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]
 ) -> NDArray[np.float64]:
     """The same as matrices (..., n, 4, 4)."""
-    base_from_world = inverse(base_of(spec, stream.agents[0]))
+    bases = spec.world_from_base
+    base_from_world = inverse(bases[stream.agents[0] - 1])
     poses = [
-        base_from_world @ base_of(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :])
+        base_from_world @ bases[agent - 1] @ DEFAULT.tcp_pose(joints[..., row, :])
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-3)
@@ -247,16 +256,9 @@ def near(offset_m: Array) -> Array:
     return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
-def base_of(spec: ObservationSpec, agent: int, bases: Sequence[Matrix] | None = None) -> Matrix:
-    """`world_from_base` (4, 4) of an agent: as the spec says, or where all stand in one scene."""
-    return planar(*spec.bases[agent - 1]) if bases is None else bases[agent - 1]
-
-
-def world_from_tcp(
-    spec: ObservationSpec, agent: int, qpos: NDArray[np.floating], bases: Sequence[Matrix] | None = None
-) -> NDArray[np.float64]:
-    """(..., 4, 4) of an agent, from the joints of all agents (..., N, 7 or more)."""
-    return base_of(spec, agent, bases) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+def world_from_tcp(bases: Sequence[Matrix], agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(..., 4, 4) of an agent: bases (4, 4) and joints of all agents (..., N, 7 or more), in the world."""
+    return bases[agent - 1] @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -6,7 +6,7 @@ matrix, and the same keypoints.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
@@ -80,7 +80,8 @@ def scaled(pictures: Tensor) -> Tensor:
 
 def inside_picture(places: Array) -> Array:
     """Which of places (..., 2), from 0 to 1 over a picture, are in it; NaN is not."""
-    return ((places >= 0) & (places <= 1)).all(-1)
+    inside: Any = (places >= 0) & (places <= 1)
+    return inside.all(-1)
 
 
 def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
@@ -114,10 +115,7 @@ def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
 
 
 def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
-    """Where arms and the named cameras of a store usually stand.
-
-    Raises ArgumentError where it does not say so, and for a moving camera.
-    """
+    """Where arms and the named cameras usually stand. Raises ArgumentError for unknown and moving ones."""
     try:
         scene = store.identity["scene"]
         specs = {name: CameraSpec(**scene["cameras"][name]) for name in names}

@@ -87,10 +87,7 @@ class View:
 
 
 def views(arch: Arch, agents: int) -> tuple[View, ...]:
-    """The views of an architecture for a task of that many agents.
-
-    Together they command each agent exactly once. Raises ArgumentError for less than one agent.
-    """
+    """Views of an architecture, which command each agent once. Raises ArgumentError for less than one."""
     if agents < 1:
         raise ArgumentError(f"agents is {agents}; expected at least 1")
     everyone = tuple(range(1, agents + 1))

@@ -8,7 +8,7 @@ the step part is a table over the diffusion steps and the observation part is co
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from itertools import pairwise
 
 import torch
@@ -31,18 +31,10 @@ from torch.nn.functional import mish
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import DiffusionConfig, RefinedConfig, RegressionConfig
-from rf_exp.policy.networks.interfaces import Fit, Head
+from rf_exp.policy.networks.interfaces import Fit, Head, hidden
 
 STEP_SIZE = 128  # width of the embedding of a diffusion step
 GROUPS = 8  # of every GroupNorm, fixed in diffusers' blocks
-
-
-def hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
-    """Linear layers between these sizes, each with Mish behind it."""
-    for inputs, outputs in pairwise(sizes):
-        yield from (nn.Linear(inputs, outputs), nn.Mish())
-        if dropout:
-            yield nn.Dropout(dropout)
 
 
 class RegressionHead(Head):

@@ -12,7 +12,6 @@ refinement finds to a fraction of a pixel of the whole picture, by a few small s
 """
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -21,13 +20,11 @@ from torch.nn import functional
 
 from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, HEADING
+from rf_exp.policy.examples.windows import Labels, Windows
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, near, of_agent
 from rf_exp.policy.inputs.pictures import inside_picture, scaled
 from rf_exp.policy.inputs.view import View
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit
-
-if TYPE_CHECKING:
-    from rf_exp.policy.examples.windows import Labels, Windows
 
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
@@ -188,7 +185,7 @@ class KeypointEncoder(Encoder):
     def usual_rays(self) -> Tensor:
         return self.usual
 
-    def fit(self, examples: "Windows") -> Fit | None:
+    def fit(self, examples: Windows) -> Fit | None:
         config = self._config
         self.fit_points(examples.pixels, examples.points)
         self.usual.copy_(examples.usual_rays)
@@ -271,12 +268,6 @@ class KeypointEncoder(Encoder):
         """(B, K, M * P) of each point, from that of its keypoint (B, K * M)."""
         return sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
 
-    def heights(self, read: _Read) -> Tensor:
-        """(B, M * P) m, as all cameras tell, each as far as it is to be trusted."""
-        trust = self._trust(read.sure)
-        told = (read.rise.unflatten(1, (self._cameras, -1)) * trust).sum(dim=1) / trust.sum(dim=1)
-        return self.centre[:, 2] + self.spread * told
-
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of all points in the pictures (B, K * M * P, 2), from 0 to 1."""
         rays = self.usual if rays is None else rays
@@ -284,16 +275,19 @@ class KeypointEncoder(Encoder):
         places = read.places
         if self.crop_refinement is not None:
             places = self.crop_refinement(pictures, places)
-        points = self.triangulate(rays, places, read.sure, self.heights(read)).unflatten(1, (-1, len(HAND)))
+        trust, by_camera = self._trust(read.sure), (1, (self._cameras, -1))
+        rise = (read.rise.unflatten(*by_camera) * trust).sum(dim=1) / trust.sum(dim=1)
+        heights = self.centre[:, 2] + self.spread * rise
+        points = self.triangulate(rays, places, read.sure, heights).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
-        sure = read.sure.unflatten(1, (self._cameras, -1))[..., None]
-        headings = (read.headings.unflatten(1, (self._cameras, -1)) * sure).sum(dim=1) / sure.sum(dim=1)
+        sure = read.sure.unflatten(*by_camera)[..., None]
+        headings = (read.headings.unflatten(*by_camera) * sure).sum(dim=1) / sure.sum(dim=1)
         features = torch.cat([hands, headings, sure.amax(dim=1)], dim=2)
         features = torch.cat([features.flatten(1), read.doing.softmax(dim=2).flatten(1)], dim=1)
         return features, places
 
-    def loss(self, pictures: Tensor, rays: Tensor, labels: "Labels") -> Tensor:
+    def loss(self, pictures: Tensor, rays: Tensor, labels: Labels) -> Tensor:
         """Of pictures in which this is to be seen, by cameras that stand so."""
         maps, seen = self.look(pictures)
         found, inside = self.read(maps, seen, rays), inside_picture(labels.pixels)
@@ -305,7 +299,10 @@ class KeypointEncoder(Encoder):
         turn = (found.headings - labels.headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
         centre, spread = (each.repeat(self._cameras) for each in (self.centre[:, 2], self.spread))
         above = (found.rise - (labels.points[..., 2] - centre) / spread).abs()
-        self._update_error(above.detach() * spread, inside)
+        by_camera, off_m = (1, (self._cameras, -1)), (above.detach() * spread).where(inside, 0)
+        count = inside.unflatten(*by_camera).sum(dim=(0, 1))
+        error = self.height_error.lerp(off_m.unflatten(*by_camera).sum(dim=(0, 1)) / count, 1 - DECAY)
+        self.height_error.copy_(torch.where(count > 0, error, self.height_error))
         rise = above[inside].mean()
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn + HEIGHT_WEIGHT * rise
         if self.crop_refinement is not None:
@@ -313,14 +310,6 @@ class KeypointEncoder(Encoder):
         if self.tell is None:
             return loss
         return loss + functional.cross_entropy(found.doing.mT, labels.doing)
-
-    def _update_error(self, off_m: Tensor, inside: Tensor) -> None:
-        """How far heights (B, K * M * P) are off, of what is in the picture, in the mean of many batches."""
-        by_camera = 1, (self._cameras, -1)
-        count = inside.unflatten(*by_camera).sum(dim=(0, 1))
-        mean_m = off_m.where(inside, 0).unflatten(*by_camera).sum(dim=(0, 1)) / count
-        moved = self.height_error.lerp(mean_m, 1 - DECAY)
-        self.height_error.copy_(torch.where(count > 0, moved, self.height_error))
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
         """With noise on the places of keypoints, one draw for all frames of a window."""

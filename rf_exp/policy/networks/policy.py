@@ -19,8 +19,7 @@ from rf_exp.policy.examples.windows import Batch, Windows, action_origin
 from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec
 from rf_exp.policy.inputs.pictures import scaled
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
-from rf_exp.policy.networks.heads import hidden
-from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head
+from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head, hidden
 from rf_exp.types import ARM_JOINTS
 
 LEAST_RANGE = 0.02  # rad or m: a joint that hardly moves is centred, its noise not blown up to [-1, 1]
@@ -168,21 +167,17 @@ class Policy(nn.Module):
 
     def _observed(self, batch: Batch, generator: torch.Generator) -> Tensor:
         """The condition (B, C) of a batch, with the noise of training on it."""
-        features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device
+        features, proprio, device = batch.features, batch.proprio, batch.proprio.device
+        if features is None:
+            features = proprio.new_zeros(*batch.frames.shape, 0)
+            if self.encoder.features:
+                features = self.encoder.see(scaled(batch.pictures), batch.rays)[0][batch.frames]
         if noise := self.config.proprio_noise:
             # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
             # its own pose.
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + noise * self.normaliser.proprio.radius * shift
         return self.condition(self.encoder.perturbed(features, generator), proprio, batch.context)
-
-    def _features(self, batch: Batch) -> Tensor:
-        """(B, O, F) of a batch."""
-        if batch.features is not None:
-            return batch.features
-        if self.encoder.features:
-            return self.encoder.see(scaled(batch.pictures), batch.rays)[0][batch.frames]
-        return batch.proprio.new_zeros(*batch.frames.shape, 0)
 
     # -- both ----------------------------------------------------------------------------------------
 
@@ -191,10 +186,7 @@ class Policy(nn.Module):
         return self.look(pictures, rays)[0]
 
     def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
-        """Features (U, F) of the centres of uint8 pictures (U, H, W, 3) by cameras with these rays.
-
-        And where in them the encoder sees its points (U, M, 2).
-        """
+        """Features (U, F) of the centres of uint8 pictures (U, H, W, 3), and the points found (U, M, 2)."""
         height, width = self.config.cropped(*pictures.shape[1:3])
         top, left = (pictures.shape[1] - height) // 2, (pictures.shape[2] - width) // 2
         return self.encoder.see(scaled(pictures[:, top : top + height, left : left + width]), rays)
