@@ -171,7 +171,7 @@ class Policy(nn.Module):
         if features is None:
             features = proprio.new_zeros(*batch.frames.shape, 0)
             if self.encoder.features:
-                features = self.encoder.see(scaled(batch.pictures), batch.rays)[0][batch.frames]
+                features = self.encode(batch.pictures, batch.rays)[batch.frames]
         if noise := self.config.proprio_noise:
             # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
             # its own pose.
@@ -180,6 +180,10 @@ class Policy(nn.Module):
         return self.condition(self.encoder.perturbed(features, generator), proprio, batch.context)
 
     # -- both ----------------------------------------------------------------------------------------
+
+    def encode(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
+        """Cropped uint8 pictures (U, h, w, 3), and the rays of their cameras -> features (U, F)."""
+        return self.encoder.see(scaled(pictures), rays)[0]
 
     def encode_whole(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
         """Features (U, F) alone of what `look` sees."""
