@@ -23,7 +23,7 @@ from lerobot_steps import LeRobot
 from loader import VIEW, recipe
 
 from rf_exp.policy import Policy, load_policy
-from rf_exp.policy.networks.diffusion import DiffusionHead
+from rf_exp.policy.networks.heads import DiffusionHead
 
 PROPRIO = ACTION = 8
 

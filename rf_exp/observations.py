@@ -28,10 +28,6 @@ Coordination = tuple[NDArray[np.int64], NDArray[np.bool_]]
 Key = TypeVar("Key", int, str)
 
 
-def _nothing() -> Mapping[Any, Any]:
-    return MappingProxyType({})
-
-
 @dataclass(frozen=True)
 class Declaration:
     """What a controller declares that it observes."""
@@ -53,12 +49,12 @@ class Observation:
     """What is handed out at one control step. What is not declared is not in it; arrays are read-only."""
 
     step: int
-    qpos: Mapping[int, NDArray[np.float64]] = field(default_factory=_nothing)  # agent -> (9,) rad, fingers m
-    qvel: Mapping[int, NDArray[np.float64]] = field(default_factory=_nothing)  # agent -> (9,)
-    poses: Mapping[str, NDArray[np.float64]] = field(default_factory=_nothing)  # -> world_from_object (4, 4)
-    pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=_nothing)  # camera -> (H, W, 3)
-    depth: Mapping[str, NDArray[np.float32]] = field(default_factory=_nothing)  # camera -> (H, W) m
-    segmentation: Mapping[str, NDArray[np.uint8]] = field(default_factory=_nothing)  # camera -> (H, W)
+    qpos: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)  # agent -> (9,) rad, fingers m
+    qvel: Mapping[int, NDArray[np.float64]] = field(default_factory=dict)  # agent -> (9,)
+    poses: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # -> world_from_object (4, 4)
+    pictures: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)  # camera -> (H, W, 3)
+    depth: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)  # camera -> (H, W) m
+    segmentation: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)  # camera -> (H, W)
     language: str = ""
     # agent -> number of its subgoal and whether it may go on; None without a coordinator
     subgoals: Mapping[int, tuple[int, bool]] | None = None
@@ -152,8 +148,7 @@ def observe(
     Raises StageError where depth or segmentation is declared and the world cannot give it.
     """
     images = {kind: _images(kind, world, declared) for kind in IMAGES}
-    stands = [_calibration(world, each) for each in declared]
-    return [_handed(scene, images, *each, coordination) for each in zip(declared, stands, strict=True)]
+    return [_handed(scene, world, images, each, coordination) for each in declared]
 
 
 def _calibration(world: World, declared: Declaration) -> Calibration | None:
@@ -163,12 +158,10 @@ def _calibration(world: World, declared: Declaration) -> Calibration | None:
     if world.task.variation.calibration == "unknown":
         return None
     cameras = world.camera_models()
-    bases = dict(enumerate(robot.world_from_base for robot in world.task.robots))
-    eyes = {name: cameras[name].world_from_camera for name in declared.cameras}
-    return Calibration(
-        tuple(_copies(bases).values()),
-        {name: replace(cameras[name], world_from_camera=pose) for name, pose in _copies(eyes).items()},
-    )
+    bases = _copies(dict(enumerate(robot.world_from_base for robot in world.task.robots)))
+    eyes = _copies({name: cameras[name].world_from_camera for name in declared.cameras})
+    seen = {name: replace(cameras[name], world_from_camera=pose) for name, pose in eyes.items()}
+    return Calibration(tuple(bases.values()), seen)
 
 
 def _images(kind: str, world: World, declared: Sequence[Declaration]) -> Mapping[str, NDArray]:
@@ -187,29 +180,27 @@ def _images(kind: str, world: World, declared: Sequence[Declaration]) -> Mapping
 
 def _handed(
     scene: Scene,
+    world: World,
     images: Mapping[str, Mapping[str, NDArray]],
     declared: Declaration,
-    calibration: Calibration | None,
     coordination: Coordination | None,
 ) -> Observation:
-    agents, subgoals = declared.agents, None
+    agents, subgoals, pictures = declared.agents, None, {}
     if coordination is not None and declared.coordinated:
         numbers, may_go = coordination
-        subgoals = MappingProxyType(
-            {k: (int(numbers[k - 1]), bool(may_go[k - 1])) for k in declared.coordinated}
-        )
+        told = {k: (int(numbers[k - 1]), bool(may_go[k - 1])) for k in declared.coordinated}
+        subgoals = MappingProxyType(told)
+    for kind, taken in images.items():
+        pictures[kind] = _views({each: taken[each] for each in declared.cameras if getattr(declared, kind)})
     return Observation(
         scene.step,
         _copies({agent: scene.qpos[agent - 1] for agent in agents}),
         _copies({agent: scene.qvel[agent - 1] for agent in agents if declared.velocities}),
         _copies({name: scene.poses[name] for name in declared.objects}),
-        **{
-            kind: _views({camera: taken[camera] for camera in declared.cameras if getattr(declared, kind)})
-            for kind, taken in images.items()
-        },
+        **pictures,
         language=declared.language,
         subgoals=subgoals,
-        calibration=calibration,
+        calibration=_calibration(world, declared),
     )
 
 

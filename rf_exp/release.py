@@ -25,9 +25,7 @@ NAME = EXPERIMENT.stem
 GROUPS = ("task", "constraints", "arch")
 STAGES = ("evaluate", "report")
 LARGEST = 2**16  # bytes of an experiment
-_WORD = re.compile(
-    r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII
-)  # what a task, a set, an architecture, a recipe is called
+_WORD = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # a task, a set, an architecture, a recipe
 
 
 @dataclass(frozen=True)
@@ -54,12 +52,11 @@ class Released:
     training: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        expected = tuple(f"override /{group}" for group in GROUPS)
-        found = tuple(key for each in self.defaults for key in each)
+        expected = [f"override /{group}" for group in GROUPS]
+        found = [key for each in self.defaults for key in each]
         if found != expected:
-            raise ArgumentError(f"defaults are {list(found)}; expected {list(expected)}")
-        named = {**dict(zip(GROUPS, (each for one in self.defaults for each in one.values()), strict=True))}
-        for key, value in {**named, "recipe": self.recipe}.items():
+            raise ArgumentError(f"defaults are {found}; expected {expected}")
+        for key, value in {**self._chosen, "recipe": self.recipe}.items():
             if not isinstance(value, str) or not _WORD.fullmatch(value):
                 raise ArgumentError(
                     f"{key} is {value!r}; expected a name: letters, digits, '_', '-', '+', '.'"
@@ -75,15 +72,19 @@ class Released:
     @property
     def overrides(self) -> list[str]:
         """What it says, as arguments; how a training runs, which changes nothing, it does not say."""
-        chosen = [f"{group}={value}" for each in self.defaults for group, value in _chosen(each)]
         policy = PolicyConfig.read(self.policy, asdict(self.picture)).identity
         training = TrainConfig.read(self.training)
-        named = {key: getattr(self, key) for key in ("stages", "recipe", "demos", "train_seed")}
-        named |= {key: getattr(self, key) for key in ("disturbance_rad", "delay_s")}
+        said = "stages", "recipe", "demos", "train_seed", "disturbance_rad", "delay_s"
+        named = {key: getattr(self, key) for key in said}
         named |= {f"picture.{side}": policy.pop(side) for side in ("width", "height")}
         named |= leaves(policy, "policy")
         named |= {f"training.{key}": value for key, value in training.identity.items() if key != "seed"}
+        chosen = [f"{group}={value}" for group, value in self._chosen.items()]
         return chosen + [f"{key}={_written(value)}" for key, value in plain(named).items()]
+
+    @property
+    def _chosen(self) -> dict[str, str]:
+        return dict(zip(GROUPS, (each for one in self.defaults for each in one.values()), strict=True))
 
 
 def unpacked(arguments: Sequence[str]) -> list[str]:
@@ -115,7 +116,10 @@ def unpacked(arguments: Sequence[str]) -> list[str]:
 def read_release(folder: Path) -> Released:
     """What the experiment of a release says. Raises ArgumentError for anything but that."""
     path = folder / EXPERIMENT
-    _refuse_links(folder)
+    for part in (folder / "policies", folder / "results", folder / EXPERIMENT.parent):
+        for each in (part, *part.rglob("*")):  # what is read and written through links lies elsewhere
+            if each.is_symlink() and not each.resolve().is_relative_to(folder.resolve()):
+                raise ArgumentError(f"{each} is a link out of the release; it holds files of its own")
     try:
         content = path.read_bytes()[: LARGEST + 1]
         if len(content) > LARGEST:
@@ -146,18 +150,6 @@ def _is_release(argument: str) -> bool:
     """Whether an argument names one, however it is put."""
     key, _, value = argument.partition("=")
     return key.lstrip("+~").partition("@")[0].strip("/ ") == CHOICE and NAME in re.split(r"\W+", value)
-
-
-def _refuse_links(folder: Path) -> None:
-    """Raises ArgumentError for links in a release: what is read and written through them lies elsewhere."""
-    for part in (folder / "policies", folder / "results", folder / EXPERIMENT.parent):
-        for path in (part, *part.rglob("*")):
-            if path.is_symlink() and not path.resolve().is_relative_to(folder.resolve()):
-                raise ArgumentError(f"{path} is a link out of the release; it holds files of its own")
-
-
-def _chosen(default: Mapping[str, str]) -> list[tuple[str, str]]:
-    return [(key.removeprefix("override /"), value) for key, value in default.items()]
 
 
 def _written(value: object) -> str:

@@ -30,20 +30,14 @@ class Bounds:
         finite = isinstance(one, int) or math.isfinite(one)
         require(finite and one <= self.most, name, value, f"finite, and at most {self.most:g}")
         holds = self.least <= one and self.above < one < self.below
-        require(holds, name, value, self.expected or self._words)
-
-    @property
-    def _words(self) -> str:
+        expected = f"{self.least:g} or above" if self.least > -math.inf else f"a number above {self.above:g}"
         if self.below < math.inf:
-            return f"a number in [{self.least:g}, {self.below:g})"
-        return f"{self.least:g} or above" if self.least > -math.inf else f"a number above {self.above:g}"
+            expected = f"a number in [{self.least:g}, {self.below:g})"
+        require(holds, name, value, self.expected or expected)
 
 
 def bounded(most: float = WIDEST, *, acting: bool = False, **limits: Any) -> Any:
-    """A field of a number, or of several: at most `most`, and as Bounds says.
-
-    With `acting` it decides how a policy acts, and changes no weight.
-    """
+    """A field of a number, or of several, as Bounds says; with `acting` it changes no weight."""
     return field(metadata={BOUNDS: Bounds(most, **limits), ACTING: acting})
 
 
@@ -59,14 +53,11 @@ def require(holds: bool, name: str, got: object, expected: str) -> None:
 
 
 class Checked:
-    """Base of frozen dataclasses whose fields are bounded: lists become tuples, each value is looked at."""
+    """Base of frozen dataclasses whose fields are bounded: each value is looked at."""
 
     def __post_init__(self) -> None:
         for each in fields(self):  # pyright: ignore[reportArgumentType]
-            value = getattr(self, each.name)
-            if isinstance(value, list):
-                object.__setattr__(self, each.name, value := tuple(value))
-            bounds = each.metadata.get(BOUNDS, Bounds())
+            value, bounds = getattr(self, each.name), each.metadata.get(BOUNDS, Bounds())
             if isinstance(bounds, tuple):
                 if value not in bounds:
                     raise choices(each.name, value, bounds)
@@ -85,10 +76,7 @@ class Checked:
 
 
 def values(config: Any, acting: bool | None = None, within: bool = False) -> dict[str, Any]:
-    """The fields of a configuration, inner ones as mappings.
-
-    All, those that decide `acting` alone, or the others; `within` says that all of them do.
-    """
+    """All fields, as mappings, those that decide `acting` alone, or the others; `within`: all of them do."""
     found: dict[str, Any] = {}
     for each in fields(config):
         value, acts = getattr(config, each.name), within or each.metadata.get(ACTING, False)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import reduce
 from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any, ClassVar
 
 from rf_exp.artifacts import read_values
@@ -25,8 +26,6 @@ SMALLEST_CROP = 8  # pixels
 CODE = "code"  # of `policy`: a module that adds encoders or heads; no policy says so itself
 HOW = ("device", "log_every", "checkpoint_every")  # of a training; they do not change what comes out
 BUDGET = ("epochs", "steps")  # of a training: of its last fit, the others say their own
-
-# -- encoders ------------------------------------------------------------------------------------------
 
 
 class EncoderConfig(Checked):
@@ -92,9 +91,6 @@ class KeypointsConfig(EncoderConfig):
         require(fits, "crop_refinement", self.crop_refinement, expected)
 
 
-# -- heads ---------------------------------------------------------------------------------------------
-
-
 class HeadConfig(Checked):
     """Of a head, a frozen dataclass. A field that is the configuration of another has its own section."""
 
@@ -150,9 +146,6 @@ class RefinedConfig(HeadConfig):
         self.diffusion.check_in(policy, least=0)
 
 
-# -- which there are -----------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Kind:
     """How a part is configured, and its class, or where that is: it needs torch, a configuration does not."""
@@ -162,10 +155,10 @@ class Kind:
 
     def make(self, *given: Any) -> Any:
         """A part, from its configuration and what else its class is given."""
-        if not isinstance(self.part, str):
-            return self.part(*given)
-        module, _, name = self.part.partition(":")
-        return getattr(import_module(f"rf_exp.policy.networks.{module}"), name)(*given)
+        part = self.part
+        if isinstance(part, str):
+            part = resolve_name(f"rf_exp.policy.networks.{part}")
+        return part(*given)
 
 
 ENCODERS: dict[str, Kind] = {
@@ -175,26 +168,20 @@ ENCODERS: dict[str, Kind] = {
     "privileged": Kind(PrivilegedConfig, "encoders:Privileged"),
 }
 HEADS: dict[str, Kind] = {
-    "diffusion": Kind(DiffusionConfig, "diffusion:DiffusionHead"),
-    "regression": Kind(RegressionConfig, "regression:RegressionHead"),
-    "refined": Kind(RefinedConfig, "diffusion:RefinedHead"),
+    "diffusion": Kind(DiffusionConfig, "heads:DiffusionHead"),
+    "regression": Kind(RegressionConfig, "heads:RegressionHead"),
+    "refined": Kind(RefinedConfig, "heads:RefinedHead"),
 }
 PARTS = {"encoder": ENCODERS, "head": HEADS}
 
 
 def add_encoder(name: str, config: type[EncoderConfig], encoder: Callable[..., Any]) -> None:
-    """Make an encoder known: `encoder(config, view, spec)` is an `Encoder`.
-
-    Raises ArgumentError for a known name.
-    """
+    """Make an encoder known, `encoder(config, view, spec)`. Raises ArgumentError for a known name."""
     _add("encoder", name, Kind(config, encoder))
 
 
 def add_head(name: str, config: type[HeadConfig], head: Callable[..., Any]) -> None:
-    """Make a head known: `head(config, condition, horizon, actions)`, of these sizes, is a `Head`.
-
-    Raises ArgumentError for a known name.
-    """
+    """Make a head known, `head(config, condition, horizon, actions)`. Raises ArgumentError as add_encoder."""
     _add("head", name, Kind(config, head))
 
 
@@ -224,9 +211,6 @@ def import_code(policy: object) -> None:
         ) from error
 
 
-# -- the whole -----------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class ActingConfig(Checked):
     """What a policy does with the chunks that its head samples."""
@@ -253,12 +237,10 @@ class PolicyConfig(Checked):
     horizon: int = bounded(512, above=0)  # actions predicted, the first at the oldest observation
     observation_steps: int = bounded(64, above=0)
     phase_dropout: float = bounded(least=0, below=1)
-    proprio_noise: float = bounded(
-        1e3, least=0
-    )  # on normalised joint positions in training, one draw a window
-    crop: float = bounded(
-        1, above=0, expected="a number above 0, at most 1"
-    )  # side, as a part of the picture's
+    # On normalised joint positions in training, one draw a window.
+    proprio_noise: float = bounded(1e3, least=0)
+    # Side, as a part of the picture's.
+    crop: float = bounded(1, above=0, expected="a number above 0, at most 1")
     height: int = bounded(LARGEST_PX, above=0)  # pixels
     width: int = bounded(LARGEST_PX, above=0)
 
@@ -274,10 +256,7 @@ class PolicyConfig(Checked):
 
     @staticmethod
     def read(*nodes: Mapping[str, Any]) -> "PolicyConfig":
-        """A recipe, or what `learned` and `acted` said: later values win, and only chosen parts are read.
-
-        Raises ArgumentError that names a key.
-        """
+        """A recipe, or what `learned` and `acted` said: later values win. Raises ArgumentError by key."""
         if wrong := [each for each in nodes if not isinstance(each, Mapping)]:
             raise ArgumentError(f"policy is {wrong[0]!r}; expected keys below it")
         node = reduce(merged, nodes)
@@ -354,14 +333,12 @@ def _read_part(kind: str, node: object) -> Any:
         raise ArgumentError(f"policy.{kind} is {node!r}; expected a mapping with a name")
     if name not in PARTS[kind]:
         raise choices(kind, name, PARTS[kind])
-    config = PARTS[kind][name].config
-    inner = {each.name: node.get(each.name, {}) for each in fields(config) if is_dataclass(each.type)}
-    own = node.get(name, {})
+    config, own = PARTS[kind][name].config, node.get(name, {})
     if not isinstance(own, Mapping):
         raise ArgumentError(f"policy.{kind}.{name} is {own!r}; expected a mapping")
+    inner: dict[str, Any] = {each.name: each.type for each in fields(config) if is_dataclass(each.type)}
     parts = {
-        key: read_values(config.__dataclass_fields__[key].type, value, f"policy.{kind}.{key}.")
-        for key, value in inner.items()
+        key: read_values(part, node.get(key, {}), f"policy.{kind}.{key}.") for key, part in inner.items()
     }
     return read_values(config, {**own, **parts}, f"policy.{kind}.{name}.")
 

@@ -13,8 +13,7 @@ from rf_exp.policy.config import KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND
 from rf_exp.policy.examples.windows import Labels
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
-from rf_exp.policy.networks.crop_refinement import REACH, CropRefinement
-from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
+from rf_exp.policy.networks.keypoint_encoder import REACH, CropRefinement, KeypointEncoder
 from tests.policy.conftest import HEIGHT, WIDTH, varied
 from tests.policy.test_rollout import Table, judge
 

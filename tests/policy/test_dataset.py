@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, Stream, View, Windows, views
 from rf_exp.policy.examples.windows import action_origin
-from rf_exp.policy.inputs.gripper_history import CHANGES
-from rf_exp.policy.inputs.observation_spec import POSE, proprioception
+from rf_exp.policy.inputs.observation_spec import CHANGES, POSE, proprioception
 from rf_exp.policy.inputs.pictures import crop
 from rf_exp.policy.inputs.view import ACTION_SIZE
 from rf_exp.policy.networks.policy import Range

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rf_exp.policy.inputs.gripper_history import CHANGES, EMPTY_M, RECENT_STEPS, changes, remembered
+from rf_exp.policy.inputs.observation_spec import CHANGES, EMPTY_M, RECENT_STEPS, changes, remembered
 
 OPEN_M, HELD_M = 0.08, 0.03
 COMMANDS = st.lists(st.lists(st.sampled_from([1.0, -1.0, 0.3, -0.2]), min_size=2, max_size=2), min_size=1)

@@ -29,7 +29,7 @@ from rf_exp.policy.examples.keypoints import HAND, keypoints
 from rf_exp.policy.examples.windows import Labels, by_episode
 from rf_exp.policy.inputs.coordination import may_go
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
-from rf_exp.policy.inputs.rays import rays_of, usual_calibration
+from rf_exp.policy.inputs.pictures import rays_of, usual_calibration
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
 from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
 from rf_exp.robots import DEFAULT

@@ -7,8 +7,8 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy import ConditionalUNet1D, Policy, Stream, View, train
 from rf_exp.policy.config import ENCODERS
 from rf_exp.policy.examples.windows import largest_change
-from rf_exp.policy.networks.diffusion import DiffusionHead, RefinedHead
 from rf_exp.policy.networks.encoders import SpatialSoftmax
+from rf_exp.policy.networks.heads import DiffusionHead, RefinedHead
 from rf_exp.policy.networks.policy import LEAST_RANGE, Range
 from tests.policy.conftest import paper_policy, small_policy
 

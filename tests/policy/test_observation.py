@@ -18,8 +18,7 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.inputs.gripper_history import Memory
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, context, near, spec_of, tcp_poses
+from rf_exp.policy.inputs.observation_spec import Memory, ObservationSpec, context, near, spec_of, tcp_poses
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from tests.policy.conftest import ARCHS, STEPS, make_episode, scene_at, shown, small_training, varied

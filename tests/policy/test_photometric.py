@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from rf_exp.policy.networks.photometric import relit
+from rf_exp.policy.networks.keypoint_encoder import relit
 
 PICTURES = torch.rand(64, 3, 8, 12, generator=torch.Generator().manual_seed(0)) * 1.6 - 0.9
 

@@ -21,7 +21,7 @@ from rf_exp.errors import StageError
 from rf_exp.policy import LEARNER, MODEL, PolicyConfig, Stream, TrainConfig, View, load_policy, train
 from rf_exp.policy.bounds import merged
 from rf_exp.policy.learning.checkpoint import CONFIG, fill, read_tensors, write_tensors
-from rf_exp.policy.networks.diffusion import RefinedHead
+from rf_exp.policy.networks.heads import RefinedHead
 from rf_exp.store import Store
 
 PLACE = View("agent1", (Stream("agent1", (1,)),))

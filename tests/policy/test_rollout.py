@@ -137,7 +137,7 @@ def test_targets_within_reach_are_commanded_exactly(make_runner) -> None:
     scene = world.reset(0)
     target = np.append(scene.qpos[0, :7] + 0.5 * FASTEST_RAD, 0.3)
     runner.state.targets.put(target[None, None])
-    runner._episode.features.append(torch.zeros(1, 1))  # has looked already: no prediction is due
+    runner._episode.frames.append((torch.zeros(1, 1),) * 3)  # has looked already: no prediction is due
     runner._config = varied(runner._config, {"observation_steps": 1})
     assert np.allclose(runner(shown(runner, scene, {}))[0], target)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rf_exp.policy import Stream
 from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
-from rf_exp.policy.inputs.rays import rays_of
+from rf_exp.policy.inputs.pictures import rays_of
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import planar, rotated
 from rf_exp.types import Calibration, CameraModel

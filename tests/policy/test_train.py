@@ -38,7 +38,7 @@ from rf_exp.policy import (
 )
 from rf_exp.policy.learning.checkpoint import CONFIG, STATE, read_tensors, write_tensors
 from rf_exp.policy.learning.training import learning_rate
-from rf_exp.policy.networks.diffusion import DiffusionHead
+from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.store import Store
 from tests.children import small_files
 from tests.policy.conftest import ARCHS, STEPS, STILL, rows, small_training, training_of, varied

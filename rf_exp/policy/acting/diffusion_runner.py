@@ -12,14 +12,14 @@ from torch import Tensor
 
 from rf_exp.errors import StageError
 from rf_exp.observations import Declaration, Observation
-from rf_exp.policy.acting.runner import PolicyRunner
+from rf_exp.policy.acting.rollouts import PolicyRunner
 from rf_exp.policy.acting.self_calibration import CameraEstimate, estimates
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import HAND
 from rf_exp.policy.inputs.coordination import phases
-from rf_exp.policy.inputs.gripper_history import Memory
 from rf_exp.policy.inputs.observation_spec import (
+    Memory,
     ObservationSpec,
     base_from_tcps,
     context,
@@ -27,10 +27,9 @@ from rf_exp.policy.inputs.observation_spec import (
     proprioception,
     widths,
 )
-from rf_exp.policy.inputs.pictures import side_by_side
-from rf_exp.policy.inputs.rays import rays_of
+from rf_exp.policy.inputs.pictures import rays_of, side_by_side
 from rf_exp.policy.inputs.task_space import joint_actions
-from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
+from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.policy import Policy
 from rf_exp.transforms import placed
@@ -53,8 +52,7 @@ class TransitionIntegrator:
 
     def __init__(self, bound: float) -> None:
         self._bound = bound
-        self._last: NDArray[np.float64] | None = None  # (n, K + 1), of the last prediction
-        self._sums: NDArray[np.float64] = np.zeros(0)  # (n, K + 1), since something changed
+        self._last = self._sums = np.zeros(())  # (n, K + 1) of the last prediction, since something changed
 
     def __call__(self, probabilities: NDArray[np.float64]) -> Phase:
         """From probabilities (n, K + 1) of each of K subgoals and, last, of going on, for each of n agents.
@@ -62,11 +60,8 @@ class TransitionIntegrator:
         Who goes on because the sum reaches the bound is at a later subgoal than the most likely one, if
         at least half of the sum says so.
         """
-        if self._last is None:
-            self._last, self._sums = probabilities, np.zeros_like(probabilities)
         changes = np.abs(probabilities - self._last).max(axis=1) > SAME_SCENE
-        self._sums[changes] = 0
-        self._sums += probabilities
+        self._sums = np.where(changes[:, None], 0, self._sums) + probabilities
         self._last = probabilities
         numbers, free = probabilities[:, :-1].argmax(axis=1), probabilities[:, -1] > 0.5
         if not self._bound:
@@ -83,21 +78,12 @@ class TransitionIntegrator:
 class _Episode:
     """The last observed frames of an episode, and what else the next prediction depends on."""
 
-    features: deque[Tensor]  # of (S, F)
-    proprio: deque[Tensor]  # of (S, P)
-    context: deque[Tensor]  # of (S, C)
+    frames: deque[tuple[Tensor, ...]]  # features (S, F), proprioception (S, P) and context (S, C) of each
     transitions: TransitionIntegrator
     generators: list[torch.Generator]  # of the streams
     grippers: Memory
     widths: NDArray[np.floating]  # (N,) m between the fingers, as measured last; NaN where not declared
     cameras: list[tuple[CameraEstimate, ...]]  # of each stream, where nobody has calibrated them
-
-    def frames(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Features (S, O, F), proprioception (S, O, P) and context (S, O, C), oldest frame first."""
-        features, proprio, known = (
-            torch.stack([*each], dim=1) for each in (self.features, self.proprio, self.context)
-        )
-        return features, proprio, known
 
 
 class DiffusionRunner(PolicyRunner):
@@ -114,7 +100,15 @@ class DiffusionRunner(PolicyRunner):
         fastest = policy.normaliser.fastest.cpu().double().numpy()
         fastest = fastest[: view.action_size].reshape(-1, ACTION_SIZE)
         of_stream = fastest[:, :ARM_JOINTS].max(axis=1)  # (agents of a stream,) rad a control step
-        declared = _declared(self._config, view, self.spec)
+        cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
+        everyone = tuple(range(1, len(self.spec.bases) + 1))
+        declared = Declaration(
+            everyone if self.spec.objects else view.agents,
+            objects=self.spec.objects,
+            cameras=tuple(cameras) if self._config.encoder.pictures else (),
+            coordinated=view.agents if view.coordinated else (),
+            calibrated=self._config.encoder.keypoints,
+        )
         super().__init__(view, np.tile(of_stream, len(view.streams)), declared)
         self._rows = np.array(view.agents) - 1  # of the own agents among all
         self._agents = max(declared.agents)  # rows of what is measured; those of others are NaN
@@ -126,13 +120,15 @@ class DiffusionRunner(PolicyRunner):
         self._episode = self._begin(seed)
 
     def _begin(self, seed: int) -> _Episode:
-        features, proprio, context = (deque(maxlen=self._config.observation_steps) for _ in range(3))
-        generators = [_generator(seed, stream.agents[0]) for stream in self.view.streams]
+        frames: deque[tuple[Tensor, ...]] = deque(maxlen=self._config.observation_steps)
+        drawn = [np.random.SeedSequence([seed, stream.agents[0]]) for stream in self.view.streams]
+        # On the CPU, so that the noise does not depend on the device.
+        generators = [torch.Generator().manual_seed(int(each.generate_state(1)[0])) for each in drawn]
         transitions = TransitionIntegrator(self._config.acting.transition_integrator)
         grippers, nothing = Memory(self._agents), np.full(self._agents, np.nan)
         size_px, usual = (self._config.width, self._config.height), self._policy.encoder.usual_rays
         cameras = [] if usual is None else [estimates(each, size_px) for each in usual.cpu().double().numpy()]
-        return _Episode(features, proprio, context, transitions, generators, grippers, nothing, cameras)
+        return _Episode(frames, transitions, generators, grippers, nothing, cameras)
 
     # what is observed
 
@@ -145,56 +141,53 @@ class DiffusionRunner(PolicyRunner):
     def _observes(self) -> bool:
         """Whether this moment is part of it. Who was kept from acting may have to predict at any step."""
         runs_out = len(self.state.targets) < self._config.observation_steps
-        return not self._episode.features or self.state.kept or runs_out
+        return not self._episode.frames or self.state.kept or runs_out
 
     @torch.inference_mode()
     def observe(self, observation: Observation) -> None:
         """Keep what belongs to the next prediction."""
-        episode, qpos = self._episode, self._measured(observation)
+        episode, qpos = self._episode, np.full((self._agents, ARM_JOINTS + 2), np.nan)
+        for agent, joints in observation.qpos.items():
+            qpos[agent - 1] = joints
         episode.widths = widths(qpos)
         if not self._observes:
             return
         own = np.stack([qpos[np.array(stream.agents) - 1] for stream in self.view.streams])
         proprio = torch.from_numpy(proprioception(own)).to(self._device)
-        known = torch.from_numpy(self._context(observation, qpos)).to(self._device)
-        features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
-        # Before an episode's start its first frame repeats, as in training.
-        for _ in range(1 if episode.features else self._config.observation_steps):
-            episode.features.append(features)
-            episode.proprio.append(proprio)
-            episode.context.append(known)
-
-    def _measured(self, observation: Observation) -> NDArray[np.float64]:
-        """(N, 9) joints; NaN for agents that are not declared."""
-        qpos = np.full((self._agents, ARM_JOINTS + 2), np.nan)
-        for agent, joints in observation.qpos.items():
-            qpos[agent - 1] = joints
-        return qpos
-
-    def _context(self, observation: Observation, qpos: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(S, C) of the streams."""
-        memory = self._episode.grippers.vector
+        memory, streams = episode.grippers.vector, range(len(own))
         if self.spec.subgoals:
             memory = np.concatenate([memory, self._subgoals(observation)], axis=-1)
-        rows = range(len(self.view.streams))
-        return np.stack([context(self.spec, self.view, row, qpos, observation.poses, memory) for row in rows])
+        told = [context(self.spec, self.view, row, qpos, observation.poses, memory) for row in streams]
+        known = torch.from_numpy(np.stack(told)).to(self._device)
+        features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
+        # Before an episode's start its first frame repeats, as in training.
+        for _ in range(1 if episode.frames else self._config.observation_steps):
+            episode.frames.append((features, proprio, known))
 
     def _subgoals(self, observation: Observation) -> NDArray[np.float32]:
         """(N, subgoals + 1) by which the policy is conditioned: as coordinated, or until it predicts them."""
         numbers, may_go = np.zeros(self._agents, int), np.ones(self._agents, bool)
         if self.view.coordinated:
             if observation.subgoals is None:
-                raise StageError(
-                    f"policy {self.view.name!r} has learned with a coordinator; there is none here"
-                )
+                name = self.view.name
+                raise StageError(f"policy {name!r} has learned with a coordinator; there is none here")
             for agent, (number, goes) in observation.subgoals.items():
                 numbers[agent - 1], may_go[agent - 1] = number, goes
         return phases(numbers, may_go, self.spec.subgoals)
 
     def _look(self, observation: Observation) -> Tensor:
         """Features (S, F) of the present pictures; remembers which keypoints were detected in them."""
-        pictures = np.stack([self._picture(observation, stream) for stream in self.view.streams])
-        shown = torch.from_numpy(pictures).to(self._device)
+        pictures, expected = [], (self._config.height, self._config.width, 3)
+        for stream in self.view.streams:
+            taken = [observation.pictures[camera] for camera in stream.cameras]
+            for camera, picture in zip(stream.cameras, taken, strict=True):
+                if picture.shape != expected:
+                    raise StageError(
+                        f"camera {camera!r} gives pictures {picture.shape}; "
+                        f"policy {self.view.name!r} was trained on {expected}"
+                    )
+            pictures.append(side_by_side(taken))
+        shown = torch.from_numpy(np.stack(pictures)).to(self._device)
         features, places = self._policy.look(shown, self._rays(observation))
         if places is None:
             return features
@@ -224,50 +217,50 @@ class DiffusionRunner(PolicyRunner):
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
                 camera.see(points, seen[first : first + len(points)])
 
-    def _picture(self, observation: Observation, stream: Stream) -> NDArray[np.uint8]:
-        expected = (self._config.height, self._config.width, 3)
-        pictures = [observation.pictures[camera] for camera in stream.cameras]
-        for camera, picture in zip(stream.cameras, pictures, strict=True):
-            if picture.shape != expected:
-                raise StageError(
-                    f"camera {camera!r} gives pictures {picture.shape}; "
-                    f"policy {self.view.name!r} was trained on {expected}"
-                )
-        return side_by_side(pictures)
-
     def _detections(self, places: NDArray[np.float64]) -> Iterator[KeypointDetection]:
         """Keypoints detected at (S, M, 2), but for those of gripper changes that are past."""
         changes, last = self._episode.grippers.changes, self.spec.keyframes
         for stream, of_stream in zip(self.view.streams, places, strict=True):
-            meant = [
-                (agent, key == following, key >= following)
-                for agent, following in ((k, min(changes[k - 1], last)) for k in stream.agents)
-                for key in range(last + 1)
-            ]
+            meant = []  # of each keypoint: agent, whether it is the next, whether it is not past
+            for agent in stream.agents:
+                following = min(changes[agent - 1], last)
+                meant += [(agent, key == following, key >= following) for key in range(last + 1)]
             meant += [(agent, False, False) for agent in stream.agents]
             meant += [(agent, False, True) for agent in others(self.spec, stream)]
             count = len(stream.cameras)
-            parts = zip(stream.cameras, np.split(of_stream, count), strict=True)
-            for row, (camera, in_picture) in enumerate(parts):
+            for row, in_picture in enumerate(np.split(of_stream, count)):
                 for (agent, is_next, ahead), (x, y) in zip(meant, in_picture, strict=True):
                     if ahead:
                         place = float(count * x - row), float(y)
-                        yield KeypointDetection(camera, agent, *place, bool(is_next))
+                        yield KeypointDetection(stream.cameras[row], agent, *place, bool(is_next))
 
     # what is predicted
 
     def predict(self, observation: Observation) -> NDArray[np.float64]:
         """Sampled from what was observed. Who may not go on, or goes nowhere, stays where it was sent."""
-        features, proprio, known = self._episode.frames()
+        kept = zip(*self._episode.frames, strict=True)
+        features, proprio, known = (torch.stack(each, dim=1) for each in kept)  # (S, O, ...) oldest first
         known, waits = self._phase(observation, features, proprio, known)
         opened = self._episode.grippers.opened[self._rows]
         if waits.all():
             stay = np.column_stack([self.state.targets.last, np.where(opened, 1.0, -1.0)])
             return np.tile(stay, (WAIT_STEPS, 1, 1))
-        actions = self._sample(observation, features, proprio, known)
+        sampled = self._policy.act(features, proprio, known, self._episode.generators)
+        actions = sampled.cpu().double().numpy()
+        if not np.isfinite(actions).all():
+            raise StageError(
+                f"policy {self.view.name!r}, control step {observation.step}: it predicts actions that are "
+                "not finite; its weights are of no use"
+            )
+        actions = actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
         joints = np.stack([observation.qpos[agent] for agent in self.view.agents])[:, :ARM_JOINTS]
         stays = waits | self._within_deadband(actions, joints, opened)
-        chunk = self._commands(actions[:, : self._config.acting.action_steps])
+        actions = actions[:, : self._config.acting.action_steps]
+        if self._config.task_space_actions:
+            streams = zip(self.view.streams, actions, strict=True)
+            chunk = np.concatenate([joint_actions(self.spec, *each) for each in streams], axis=1)
+        else:
+            chunk = self._joint_actions(actions).copy()
         chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]
         chunk[:, waits, ARM_JOINTS] = np.where(opened, 1.0, -1.0)[waits]
         # Who goes carries its chunk out. Cut short each time another looks again, it would never come to open
@@ -277,52 +270,23 @@ class DiffusionRunner(PolicyRunner):
     def _phase(
         self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
     ) -> tuple[Tensor, NDArray[np.bool_]]:
-        """The context (S, O, C) with the phase that the policy predicts, and (agents of the view,) who waits.
-
-        Or both unchanged: as a coordinator says, or where nobody ever waits.
-        """
+        """Context (S, O, C) with the phase that is predicted, if any, and (agents of the view,) who waits."""
         agents = self.view.agents
         waits = np.zeros(len(agents), dtype=bool)
         probabilities = self._policy.chances(features, proprio, known)
         if probabilities is not None:
-            numbers, free = self._episode.transitions(probabilities.flatten(0, 1).cpu().double().numpy())
-            phase = (
-                torch.from_numpy(each).to(known.device).unflatten(0, (len(known), -1))
-                for each in (numbers, free)
-            )
-            known, waits = self._policy.in_phase(known, *phase), ~free
+            phase = self._episode.transitions(probabilities.flatten(0, 1).cpu().double().numpy())
+            numbers, free = (torch.from_numpy(each).to(known.device) for each in phase)
+            rows = len(known), -1
+            known = self._policy.in_phase(known, numbers.unflatten(0, rows), free.unflatten(0, rows))
+            waits = ~phase[1]
         if observation.subgoals is not None:
             waits = np.array([not observation.subgoals[agent][1] for agent in agents])
         if size := self.spec.phase_size:
             said = known[:, -1, -size * len(self.view.streams[0].agents) :].reshape(len(agents), size)
-            doing = said[:, :-1].argmax(dim=1).tolist()
-            self.state.phases = {
-                agent: (number, not waiting)
-                for agent, number, waiting in zip(agents, doing, waits.tolist(), strict=True)
-            }
+            phases_of = zip(said[:, :-1].argmax(dim=1).tolist(), (~waits).tolist(), strict=True)
+            self.state.phases = dict(zip(agents, phases_of, strict=True))
         return known, waits
-
-    def _sample(
-        self, observation: Observation, features: Tensor, proprio: Tensor, known: Tensor
-    ) -> NDArray[np.float64]:
-        """Actions (S, T, A) from this control step on. Raises StageError where they are not finite."""
-        generators = self._episode.generators
-        actions = self._policy.act(features, proprio, known, generators).cpu().double().numpy()
-        if not np.isfinite(actions).all():
-            raise StageError(
-                f"policy {self.view.name!r}, control step {observation.step}: it predicts actions that are "
-                "not finite; its weights are of no use"
-            )
-        return actions[:, self._config.observation_steps - 1 :]  # a chunk starts at the oldest observation
-
-    def _commands(self, actions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Predicted actions (S, T, A) -> commands (T, agents of the view, 8)."""
-        if self._config.task_space_actions:
-            streams = zip(self.view.streams, actions, strict=True)
-            return np.concatenate(
-                [joint_actions(self.spec, stream, rows) for stream, rows in streams], axis=1
-            )
-        return self._joint_actions(actions).copy()
 
     def _within_deadband(
         self, actions: NDArray[np.float64], joints: NDArray[np.float64], opened: NDArray[np.bool_]
@@ -349,19 +313,6 @@ class DiffusionRunner(PolicyRunner):
         return commands
 
 
-def _declared(config: PolicyConfig, view: View, spec: ObservationSpec) -> Declaration:
-    """What a policy of a view needs: of its own agents, or of everything where it is told the true state."""
-    privileged = bool(spec.objects)
-    cameras = dict.fromkeys(camera for stream in view.streams for camera in stream.cameras)
-    return Declaration(
-        tuple(range(1, len(spec.bases) + 1)) if privileged else view.agents,
-        objects=spec.objects,
-        cameras=tuple(cameras) if config.encoder.pictures else (),
-        coordinated=view.agents if view.coordinated else (),
-        calibrated=config.encoder.keypoints,
-    )
-
-
 def load_runners(
     folder: Path, device: str = "auto", acting: PolicyConfig | None = None
 ) -> tuple[DiffusionRunner, ...]:
@@ -370,9 +321,3 @@ def load_runners(
     if not found:
         raise StageError(f"no trained policies in {folder}; train them first (stages=[train])")
     return tuple(DiffusionRunner(*load_policy(path, device, acting)) for path in found)
-
-
-def _generator(seed: int, agent: int) -> torch.Generator:
-    """On the CPU, so that the noise does not depend on the device."""
-    state = np.random.SeedSequence([seed, agent]).generate_state(1)[0]
-    return torch.Generator().manual_seed(int(state))

@@ -23,7 +23,7 @@ PIXEL_STD = 1.0  # of a hand in a picture
 
 @dataclass
 class CameraEstimate:
-    """One camera of several whose pictures lie side by side, see `rf_exp.policy.inputs.rays`."""
+    """One camera of several whose pictures lie side by side, see `rf_exp.policy.inputs.pictures`."""
 
     usual: NDArray[np.float64]  # (3, 4) its rays where it usually stands
     centre: NDArray[np.float64]  # (2,) of its part of the picture

@@ -32,14 +32,15 @@ holds, and the table are not the shield's concern.
 from collections import deque
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import combinations
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.acting.lookahead import LOOKAHEAD_STEPS, Commands, Lookahead, Pair
+from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, Swept, closer_than, nearest
 from rf_exp.tasks import Task
+from rf_exp.transforms import inverse
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
 
 SHIELD_VERSION = "2"  # of what it decides
@@ -49,6 +50,11 @@ STRIDE_RAD = 0.04  # in a control step, of an arm that draws aside without a way
 ASIDE_STEPS = 6  # for which it does so
 STANDS_RAD = 0.01  # within which an arm that is about to go nowhere stays
 SLOWING_RAD_S2 = 7.5  # what makers allow the slowest joint of an arm
+TRAILS_STEPS = 2  # a measured arm trails its commands by 0.1 s: damping over stiffness of its drives
+LOOKAHEAD_STEPS = 10  # a violation that is farther off is no reason to wait yet
+CLOSER_M = 1e-4  # arms that lack the margin already may not come closer than they are by more than this
+Commands = NDArray[np.float64]  # (T, 8) rad, gripper command
+Pair = tuple[int, int]  # agents i < j
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,110 @@ class Decision:
     commands: NDArray[np.float64]  # (N, 8)
     withheld: Mapping[int, str] = field(default_factory=dict)  # agent -> why it was kept from its command
     anew: frozenset[int] = frozenset()  # agents that are to predict anew at the next step
+
+
+class Lookahead:
+    """The paths of all agents, from where they were sent last to the end of the commands ahead of them.
+
+    The path of an agent: where it stands (twice, so that its first position is one of standing still), its
+    commands ahead, and its end once more. Its load goes with its hand, also behind a command that opens it:
+    until then it holds them.
+    """
+
+    def __init__(
+        self, task: Task, scene: Scene, given: NDArray[np.float64], ahead: Mapping[int, Commands]
+    ) -> None:
+        self.ahead = ahead
+        self._task, self._scene, self._given = task, scene, given
+        self._planning_scene = PlanningScene(task, scene)
+        self._swept: dict[int, Swept] = {}
+        self._diagrams: dict[Pair, NDArray[np.bool_]] = {}
+
+    def held(self, agent: int) -> str | None:
+        return self._scene.held[agent - 1]
+
+    def holding_with(self, agent: int) -> list[int]:
+        """An agent, and those that hold the same thing."""
+        load = self.held(agent)
+        with_it = [each for each in self._task.agents if load is not None and load == self.held(each)]
+        return with_it or [agent]
+
+    def meet(self, pair: Pair, waits: Collection[int] = ()) -> float:
+        """The first control step from now after which two are too close if who waits stands still, or inf."""
+        diagram = self.diagram(pair)
+        steps = np.arange(1, max(len(self.ahead[agent]) for agent in pair) + TRAILS_STEPS + 1)
+        hit = np.zeros(len(steps), dtype=bool)
+        for late in range(TRAILS_STEPS + 1):
+            for behind in ((late, 0), (0, late)):
+                at = (
+                    self._at(agent, steps - by, agent in waits)
+                    for agent, by in zip(pair, behind, strict=True)
+                )
+                hit |= diagram[*at]
+        return float(steps[hit.argmax()]) if hit.any() else inf
+
+    def enters(self, pair: Pair) -> dict[int, int]:
+        """Agent -> the first position on its path that the other one's path comes too close to."""
+        diagram = self.diagram(pair)
+        return {agent: int(diagram.any(axis=axis).argmax()) for agent, axis in zip(pair, (1, 0), strict=True)}
+
+    def room_to_slow_down(self, agent: int, waits: Collection[int]) -> bool:
+        """Whether the whole next step of an agent is clear of all others, whatever they do soon."""
+        for other in self._task.agents:
+            if other == agent:
+                continue
+            pair = (min(agent, other), max(agent, other))
+            diagram = self.diagram(pair) if agent < other else self.diagram(pair).T
+            end = 3 if other in waits else LOOKAHEAD_STEPS + 2
+            if diagram[1:3, :end].any():
+                return False
+        return True
+
+    def diagram(self, pair: Pair) -> NDArray[np.bool_]:
+        """(P, Q) which positions on the paths of two are closer than the margin."""
+        if pair not in self._diagrams:
+            a, b = map(self._body, pair)
+            now_m = _apart_m(a, b, 0, 0)
+            if now_m >= AGENT_MARGIN_M:
+                found = closer_than(a, b, AGENT_MARGIN_M)
+            else:  # who lacks the margin already may go apart
+                found = np.zeros((len(a), len(b)), dtype=bool)
+                parts = {0: slice(0, 2), 2: slice(2, None)}  # of standing still, of going on
+                for row, column in ((0, 2), (2, 0), (2, 2)):
+                    closer = _apart_m(a, b, row, column) < now_m - CLOSER_M
+                    found[parts[row], parts[column]] = closer
+            self._diagrams[pair] = found
+        return self._diagrams[pair]
+
+    def _at(self, agent: int, steps: NDArray[np.int64], waits: bool) -> NDArray[np.int64]:
+        """Positions on the path of an agent after control steps."""
+        return np.zeros_like(steps) if waits else np.clip(steps, 0, len(self.ahead[agent]) + 1) + 1
+
+    def _body(self, agent: int) -> Swept:
+        if agent not in self._swept:
+            row = agent - 1
+            given, ahead = self._given[row], self.ahead[agent]
+            path = np.concatenate([[given, given], ahead, ahead[-1:]])
+            measured = self._scene.qpos[row]
+            # never narrower than it is now: fingers may need longer than this to close
+            open_m = self._planning_scene.arms[row].robot.hand.open_m
+            wide = (path[:, ARM_JOINTS:] + 1.0) / 2.0 * open_m
+            fingers = np.maximum.accumulate(np.maximum(wide, measured[ARM_JOINTS:].max()), axis=0)
+            qpos = np.hstack([path[:, :ARM_JOINTS], fingers, fingers])
+            load = self.held(agent)
+            grip = None
+            if load is not None:
+                grip = inverse(self._planning_scene.arms[row].tcp(measured)) @ self._scene.poses[load]
+            self._swept[agent] = self._planning_scene.arm(
+                agent, qpos, attached=load, tcp_from_object=grip, touches=self._task.objects
+            )
+        return self._swept[agent]
+
+
+def _apart_m(a: Swept, b: Swept, row: int, column: int) -> float:
+    found = nearest(a, b, np.array([[row, column]]))
+    assert found is not None  # links must always keep apart
+    return found.distance_m
 
 
 class Shield:
@@ -82,7 +192,7 @@ class Shield:
             self._given = np.hstack([scene.qpos[:, :ARM_JOINTS], opened])
         lookahead = Lookahead(self._task, scene, self._given, {**ahead, **self._back})
         waits = self._waits(lookahead)
-        commands, withheld, anew = self._given.copy(), dict[int, str](), set[int]()
+        commands, withheld = self._given.copy(), dict[int, str]()
         for agent in self._task.agents:
             row = agent - 1
             if agent in waits:
@@ -95,17 +205,15 @@ class Shield:
                 if agent in self._back:
                     withheld[agent] = "retracts"
         self._remember(scene, lookahead, commands, waits)
-        for agent in reversed(self._task.agents):
-            if self._moves_on(agent, waits.get(agent), lookahead):
-                anew.add(agent)
-        return Decision(commands, withheld, frozenset(anew))
+        last_first = reversed(self._task.agents)
+        anew = frozenset(each for each in last_first if self._moves_on(each, waits.get(each), lookahead))
+        return Decision(commands, withheld, anew)
 
     # who waits
 
     def _waits(self, lookahead: Lookahead) -> dict[int, int]:
         """Agent -> for whom it waits."""
-        meet = {pair: self._until(lookahead, pair) for pair in self._pairs}
-        self._meet = meet
+        meet = self._meet = {pair: self._until(lookahead, pair) for pair in self._pairs}
         waits: dict[int, int] = {}
         while soon := {pair: when for pair, when in meet.items() if when <= LOOKAHEAD_STEPS}:
             i, j = min(soon, key=lambda pair: (soon[pair], pair))
@@ -122,17 +230,11 @@ class Shield:
     def _until(self, lookahead: Lookahead, pair: Pair) -> float:
         """Control steps until two meet if both go on. Known while they do, and nothing new was predicted."""
         known = self._meet.get(pair, 0.0)
-        if known > LOOKAHEAD_STEPS and all(map(self._same(lookahead), pair)):
-            return known - 1
-        return lookahead.meet(pair)
-
-    def _same(self, lookahead: Lookahead):
-        @cache
-        def same(agent: int) -> bool:
+        for agent in pair:
             left, load = self._known.get(agent, (np.empty(0), None))
-            return np.array_equal(left, lookahead.ahead[agent]) and load == lookahead.held(agent)
-
-        return same
+            if not np.array_equal(left, lookahead.ahead[agent]) or load != lookahead.held(agent):
+                return lookahead.meet(pair)
+        return known - 1 if known > LOOKAHEAD_STEPS else lookahead.meet(pair)
 
     def _yield(self, lookahead: Lookahead, pair: Pair, waits: Collection[int]) -> list[Pair]:
         """(who waits, for whom) of two that would meet."""
@@ -189,7 +291,8 @@ class Shield:
         self._waited[agent] = self._waited[agent] + 1 if waits else max(0, self._waited[agent] - 1)
         if not waits or self._waited[agent] % WAIT_LIMIT_STEPS:
             return False
-        back = other if self._stands(other, lookahead) and self._last_back != other else agent
+        left_rad = np.abs(lookahead.ahead[other][:, :ARM_JOINTS] - self._given[other - 1, :ARM_JOINTS])
+        back = other if left_rad.max() < STANDS_RAD and self._last_back != other else agent
         way = self._way_back(back)
         if self._waited[agent] % (2 * WAIT_LIMIT_STEPS) or self._back or not len(way):
             return True
@@ -207,8 +310,3 @@ class Shield:
         off = np.append(self._task.robots[agent - 1].model.aside_rad, here[ARM_JOINTS]) - here
         count = int(np.ceil(np.abs(off).max() / STRIDE_RAD))
         return here + off * np.arange(1, count + 1)[:ASIDE_STEPS, None] / max(1, count)
-
-    def _stands(self, agent: int, lookahead: Lookahead) -> bool:
-        """Whether an agent is about to go nowhere."""
-        ahead = lookahead.ahead[agent][:, :ARM_JOINTS]
-        return bool(np.abs(ahead - self._given[agent - 1, :ARM_JOINTS]).max() < STANDS_RAD)

@@ -5,15 +5,19 @@ order, and at the end of the episode; then the TCPs of these and of all other ag
 object is used: all follows from stored joints and commands, and a camera whose place is known.
 """
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.inputs.gripper_history import changes
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, base_of, others, widths, world_from_tcp
-from rf_exp.policy.inputs.rays import calibrations, rays_of
+from rf_exp.policy.inputs.observation_spec import (
+    ObservationSpec,
+    changes,
+    others,
+    widths,
+    world_from_tcp,
+)
+from rf_exp.policy.inputs.pictures import calibrations, inside_picture, rays_of
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.transforms import apply, inverse, placed
 from rf_exp.types import ARM_JOINTS, CameraModel
@@ -26,8 +30,7 @@ HAND = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))
 HEADING = 6  # cosine and sine of one, two and four times the heading of the fingers (a cube has four sides)
 
 
-@dataclass(frozen=True)
-class Keypoints:
+class Keypoints(NamedTuple):
     """M keypoints in each of T frames of a stream, each as P points of HAND. NaN where one is past.
 
     Of several cameras, side by side, all keypoints in the first, then in the second, ...
@@ -42,10 +45,7 @@ class Keypoints:
 def keypoints(
     store: "Store", stream: Stream, spec: ObservationSpec, kept: NDArray[np.bool_] | slice
 ) -> Keypoints:
-    """The keypoints of the kept frames of a store.
-
-    Raises ArgumentError where the store does not say where cameras stand, and for a moving camera.
-    """
+    """The keypoints of the kept frames of a store. Raises ArgumentError as `usual_calibration`."""
     stands = calibrations(store, stream.cameras)
     pixels, points, headings, rays = [], [], [], []
     episodes = zip(store.by_episode(store.qpos), store.by_episode(store.action), stands, strict=True)
@@ -53,14 +53,14 @@ def keypoints(
         bases, cameras = calibration.world_from_base, calibration.cameras.values()
         columns = []
         for agent in stream.agents:
-            tcp = world_from_tcp(spec, agent, qpos, bases)
+            tcp = world_from_tcp(bases, agent, qpos)
             changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
             columns += _own(tcp, changed, spec.keyframes)
         now = *stream.agents, *others(spec, stream)
-        columns += [world_from_tcp(spec, agent, qpos, bases) for agent in now]
+        columns += [world_from_tcp(bases, agent, qpos) for agent in now]
         hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
         world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
-        to_base = inverse(base_of(spec, stream.agents[0], bases))
+        to_base = inverse(bases[stream.agents[0] - 1])
         fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
         heading = np.arctan2(fingers[..., 1], fingers[..., 0])
         turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
@@ -81,7 +81,7 @@ def keypoints(
 def _placed(pixels: NDArray[np.float64], row: int, count: int) -> NDArray[np.float32]:
     """Places in one of several pictures of the same size (..., 2) -> in all of them, side by side."""
     if count > 1:
-        within = ((pixels >= 0) & (pixels <= 1)).all(axis=-1, keepdims=True)
+        within = inside_picture(pixels)[..., None]
         pixels = np.where(within, (pixels + np.array([row, 0])) / np.array([count, 1]), np.nan)
     return pixels.astype(np.float32)
 

@@ -1,12 +1,15 @@
 """Windows of a store as training batches, with every picture in memory once and encoded once a batch.
 
+All is kept as arrays over all streams of a view: S streams over T frames are S * T rows, one stream after the
+other.
+
 A window at time t holds `observation_steps` frames t - O + 1 .. t and `horizon` actions from the oldest
 of these frames on (Chi et al. 2023). Frames before an episode's start repeat its first, actions beyond
 either end repeat the nearest. Batches are made of runs of consecutive windows, so that most frames of a
 batch serve several windows; each window comes exactly once in an epoch all the same.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,16 +21,32 @@ from torch.nn import functional
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
-from rf_exp.policy.examples.frames import keypoint_labels, low_dim, pictures, usual_rays
-from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered
-from rf_exp.policy.inputs.observation_spec import of_agent, spec_of
-from rf_exp.policy.inputs.pictures import crop, with_margin
+from rf_exp.policy.examples.keypoints import keypoints
+from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, phases
+from rf_exp.policy.inputs.observation_spec import (
+    context,
+    of_agent,
+    others,
+    proprioception,
+    remembered,
+    spec_of,
+    widths,
+)
+from rf_exp.policy.inputs.pictures import (
+    crop,
+    pictures_of,
+    rays_of,
+    side_by_side,
+    usual_calibration,
+    with_margin,
+)
+from rf_exp.policy.inputs.task_space import task_space_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, PROPRIO_SIZE, View
+from rf_exp.transforms import from_quaternion
 from rf_exp.types import ARM_JOINTS
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
-
 
 LOOK_AT = 256  # pictures at a time
 
@@ -75,10 +94,7 @@ class _Meant:
 
 
 def largest_change(action: Tensor, within: Tensor) -> Tensor:
-    """(A,) largest change between neighbouring rows of action (K, A).
-
-    `within` (K - 1,) says which neighbours belong to one episode.
-    """
+    """(A,) largest change between neighbours of action (K, A), of those `within` (K - 1,) an episode."""
     change = action.diff(dim=0).abs()[within]
     return change.amax(dim=0) if len(change) else torch.zeros_like(action[0])
 
@@ -118,8 +134,7 @@ class Windows:
         if len(store) == 0:
             raise ArgumentError("the store holds no episode; expected at least one to train on")
         kept, ends = slice(None), store.episode_ends  # a slice copies no pictures
-        chosen = shown(store)
-        if not chosen.all():
+        if not (chosen := shown(store)).all():
             kept, ends = chosen, np.cumsum(chosen)[ends - 1]
         lengths = np.diff(ends, prepend=0)
         starts = ends - lengths
@@ -132,14 +147,47 @@ class Windows:
         # Who is not told of subgoals may learn from a store that does not say.
         numbers = numbered(store)[0] if spec.subgoals else store.subgoal[:].astype(np.int64)
         free = np.concatenate([may_go(*each) for each in by_episode(store)])
-        known = low_dim(store, view, config, spec, kept, numbers, free)
-        self.proprio, self.context, self.action = (each.to(device) for each in known)  # raw (S * T, ...)
-        self._pictures = pictures(store, view, config, kept).to(device)  # (S * T, H, W, 3) uint8
-        # Of keypoints, see `Keypoints`, and (S * T, N) the subgoals of the other agents.
-        labels = [each.to(device) for each in keypoint_labels(store, view, config, spec, kept, numbers)]
-        self.pixels, self.points, self.headings, self.rays, self.doing = labels
-        self.usual_rays = usual_rays(store, view, config).to(device)  # (S, K, 3, 4) where nothing has moved
         columns = [np.array(stream.agents) - 1 for stream in view.streams]
+
+        def stacked(arrays: Sequence[NDArray]) -> Tensor:
+            """Of all streams; what is alone is not copied, which matters for pictures."""
+            return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(device)
+
+        qpos, action = store.qpos[kept], store.action[kept]
+        self.proprio = stacked([proprioception(qpos[:, agents]) for agents in columns])  # raw (S * T, P)
+        memory = np.zeros((store.steps, store.agents, 0), np.float32)  # of grippers, then of subgoals
+        if spec.bases:
+            told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
+            episodes = zip(*map(store.by_episode, told_and_done), strict=True)
+            memory = np.concatenate([remembered(*each) for each in episodes])
+        if spec.subgoals:
+            memory = np.concatenate([memory, phases(numbers, free, spec.subgoals)], axis=-1)
+        poses = {name: from_quaternion(store.poses[name][kept]) for name in spec.objects}
+        known = [context(spec, view, row, qpos, poses, memory[kept]) for row in range(len(columns))]
+        self.context = stacked(known)  # raw (S * T, C)
+        commands = [action[:, agents] for agents in columns]
+        if config.task_space_actions:
+            streams = zip(view.streams, commands, strict=True)
+            commands = [task_space_actions(spec, stream, each) for stream, each in streams]
+        self.action = stacked([each.reshape(len(action), -1) for each in commands])  # raw (S * T, A)
+
+        self._pictures = torch.empty((0, 0, 0, 3), dtype=torch.uint8, device=device)  # (S * T, H, W, 3)
+        if config.encoder.pictures:
+            cameras = [stream.cameras for stream in view.streams]
+            taken = ([pictures_of(store, each, config)[kept] for each in names] for names in cameras)
+            self._pictures = stacked([side_by_side(each) for each in taken])
+        # Of keypoints, see `Keypoints`; (S * T, N) the subgoals of the other agents; (S, K, 3, 4) the rays of
+        # the cameras where they usually stand.
+        nothing = torch.empty(len(view.streams) * len(action), 0, device=device)
+        self.pixels = self.points = self.headings = self.rays = self.doing = self.usual_rays = nothing
+        if config.encoder.keypoints:
+            found = [keypoints(store, stream, spec, kept) for stream in view.streams]
+            arrays = map(stacked, zip(*found, strict=True))
+            self.pixels, self.points, self.headings, self.rays = arrays
+            watched = [np.array(others(spec, stream), int) - 1 for stream in view.streams]
+            self.doing = stacked([numbers[kept][:, agents] for agents in watched])
+            usual = [rays_of(usual_calibration(store, each.cameras), each) for each in view.streams]
+            self.usual_rays = torch.from_numpy(np.stack(usual)).to(device)
         # Windows in which an own agent may go on.
         self.active = np.flatnonzero(np.concatenate([free[kept][:, each].any(axis=1) for each in columns]))
         late = np.concatenate([hesitates(*each[1:]) for each in by_episode(store)])[kept]
@@ -166,14 +214,10 @@ class Windows:
         origin = action_origin(self.proprio[:, None], context)
         return (actions - origin).flatten(0, 1)
 
-    def _oldest(self, windows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(B, 1) the oldest frame of windows (B,), which may lie before the first of the episode."""
-        return windows[:, None] - (self._config.observation_steps - 1)
-
     def _actions(self, windows: NDArray[np.int64]) -> Tensor:
         """(B, T, A) of windows (B,): of each agent those that it means, without its hesitations."""
         first, last = self._first[windows, None], self._last[windows, None]
-        ahead = self._oldest(windows) + np.arange(self._config.horizon)
+        ahead = windows[:, None] + np.arange(self._config.horizon) - (self._config.observation_steps - 1)
         found = [self.action[self._index(each.rows(ahead, first, last))] for each in self._meant]
         if len(found) == 1:
             return found[0]
@@ -190,7 +234,10 @@ class Windows:
 
     def epoch(self, batch_size: int, run_length: int, rng: np.random.Generator) -> list[NDArray[np.int64]]:
         """Window indices of each batch of an epoch: shuffled runs; sizes differ by at most one."""
-        runs = [run for start, end in self._spans for run in _runs(start, end, run_length, rng)]
+        runs: list[NDArray[np.int64]] = []
+        for start, end in self._spans:  # cut at a random phase
+            cuts = np.arange(start + rng.integers(1, run_length + 1), end, run_length)
+            runs += np.split(np.arange(start, end), cuts - start)
         order = np.concatenate([runs[k] for k in rng.permutation(len(runs))])
         return np.array_split(order, self.batches(batch_size))
 
@@ -201,8 +248,8 @@ class Windows:
         """
         config = self._config
         first = self._first[windows]
-        ahead = self._oldest(windows) + np.arange(config.observation_steps)
-        frames = np.maximum(ahead, first[:, None])
+        behind = np.arange(config.observation_steps) - (config.observation_steps - 1)
+        frames = np.maximum(windows[:, None] + behind, first[:, None])
         breaks = (np.diff(windows, prepend=windows[0]) != 1) | (np.diff(first, prepend=first[0]) != 0)
         run = np.cumsum(breaks)
         keys, inverse = np.unique(run[:, None] * len(self) + frames, return_inverse=True)
@@ -274,9 +321,3 @@ class Windows:
 
     def _index(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self._device)
-
-
-def _runs(start: int, end: int, length: int, rng: np.random.Generator) -> Iterator[NDArray[np.int64]]:
-    """Cut [start, end) into runs of `length` at a random phase; the first and the last may be shorter."""
-    cuts = np.arange(start + rng.integers(1, length + 1), end, length)
-    yield from np.split(np.arange(start, end), cuts - start)

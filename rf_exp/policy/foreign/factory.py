@@ -3,15 +3,19 @@
 Needs nothing of the suite but its errors, so that a server can use it where nothing else is installed.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 from rf_exp.errors import ArgumentError, StageError
 
 
-def load_factory(name: str) -> Callable[..., Any]:
-    """The function `package.module:function`. Raises ArgumentError where there is none."""
+def make_policy(name: str, options: Mapping[str, Any] | None = None) -> Any:
+    """What the factory `package.module:function` returns for these keyword arguments: something with `act`.
+
+    Raises ArgumentError for a name that leads nowhere, StageError for a factory that raises or returns
+    something else.
+    """
     module, _, function = name.partition(":")
     try:
         found = import_module(module)
@@ -26,16 +30,6 @@ def load_factory(name: str) -> Callable[..., Any]:
         raise ArgumentError(
             f"factory {name!r}: {module!r} has no function {function!r}; it has {', '.join(there) or 'none'}"
         )
-    return factory
-
-
-def make_policy(name: str, options: Mapping[str, Any] | None = None) -> Any:
-    """What the factory of that name returns for these keyword arguments: something with `act`.
-
-    Raises ArgumentError for a name that leads nowhere, StageError for a factory that raises or returns
-    something else.
-    """
-    factory = load_factory(name)
     try:
         policy = factory(**(options or {}))
     except Exception as error:

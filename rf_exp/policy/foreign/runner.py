@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rf_exp.errors import RfError, StageError
 from rf_exp.observations import Observation
-from rf_exp.policy.acting.runner import PolicyRunner
+from rf_exp.policy.acting.rollouts import PolicyRunner
 from rf_exp.policy.foreign.factory import make_policy
 from rf_exp.policy.foreign.spec import Foreign
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View

@@ -49,8 +49,8 @@ class Foreign:
     @property
     def identity(self) -> dict[str, Any]:
         """What decides its rollouts. Where its server is, is not among it: the name stands for the policy."""
-        fields = ("name", "factory", "options", "action_steps")
-        return {**{key: getattr(self, key) for key in fields}, "observations": asdict(self.observations)}
+        fields = ("name", "factory", "options", "action_steps", "observations")
+        return {key: value for key, value in asdict(self).items() if key in fields}
 
     @property
     def observation(self) -> str:

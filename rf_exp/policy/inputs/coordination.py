@@ -22,8 +22,6 @@ SHORTEST_STEPS = 3  # of a wait
 
 # Scene and last gripper commands by agent -> (N,) number of the subgoal and (N,) whether it may go on.
 Coordinate = Callable[[Scene, Mapping[int, float]], tuple[NDArray[np.int64], NDArray[np.bool_]]]
-
-
 Names = tuple[tuple[str, ...], ...]  # of the subgoals of each agent, in the order of their numbers
 
 

@@ -8,17 +8,17 @@ thing that goes along the whole table, a millimetre would be less than a thousan
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.inputs.coordination import numbered
-from rf_exp.policy.inputs.gripper_history import CHANGES, MEMORY, changes
 from rf_exp.policy.inputs.view import MOST_AGENTS, PROPRIO_SIZE, Stream, View
 from rf_exp.robots import DEFAULT
 from rf_exp.transforms import Matrix, inverse, planar
@@ -31,6 +31,10 @@ Array = TypeVar("Array", Tensor, NDArray[np.floating])
 
 NEAR_M = 0.1  # from a hand to what it is near to
 MOST_OBJECTS, MOST_SUBGOALS = 256, 256  # of a task, of an agent; more are none that anybody has
+CHANGES = 6  # of a gripper that are told apart
+RECENT_STEPS = 20  # since the last of them: what is longer ago is all the same
+MEMORY = CHANGES + 2
+EMPTY_M = 0.004  # fingers that have shut on nothing are nearer to each other
 POSE = 9  # position in m and the first two axes of the rotation (Zhou et al. 2019: no jumps, unlike angles)
 
 
@@ -45,18 +49,24 @@ class ObservationSpec:
     names: tuple[tuple[str, ...], ...] = ()  # of them, of each agent; empty where they count as they come
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "bases", tuple(tuple(base) for base in self.bases))
-        object.__setattr__(self, "objects", tuple(self.objects))
-        object.__setattr__(self, "names", tuple(map(tuple, self.names)))
         if len(self.bases) > MOST_AGENTS or not np.isfinite(np.array(self.bases, float)).all():
             raise ArgumentError(f"bases are {self.bases}; expected finite ones of at most {MOST_AGENTS} arms")
-        most = {"objects": MOST_OBJECTS, "names": MOST_AGENTS}
-        for name, high in most.items():
+        for name, high in (("objects", MOST_OBJECTS), ("names", MOST_AGENTS)):
             if len(getattr(self, name)) > high:
                 raise ArgumentError(f"there are {len(getattr(self, name))} {name}; expected at most {high}")
         for name, high in (("keyframes", CHANGES), ("subgoals", MOST_SUBGOALS)):
             if not 0 <= (value := getattr(self, name)) <= high:
                 raise ArgumentError(f"{name} is {value}; expected 0 to {high}")
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """Its fields, but for those that say nothing and came later."""
+        return without(asdict(self), subgoals=0, names=())
+
+    @property
+    def world_from_base(self) -> list[Matrix]:
+        """(4, 4) of every arm."""
+        return [planar(*each) for each in self.bases]
 
     def keypoints(self, view: View) -> int:
         """That an encoder looks for through each camera: of the own agents, then all hands now."""
@@ -99,8 +109,15 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
         raise ArgumentError(f"{store.path} does not say where its arms stand; generate it again") from error
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
     if not config.encoder.privileged:
-        keyframes = _keyframes(store, view) if config.encoder.keypoints else 0
-        return ObservationSpec(bases, keyframes=keyframes, subgoals=subgoals, names=names)
+        keyframes = 0
+        if config.encoder.keypoints:  # most changes of a gripper in an episode
+            episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
+            keyframes = max(
+                len(changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1]))
+                for action, qpos in episodes
+                for agent in view.agents
+            )
+        return ObservationSpec(bases, (), min(keyframes, CHANGES), subgoals, names)
     if not store.objects:
         raise ArgumentError(
             f"encoder privileged needs the poses of the objects, and {store.path} has none; generate it again"
@@ -108,15 +125,57 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
     return ObservationSpec(bases, store.objects, subgoals=subgoals, names=names)
 
 
-def _keyframes(store: "Store", view: View) -> int:
-    """The largest number of changes of the gripper of one of the agents of a view in an episode."""
-    episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
-    most = max(
-        len(changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1]))
-        for action, qpos in episodes
-        for agent in view.agents
-    )
-    return min(most, CHANGES)
+class Memory:
+    """What the grippers have been told so far: how often they changed, as one-hot, and how recently.
+
+    A picture after the fingers closed looks much like the one before, and what comes next is not the same.
+    Fingers that have shut on nothing and open again have changed nothing: such a miss is taken back, so that
+    what comes next is once more what came next before it.
+    """
+
+    def __init__(self, agents: int) -> None:
+        self.opened = np.ones(agents, dtype=bool)  # (N,) by the last command; so every episode begins
+        self.changes = np.zeros(agents, dtype=int)  # (N,)
+        self._since = np.full(agents, RECENT_STEPS)
+
+    def told(self, grippers: Mapping[int, float], widths: NDArray[np.floating]) -> None:
+        """The commands of one control step, of those agents whose commands are known.
+
+        `widths` (N,) is how far apart the fingers of each were measured before it, in m.
+        """
+        opened = self.opened.copy()
+        for agent, command in grippers.items():
+            opened[agent - 1] = command > 0
+        changed = opened != self.opened
+        self.opened = opened
+        self.changes = self.changes + np.where(opened & (widths < EMPTY_M), -1, 1) * changed
+        self._since = np.where(changed, 0, np.minimum(self._since + 1, RECENT_STEPS))
+
+    @property
+    def vector(self) -> NDArray[np.float64]:
+        """(N, MEMORY)."""
+        count = np.eye(CHANGES + 1)[np.minimum(self.changes, CHANGES)]
+        return np.column_stack([count, self._since / RECENT_STEPS])
+
+
+def remembered(grippers: NDArray[np.floating], widths: NDArray[np.floating]) -> NDArray[np.float32]:
+    """The memory (T, N, MEMORY) before each step of an episode with commands and widths in m, (T, N) each."""
+    memory, rows = Memory(grippers.shape[1]), []
+    for commands, apart in zip(grippers, widths, strict=True):
+        rows.append(memory.vector)
+        memory.told(dict(enumerate(commands, start=1)), apart)
+    return np.array(rows, np.float32)
+
+
+def changes(gripper: NDArray[np.floating], width: NDArray[np.floating]) -> NDArray[np.int64]:
+    """The steps in which a gripper changes for good, by its commands and widths in m, (T,) each."""
+    found: list[int] = []
+    for step in np.flatnonzero(np.diff(gripper > 0, prepend=True)):
+        if gripper[step] > 0 and width[step] < EMPTY_M and found:
+            found.pop()
+        else:
+            found.append(int(step))
+    return np.array(found, np.int64)
 
 
 def widths(qpos: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -149,18 +208,18 @@ def context(
     """
     if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
-    stream = view.streams[row]
-    base_from_world = inverse(base_of(spec, stream.agents[0]))
-    parts: list[NDArray[np.floating]] = []
-    hands = [_flat(base_from_world @ world_from_tcp(spec, agent, qpos)) for agent in stream.agents]
+    stream, bases, parts = view.streams[row], spec.world_from_base, list[NDArray[np.floating]]()
+    base_from_world = inverse(bases[stream.agents[0] - 1])
+
+    def hand_of(agent: int) -> NDArray[np.floating]:
+        return _flat(base_from_world @ world_from_tcp(bases, agent, qpos))
+
+    hands = [hand_of(agent) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
         parts += [hand, memory[..., agent - 1, :MEMORY]]
     if spec.objects:
         for agent in others(spec, stream):
-            parts += [
-                proprioception(qpos[..., agent - 1 : agent, :]),
-                _flat(base_from_world @ world_from_tcp(spec, agent, qpos)),
-            ]
+            parts += [proprioception(qpos[..., agent - 1 : agent, :]), hand_of(agent)]
         things = [_flat(base_from_world @ poses[name]) for name in spec.objects]
         parts += [*things, *(near(thing[..., :3] - hand[..., :3]) for hand in hands for thing in things)]
     if len(view.streams) > 1:  # one policy for several agents: which of them
@@ -178,9 +237,10 @@ def base_from_tcps(
     spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]
 ) -> NDArray[np.float64]:
     """The same as matrices (..., n, 4, 4)."""
-    base_from_world = inverse(base_of(spec, stream.agents[0]))
+    bases = spec.world_from_base
+    base_from_world = inverse(bases[stream.agents[0] - 1])
     poses = [
-        base_from_world @ base_of(spec, agent) @ DEFAULT.tcp_pose(joints[..., row, :])
+        base_from_world @ bases[agent - 1] @ DEFAULT.tcp_pose(joints[..., row, :])
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-3)
@@ -196,16 +256,9 @@ def near(offset_m: Array) -> Array:
     return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
-def base_of(spec: ObservationSpec, agent: int, bases: Sequence[Matrix] | None = None) -> Matrix:
-    """`world_from_base` (4, 4) of an agent: as the spec says, or where all stand in one scene."""
-    return planar(*spec.bases[agent - 1]) if bases is None else bases[agent - 1]
-
-
-def world_from_tcp(
-    spec: ObservationSpec, agent: int, qpos: NDArray[np.floating], bases: Sequence[Matrix] | None = None
-) -> NDArray[np.float64]:
-    """(..., 4, 4) of an agent, from the joints of all agents (..., N, 7 or more)."""
-    return base_of(spec, agent, bases) @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+def world_from_tcp(bases: Sequence[Matrix], agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(..., 4, 4) of an agent: bases (4, 4) and joints of all agents (..., N, 7 or more), in the world."""
+    return bases[agent - 1] @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -1,7 +1,12 @@
-"""The pictures of a store as a policy takes them: of several cameras side by side, and cut out."""
+"""The pictures of a store as a policy takes them, and the rays along which their places are seen.
+
+A camera is a matrix (3, 4), [A | c]: what is at the place (x, y) of its picture, from 0 to 1 to the right
+and down, lies on c + t A (x, y, 1), in m, in the base frame of an arm. A camera that has moved has another
+matrix, and the same keypoints.
+"""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import torch
@@ -10,12 +15,19 @@ from torch import Tensor
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.inputs.view import Stream
+from rf_exp.tasks import CameraSpec
+from rf_exp.transforms import Matrix, inverse, planar
+from rf_exp.types import Calibration, CameraModel
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
 
+Array = TypeVar("Array", Tensor, NDArray)
+
 
 def pictures_of(store: "Store", camera: str, config: PolicyConfig) -> NDArray[np.uint8]:
+    """All that a camera took (T, H, W, 3). Raises ArgumentError where there are none, or of another size."""
     if camera not in store.cameras:
         raise ArgumentError(
             f"the view needs camera {camera!r}, but the store has {', '.join(store.cameras) or 'none'}; "
@@ -58,3 +70,71 @@ def with_margin(pictures: Tensor, margin_px: int) -> Tensor:
         pixels = torch.arange(-margin_px, size + margin_px, device=pictures.device).clamp(0, size - 1)
         pictures = pictures.index_select(axis, pixels)
     return pictures
+
+
+def scaled(pictures: Tensor) -> Tensor:
+    """Pictures (U, h, w, 3) uint8 -> (U, 3, h, w) in [-1, 1]."""
+    # Seen with channels in front they are channels_last already: no copy, the fast layout on CPUs.
+    return pictures.permute(0, 3, 1, 2).float().div(127.5).sub(1.0)
+
+
+def inside_picture(places: Array) -> Array:
+    """Which of places (..., 2), from 0 to 1 over a picture, are in it; NaN is not."""
+    inside: Any = (places >= 0) & (places <= 1)
+    return inside.all(-1)
+
+
+def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
+    """(K, 3, 4) of the cameras of a stream, whose pictures lie side by side, from the first agent's base."""
+    base_from_world = inverse(calibration.world_from_base[stream.agents[0] - 1])
+    count, found = len(stream.cameras), []
+    for row, name in enumerate(stream.cameras):
+        camera = calibration.cameras[name]
+        base_from_camera = base_from_world @ camera.world_from_camera
+        width, height = camera.width_px, camera.height_px
+        pixels_from_place = np.array([[count * width, 0, -row * width], [0, height, 0], [0, 0, 1.0]])
+        directions = base_from_camera[:3, :3] @ np.linalg.inv(camera.intrinsics) @ pixels_from_place
+        found.append(np.column_stack([directions, base_from_camera[:3, 3]]))
+    return np.stack(found).astype(np.float32)
+
+
+def calibrations(store: "Store", names: tuple[str, ...]) -> list[Calibration]:
+    """Where arms and the named cameras stood in each episode of a store. Raises as `usual_calibration`."""
+    usual, found = usual_calibration(store, names), []
+    for certificate in store.certificates:
+        stands = usual
+        if (said := certificate.get("calibration")) is not None:
+            seen = {name: said["cameras"][name] for name in names}
+            cameras = {
+                name: _camera(store, each["fov_deg"], np.array(each["parent_from_camera"]))
+                for name, each in seen.items()
+            }
+            stands = Calibration(tuple(map(np.array, said["world_from_base"])), cameras)
+        found.append(stands)
+    return found
+
+
+def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
+    """Where arms and the named cameras usually stand. Raises ArgumentError for unknown and moving ones."""
+    try:
+        scene = store.identity["scene"]
+        specs = {name: CameraSpec(**scene["cameras"][name]) for name in names}
+        bases = tuple(
+            planar(each["x_m"], each["y_m"], np.deg2rad(each["yaw_deg"]), each.get("z_m", 0))
+            for each in scene["robots"]
+        )
+    except KeyError as error:
+        raise ArgumentError(
+            f"{store.path} does not say where its cameras stand; generate it again"
+        ) from error
+    for name, spec in specs.items():
+        if spec.mount != "world":
+            raise ArgumentError(
+                f"camera {name!r} rides on a hand; the keypoint encoder needs one that stands still"
+            )
+    cameras = {name: _camera(store, spec.fov_deg, spec.world_from_camera) for name, spec in specs.items()}
+    return Calibration(bases, cameras)
+
+
+def _camera(store: "Store", fov_deg: float, pose: Matrix) -> CameraModel:
+    return CameraModel(store.attrs["width"], store.attrs["height"], float(np.deg2rad(fov_deg)), pose)

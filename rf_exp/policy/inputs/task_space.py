@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec, tcp_poses
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.transforms import from_axes, planar
+from rf_exp.transforms import from_axes
 from rf_exp.types import ARM_JOINTS
 
 # How far the last joint is turned to follow a hand: with its own alone a pose may just be out of reach. Below
@@ -37,14 +37,14 @@ def joint_actions(spec: ObservationSpec, stream: Stream, chunk: NDArray[np.float
     agents: Sequence[int] = stream.agents
     actions = chunk[:, : len(agents) * ACTION_SIZE].reshape(len(chunk), len(agents), ACTION_SIZE).copy()
     poses = chunk[:, len(agents) * ACTION_SIZE :].reshape(len(chunk), len(agents), POSE)
-    world_from_base = planar(*spec.bases[agents[0] - 1])  # in whose frame the poses are
+    bases = spec.world_from_base  # in the frame of the first agent's are the poses
     for row, agent in enumerate(agents):
-        arm = Arm(DEFAULT, planar(*spec.bases[agent - 1]))
+        arm = Arm(DEFAULT, bases[agent - 1])
         joints, pose = actions[:, row, :ARM_JOINTS], poses[:, row]
         x, y = pose[:, 3:6], pose[:, 6:9]
         axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)
         base_from_tcp = np.stack([from_axes(place, z=out, y=across) for place, out, across in axes])
-        actions[:, row, :ARM_JOINTS] = _nearest(arm, world_from_base @ base_from_tcp, joints)
+        actions[:, row, :ARM_JOINTS] = _nearest(arm, bases[agents[0] - 1] @ base_from_tcp, joints)
     return actions
 
 

@@ -57,11 +57,11 @@ class View:
         sizes = {(len(stream.agents), len(stream.cameras)) for stream in self.streams}
         possible = set(range(1, MOST_AGENTS + 1))
         if len(sizes) != 1 or not agents or len(set(agents)) < len(agents) or not possible.issuperset(agents):
+            few = self.streams[:MOST_AGENTS]
             raise ArgumentError(
-                f"streams of view {self.name!r} command agents "
-                f"{[list(stream.agents) for stream in self.streams[:MOST_AGENTS]]} through cameras "
-                f"{[list(stream.cameras) for stream in self.streams[:MOST_AGENTS]]}; expected as many "
-                f"of each in all of them, and each agent, from 1 to {MOST_AGENTS}, once"
+                f"streams of view {self.name!r} command agents {[list(each.agents) for each in few]} through "
+                f"cameras {[list(each.cameras) for each in few]}; expected as many of each in all of them, "
+                f"and each agent, from 1 to {MOST_AGENTS}, once"
             )
         if max(len(stream.cameras) for stream in self.streams) > MOST_AGENTS + 1:
             raise ArgumentError(f"a stream of view {self.name!r} has more than {MOST_AGENTS + 1} cameras")
@@ -87,25 +87,17 @@ class View:
 
 
 def views(arch: Arch, agents: int) -> tuple[View, ...]:
-    """The views of an architecture for a task of that many agents.
-
-    Together they command each agent exactly once. Raises ArgumentError for less than one agent.
-    """
+    """Views of an architecture, which command each agent once. Raises ArgumentError for less than one."""
     if agents < 1:
         raise ArgumentError(f"agents is {agents}; expected at least 1")
     everyone = tuple(range(1, agents + 1))
     if arch.shared_policy and arch.global_view:
         own = tuple(f"agent{k}" for k in everyone)
         return (View("joint", (Stream("global", everyone, own * arch.both_views),), arch.coordinated),)
-    streams = tuple(Stream(*_cameras(arch, k)) for k in everyone)
+    streams = []
+    for agent in everyone:
+        first, other = ("global", f"agent{agent}") if arch.global_view else (f"agent{agent}", "global")
+        streams.append(Stream(first, (agent,), (other,) * arch.both_views))
     if arch.shared_policy:
-        return (View("shared", streams, arch.coordinated),)
-    return tuple(
-        View(f"agent{k}", (stream,), arch.coordinated) for k, stream in zip(everyone, streams, strict=True)
-    )
-
-
-def _cameras(arch: Arch, agent: int) -> tuple[str, tuple[int, ...], tuple[str, ...]]:
-    """The first camera of the stream of an agent, the agent, and the others."""
-    first, other = ("global", f"agent{agent}") if arch.global_view else (f"agent{agent}", "global")
-    return first, (agent,), (other,) if arch.both_views else ()
+        return (View("shared", tuple(streams), arch.coordinated),)
+    return tuple(View(f"agent{each.agents[0]}", (each,), arch.coordinated) for each in streams)

@@ -16,7 +16,6 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +33,6 @@ from rf_exp.artifacts import (
     restored,
     sweep,
     whole,
-    without,
     write_json,
 )
 from rf_exp.errors import ArgumentError, StageError
@@ -63,10 +61,7 @@ def device_of(name: str) -> torch.device:
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Replace a safetensors file in one go: a reader sees the old one or the new one.
-
-    Raises StageError where it cannot be written.
-    """
+    """Replace a safetensors file in one go. Raises StageError where it cannot be written."""
     kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with whole(path) as draft:
         said = {**metadata, CHECKSUM: _checksum(kept, metadata)}
@@ -121,10 +116,7 @@ def _damaged(path: Path, what: str) -> StageError:
 
 
 def claim(folder: Path, provenance: Mapping[str, Any]) -> bool:
-    """Take a folder for a training made of these values; whether it is finished there already.
-
-    Raises StageError naming the keys that differ when the folder holds another training.
-    """
+    """Take a folder for a training; whether it is finished there already. Raises as `expect_policy`."""
     sweep(folder)
     if (folder / CONFIG).exists():
         expect_policy(folder, provenance)
@@ -177,8 +169,7 @@ def load_policy(
     with _faults_of(folder / CONFIG):
         view, spec = restored(View, said["view"]), restored(ObservationSpec, said["spec"])
         config = PolicyConfig.read(said["policy"], said["acting"])
-        _check_whole(said, config, view, spec)
-        _check_spec(config, view, spec)
+        _check(said, config, view, spec)
         with torch.device("meta"):  # takes no memory, whatever the configuration asks for
             expected = Policy(config, view, spec).state_dict()
     _check_tensors(tensors, expected, folder / MODEL)
@@ -202,17 +193,15 @@ def _check_tensors(found: Mapping[str, Tensor], expected: Mapping[str, Tensor], 
         if tuple(tensor.shape) != shape:
             wrong.append(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
         elif tensor.dtype not in NUMBERS:
-            types = " or ".join(str(each).removeprefix("torch.") for each in NUMBERS)
-            wrong.append(f"{name} is of type {str(tensor.dtype).removeprefix('torch.')}, expected {types}")
+            types = [str(each).removeprefix("torch.") for each in (tensor.dtype, *NUMBERS)]
+            wrong.append(f"{name} is of type {types[0]}, expected {' or '.join(types[1:])}")
         elif not tensor.isfinite().all():
             wrong.append(f"{name} holds numbers that are not finite")
     if wrong:
-        listed = [printable(each, 200) for each in sorted(wrong)[:LISTED]]
+        listed = "; ".join(printable(each, 200) for each in sorted(wrong)[:LISTED])
         more = f", and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
-        raise StageError(
-            f"{path} does not fit its configuration ({CONFIG}): {'; '.join(listed)}{more}; get it again, or "
-            f"{ANEW}"
-        )
+        why = f"{path} does not fit its configuration ({CONFIG}): {listed}{more}"
+        raise StageError(f"{why}; get it again, or {ANEW}")
 
 
 @contextmanager
@@ -226,23 +215,15 @@ def _faults_of(path: Path) -> Iterator[None]:
         raise StageError(f"{path} describes no policy: {error}; get it again, or {ANEW}") from error
 
 
-def _check_whole(said: Mapping[str, Any], config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
-    """Raises ArgumentError that names a key which is not said: its value would not be that of then."""
-    meant = {"policy": config.learned, "acting": config.acted}
-    meant |= {"view": view.identity, "spec": identity_of(spec)}
+def _check(said: Mapping[str, Any], config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
+    """Raises ArgumentError that names a key which is not said: its value would not be that of then.
+
+    And where a policy would be told of arms or subgoals that its spec lacks.
+    """
+    meant = {"policy": config.learned, "acting": config.acted, "view": view.identity, "spec": spec.identity}
     if wrong := differing({key: said[key] for key in meant}, meant):
-        raise ArgumentError(
-            f"it is not as this version of the learner writes it: {'; '.join(wrong[:LISTED])}"
-        )
-
-
-def identity_of(spec: ObservationSpec) -> dict[str, Any]:
-    """A spec as the configuration of a policy says it: without what says nothing."""
-    return without(asdict(spec), subgoals=0, names=())
-
-
-def _check_spec(config: PolicyConfig, view: View, spec: ObservationSpec) -> None:
-    """Raises ArgumentError where a policy would be told of arms or subgoals that its spec lack."""
+        listed = "; ".join(wrong[:LISTED])
+        raise ArgumentError(f"it is not as this version of the learner writes it: {listed}")
     if config.context != bool(spec.bases):
         raise ArgumentError(f"context is {config.context}, and spec.bases are of {len(spec.bases)} arms")
     if spec.bases and max(view.agents) > len(spec.bases):
@@ -271,6 +252,5 @@ def write_small(folder: Path, target: Path) -> Path:
 
 def _require_model(folder: Path) -> None:
     if not (folder / MODEL).exists():
-        raise StageError(
-            f"no trained policy in {folder}: {MODEL} is missing; train it first (stages=[train])"
-        )
+        missing = f"no trained policy in {folder}: {MODEL} is missing"
+        raise StageError(f"{missing}; train it first (stages=[train])")

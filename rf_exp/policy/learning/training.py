@@ -5,15 +5,17 @@ number of step k comes from (seed, k) and every epoch's order from (seed, epoch)
 interruption needs no generator state and gives the same weights, bit for bit on a CPU.
 """
 
+import csv
 import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
 from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -21,7 +23,7 @@ from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from rf_exp.artifacts import digest, read_json
+from rf_exp.artifacts import digest, read_json, whole
 from rf_exp.errors import StageError
 from rf_exp.policy.config import LEARNER, PolicyConfig, TrainConfig
 from rf_exp.policy.examples.windows import Windows
@@ -36,11 +38,9 @@ from rf_exp.policy.learning.checkpoint import (
     claim,
     device_of,
     fill,
-    identity_of,
     read_tensors,
     write_tensors,
 )
-from rf_exp.policy.learning.curves import Curve, curves
 from rf_exp.policy.networks.interfaces import Draw
 from rf_exp.policy.networks.policy import Policy
 
@@ -48,6 +48,41 @@ if TYPE_CHECKING:
     from rf_exp.store import Store
 
 ORDER, CROPS, NOISE = range(3)  # streams of random numbers of a training
+
+
+@dataclass(frozen=True)
+class Curve:
+    """How training goes, averaged since the last one: a row of curves.csv."""
+
+    step: int
+    steps: int  # of the whole training
+    epoch: int
+    loss: float
+    learning_rate: float
+    samples_per_s: float  # windows
+    core_s: float  # CPU seconds since the beginning, of all threads
+
+
+COLUMNS = [each.name for each in fields(Curve)]
+
+
+def begin_curves(path: Path, step: int) -> None:
+    """A file of curves with the rows up to `step`: those beyond are of an interrupted run."""
+    kept: list[dict[str, Any]] = []
+    if path.exists():
+        with path.open(newline="") as file:
+            lines = [line for line in file if line.endswith("\n")]  # the last one may be half written
+        kept = [row for row in csv.DictReader(lines) if int(row["step"]) <= step]
+    with whole(path) as draft, draft.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS)
+        writer.writeheader()
+        writer.writerows(kept)
+
+
+def cost_s(folder: Path) -> float:
+    """CPU seconds that the training of a policy took."""
+    with (folder / CURVES).open(newline="") as file:
+        return max((float(row["core_s"]) for row in csv.DictReader(file)), default=0.0)
 
 
 def train(
@@ -74,7 +109,7 @@ def train(
         "policy": policy_config.learned,
         "acting": policy_config.acted,
         "view": view.identity,
-        "spec": identity_of(spec_of(policy_config, store, view)),
+        "spec": spec_of(policy_config, store, view).identity,
         "train": train_config.identity,
         "data": {"identity": store.identity, "seeds": np.asarray(store.seeds[:]).tolist()},
     }
@@ -87,11 +122,13 @@ def train(
         named = digest({**of_all, "fit": decides, "train": train_config.pace})
         training.first_fit = shared / f"{view.name}-{named}.safetensors"
     training.resume(folder / STATE)
-    with curves(folder / CURVES, training.step_number) as write, deferred_interrupt() as interrupted:
+    begin_curves(folder / CURVES, training.step_number)
+    with (folder / CURVES).open("a", newline="") as file, deferred_interrupt() as interrupted:
         while not training.done:
             curve = training.step()
             if curve is not None:
-                write(curve)
+                csv.DictWriter(file, COLUMNS).writerow(asdict(curve))
+                file.flush()
                 if progress is not None:
                     progress(curve)
             due = training.step_number % train_config.checkpoint_every == 0 and not training.done
@@ -237,7 +274,7 @@ class Training:
         self._learned = None
         self.fits[self._current - 1].settle()
         if self._current == 1 and self.first_fit is not None and not self.first_fit.exists():
-            self._write(self.first_fit, self._first.state_dict())
+            self._write(self.first_fit, self.fits[0].parts[0].state_dict())
 
     def _ema(self, parameters: Sequence[nn.Parameter]) -> EMAModel:
         """An average over time of parameters, from now on."""
@@ -270,12 +307,6 @@ class Training:
 
     # -- its state in files --------------------------------------------------------------------------
 
-    @property
-    def _first(self) -> nn.Module:
-        """What the first fit learns, of one that is shared."""
-        (part,) = self.fits[0].parts
-        return part
-
     def save(self, path: Path) -> None:
         """Write everything that `resume` needs."""
         tensors = {f"policy.{name}": value for name, value in self.policy.state_dict().items()}
@@ -289,33 +320,28 @@ class Training:
         write_tensors(path, tensors | {"loss": self._loss}, said)
 
     def resume(self, path: Path) -> None:
-        """Go on from a saved state, if there is one, else from a first fit that is there already.
-
-        Raises StageError for one that is of another training.
-        """
+        """Go on from a saved state, or a first fit, if there is one. Raises StageError for another's."""
         found = next((each for each in (path, self.first_fit) if each is not None and each.exists()), None)
         if found is None:
             return
+        tensors, metadata = read_tensors(found)
         try:
-            self._go_on(found, *read_tensors(found))
+            self.step_number = int(metadata["step"])
+            self._began_s -= float(metadata["core_s"])
+            self._loss.copy_(tensors.pop("loss"))
+            self._learned = None
+            if found == self.first_fit:
+                fill(self.fits[0].parts[0], tensors, found)
+                self._average = self._ema(self._parameters)
+            else:
+                self._restore(found, tensors)
+            for fit, last in zip(self.fits, self._bounds[1:], strict=True):
+                if last <= self.step_number < self.steps:
+                    fit.settle()
         except (LookupError, ValueError, RuntimeError) as error:
             raise StageError(
                 f"{found} does not fit this training ({error}); delete it and train again"
             ) from error
-
-    def _go_on(self, found: Path, tensors: dict[str, Tensor], metadata: Mapping[str, str]) -> None:
-        self.step_number = int(metadata["step"])
-        self._began_s -= float(metadata["core_s"])
-        self._loss.copy_(tensors.pop("loss"))
-        self._learned = None
-        if found == self.first_fit:
-            fill(self._first, tensors, found)
-            self._average = self._ema(self._parameters)
-        else:
-            self._restore(found, tensors)
-        for fit, last in zip(self.fits, self._bounds[1:], strict=True):
-            if last <= self.step_number < self.steps:
-                fit.settle()
 
     def _restore(self, found: Path, tensors: dict[str, Tensor]) -> None:
         """The weights, their averages and the moments of the optimiser, of a state that was saved."""

@@ -1,20 +1,28 @@
-"""The three interfaces of learning: an encoder of pictures, a head that predicts actions, a fit of them.
+"""The interfaces of learning: an encoder of pictures, a head that predicts actions, a fit; hidden layers.
 
 A policy is an encoder, a head and what lies between them (`rf_exp.policy.networks.policy`); it knows none by
 name. A training is a list of fits (`rf_exp.policy.learning.training`), composed by encoder and head.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-if TYPE_CHECKING:
-    from rf_exp.policy.examples.windows import Windows
+from rf_exp.policy.examples.windows import Windows
+
+
+def hidden(sizes: Sequence[int], dropout: float = 0.0) -> Iterator[nn.Module]:
+    """Linear layers between these sizes, each with Mish behind it."""
+    for inputs, outputs in pairwise(sizes):
+        yield from (nn.Linear(inputs, outputs), nn.Mish())
+        if dropout:
+            yield nn.Dropout(dropout)
 
 
 @dataclass(frozen=True)
@@ -27,10 +35,6 @@ class Draw:
     generator: torch.Generator
 
 
-def _nothing() -> None:
-    """Where nothing follows from what has been learned."""
-
-
 @dataclass(frozen=True)
 class Fit:
     """A stretch of training: these parts learn from this loss, and nothing else does."""
@@ -39,7 +43,8 @@ class Fit:
     loss: Callable[..., Tensor]  # of a Draw; of a head: of condition, actions and generator
     steps: int | None = None  # None: the training's own budget
     rate: float = 1.0  # of learning, as a multiple of the training's
-    settle: Callable[[], None] = _nothing  # once it is learned and averaged; doing it again changes nothing
+    # Once it is learned and averaged; doing it again changes nothing.
+    settle: Callable[[], None] = lambda: None
     # Of a first fit that other trainings may share: what decides it, beside data, view and pace of training.
     shared: Mapping[str, Any] | None = None
 
@@ -66,8 +71,8 @@ class Encoder(nn.Module):
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor | None]:
         """Features (B, F), and the places (B, M, 2), from 0 to 1, of what it finds there.
 
-        `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.rays`. None: as usual, of
-        one picture of each stream.
+        `rays` (B, K, 3, 4) say where the K cameras stand, see `rf_exp.policy.inputs.pictures`. None: as
+        usual, of one picture of each stream.
         """
         return self(pictures), None
 
@@ -79,16 +84,13 @@ class Encoder(nn.Module):
         """What the head is given (B, O, size) of features (B, O, F), where the context is (B, O, C)."""
         return features
 
-    def fit(self, examples: "Windows") -> Fit | None:
+    def fit(self, examples: Windows) -> Fit | None:
         """Its own fit, before all others, after which it stays as it is; None: it learns with the head."""
         return None
 
 
 class Head(nn.Module):
-    """A condition (B, C) -> a chunk of actions (B, T, A), normalised to [-1, 1].
-
-    Made with its configuration and the sizes C, T and A.
-    """
+    """A condition (B, C) -> actions (B, T, A) in [-1, 1]; made with its configuration, and C, T and A."""
 
     def loss(self, condition: Tensor, actions: Tensor, generator: torch.Generator) -> Tensor:
         """What is made small: of conditions (B, C) and the actions (B, T, A) that were right there."""

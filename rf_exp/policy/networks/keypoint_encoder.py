@@ -6,26 +6,25 @@ peak is a picture coordinate finer than a cell, and calibration says along which
 along is told by the height of the keypoint above the arm's base, which is learned (a hand grips what lies on
 a table as high wherever it lies), and by the ray of a second camera, where there is one. A camera that has
 moved, and whose calibration is known, sees as well as before.
+
+Heat maps cover the picture downsampled, so that they are cheap. What they have found to a pixel of that, crop
+refinement finds to a fraction of a pixel of the whole picture, by a few small squares of it.
 """
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, HEADING
+from rf_exp.policy.examples.windows import Labels, Windows
 from rf_exp.policy.inputs.observation_spec import ObservationSpec, near, of_agent
+from rf_exp.policy.inputs.pictures import inside_picture, scaled
 from rf_exp.policy.inputs.view import View
-from rf_exp.policy.networks.crop_refinement import CropRefinement
 from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit
-from rf_exp.policy.networks.layers import inside_picture, scaled
-from rf_exp.policy.networks.photometric import relit
-
-if TYPE_CHECKING:
-    from rf_exp.policy.examples.windows import Labels, Windows
 
 CHANNELS = 32
 POOLED = 32  # numbers that describe what is seen at a keypoint
@@ -40,6 +39,12 @@ LEAST_SPREAD_M = 0.005  # of heights, to which they are scaled: less is noise
 RAY_STD_M, PRIOR_STD_M = 0.005, 0.5
 LEAST_ERROR_M = 0.001  # of a height
 DECAY = 0.99  # of how far heights are off, from one batch to the next
+# Of crop refinement: channels; pixels of the picture to a cell of a square; and in training, how far the
+# middle of a square is from its keypoint at most, as a part of its side.
+WIDE, STRIDE, REACH = 16, 2, 0.25
+# Another light. Half ranges of logarithms, but for the grey: a pilot with these held from 0.35 to 1.5 times
+# the usual light.
+GAIN, TINT, GAMMA, GREY = (-0.7, 0.5), (-0.3, 0.3), (-0.4, 0.4), (0.0, 0.5)
 
 
 class _Dilated(nn.Module):
@@ -69,6 +74,52 @@ class _Each(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         flat = x.flatten(1)[..., None]
         return (self.bent(flat) + self.straight(flat)).reshape(*x.shape[:2], -1)
+
+
+class CropRefinement(nn.Module):
+    """Squares of `side` pixels round K places of a picture -> where in them the K points are."""
+
+    def __init__(self, points: int, side: int) -> None:
+        super().__init__()
+        self._side = side
+
+        def layer(inputs: int, size: int, stride: int = 1, apart: int = 1) -> nn.Sequential:
+            return nn.Sequential(
+                nn.Conv2d(inputs, WIDE, size, stride, apart * (size // 2), apart, bias=False),
+                nn.GroupNorm(4, WIDE),
+                nn.ReLU(),
+            )
+
+        self.trunk = nn.Sequential(layer(3, 5, STRIDE), layer(WIDE, 3), layer(WIDE, 3, apart=2))
+        # Each point has a map of its own: one product of what is seen with K vectors, of which one counts.
+        self.points = nn.Parameter(torch.randn(points, WIDE) / WIDE**0.5)
+
+    def forward(self, pictures: Tensor, places: Tensor) -> Tensor:
+        """Of pictures (B, 3, H, W), places (B, K, 2) from 0 to 1 -> the places looked at again (B, K, 2)."""
+        size = torch.tensor(pictures.shape[:1:-1], device=places.device)  # W, H
+        corners = (places.detach() * size - self._side / 2).round().long()
+        corners = corners.clamp_min(0).minimum(size - self._side)  # (B, K, 2) upper left: wholly inside
+        along = torch.arange(self._side, device=places.device)
+        columns, rows = (corners[..., axis, None] + along for axis in (0, 1))  # (B, K, side)
+        which = torch.arange(len(places), device=places.device)[:, None, None, None]
+        squares = pictures.permute(0, 2, 3, 1)[which, rows[..., :, None], columns[..., None, :]]
+        seen = self.trunk(squares.flatten(0, 1).permute(0, 3, 1, 2)).unflatten(0, places.shape[:2])
+        maps = torch.einsum("bkchw,kc->bkhw", seen, self.points)
+        maps = functional.softmax(maps.flatten(2), dim=2).view_as(maps)
+        # Of the pixel at which a kernel stands.
+        rows, columns = (STRIDE * torch.arange(count, device=maps.device) + 0.5 for count in maps.shape[2:])
+        within = torch.stack([maps.sum(dim=2) @ columns, maps.sum(dim=3) @ rows], dim=2)
+        return (corners + within) / size
+
+    def loss(self, pictures: Tensor, places: Tensor, true: Tensor) -> Tensor:
+        """How far in pixels the places are off the true ones (B, K, 2), of which NaN counts for nothing."""
+        known = inside_picture(true)
+        size = torch.tensor(pictures.shape[:1:-1], device=places.device)
+        reach = REACH * self._side / size
+        true = torch.where(known[..., None], true, places.detach())
+        near = true + (places.detach() - true).clamp(-reach, reach)
+        off = (self(pictures, near) - true)[known] * size
+        return off.abs().mean() if len(off) else places.sum() * 0.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +185,7 @@ class KeypointEncoder(Encoder):
     def usual_rays(self) -> Tensor:
         return self.usual
 
-    def fit(self, examples: "Windows") -> Fit | None:
+    def fit(self, examples: Windows) -> Fit | None:
         config = self._config
         self.fit_points(examples.pixels, examples.points)
         self.usual.copy_(examples.usual_rays)
@@ -144,7 +195,8 @@ class KeypointEncoder(Encoder):
         def loss(draw: Draw) -> Tensor:
             pictures, rays, labels = examples.labelled(draw.windows, config.shift_px, draw.rng)
             seen = scaled(pictures)
-            seen = relit(seen, config.photometric, draw.rng) if config.photometric else seen
+            if config.photometric:
+                seen = relit(seen, config.photometric, draw.rng)
             return self.loss(seen, rays, labels)
 
         decides = {key: value for key, value in asdict(config).items() if key != "noise"}
@@ -157,7 +209,7 @@ class KeypointEncoder(Encoder):
         seen = self.trunk(pictures)
         return self.maps(seen), seen
 
-    def read(self, maps: Tensor, seen: Tensor, rays: Tensor) -> "_Read":
+    def read(self, maps: Tensor, seen: Tensor, rays: Tensor) -> _Read:
         """What maps and cells say, where the cameras stand so."""
         chance = maps.flatten(2).softmax(dim=2).unflatten(2, maps.shape[2:])
         near = _peaks(chance)
@@ -175,9 +227,8 @@ class KeypointEncoder(Encoder):
             doing = doing.unflatten(1, (self._others, -1))
         places, sure = torch.stack([x, y], dim=2), total[:, :: len(HAND)]
         with torch.no_grad():
-            usual = self.triangulate(rays, places, sure, self.centre[:, 2].expand(len(maps), -1))[
-                :, :: len(HAND)
-            ]
+            heights = self.centre[:, 2].expand(len(maps), -1)
+            usual = self.triangulate(rays, places, sure, heights)[:, :: len(HAND)]
         overview = cells.mean(dim=1, keepdim=True).expand(-1, pooled.shape[1], -1)
         camera = rays.flatten(2).repeat_interleave(self.keypoints, dim=1)
         about = torch.cat([pooled, overview, usual.repeat(1, self._cameras, 1), camera], dim=2)
@@ -217,12 +268,6 @@ class KeypointEncoder(Encoder):
         """(B, K, M * P) of each point, from that of its keypoint (B, K * M)."""
         return sure.unflatten(1, (self._cameras, -1)).repeat_interleave(len(HAND), dim=2)
 
-    def heights(self, read: "_Read") -> Tensor:
-        """(B, M * P) m, as all cameras tell, each as far as it is to be trusted."""
-        trust = self._trust(read.sure)
-        told = (read.rise.unflatten(1, (self._cameras, -1)) * trust).sum(dim=1) / trust.sum(dim=1)
-        return self.centre[:, 2] + self.spread * told
-
     def see(self, pictures: Tensor, rays: Tensor | None) -> tuple[Tensor, Tensor]:
         """Features (B, F), and the places of all points in the pictures (B, K * M * P, 2), from 0 to 1."""
         rays = self.usual if rays is None else rays
@@ -230,16 +275,19 @@ class KeypointEncoder(Encoder):
         places = read.places
         if self.crop_refinement is not None:
             places = self.crop_refinement(pictures, places)
-        points = self.triangulate(rays, places, read.sure, self.heights(read)).unflatten(1, (-1, len(HAND)))
+        trust, by_camera = self._trust(read.sure), (1, (self._cameras, -1))
+        rise = (read.rise.unflatten(*by_camera) * trust).sum(dim=1) / trust.sum(dim=1)
+        heights = self.centre[:, 2] + self.spread * rise
+        points = self.triangulate(rays, places, read.sure, heights).unflatten(1, (-1, len(HAND)))
         tcp = points[:, :, :1]
         hands = torch.cat([tcp, points[:, :, 1:] - tcp], dim=2).flatten(2)
-        sure = read.sure.unflatten(1, (self._cameras, -1))[..., None]
-        headings = (read.headings.unflatten(1, (self._cameras, -1)) * sure).sum(dim=1) / sure.sum(dim=1)
+        sure = read.sure.unflatten(*by_camera)[..., None]
+        headings = (read.headings.unflatten(*by_camera) * sure).sum(dim=1) / sure.sum(dim=1)
         features = torch.cat([hands, headings, sure.amax(dim=1)], dim=2)
         features = torch.cat([features.flatten(1), read.doing.softmax(dim=2).flatten(1)], dim=1)
         return features, places
 
-    def loss(self, pictures: Tensor, rays: Tensor, labels: "Labels") -> Tensor:
+    def loss(self, pictures: Tensor, rays: Tensor, labels: Labels) -> Tensor:
         """Of pictures in which this is to be seen, by cameras that stand so."""
         maps, seen = self.look(pictures)
         found, inside = self.read(maps, seen, rays), inside_picture(labels.pixels)
@@ -251,7 +299,10 @@ class KeypointEncoder(Encoder):
         turn = (found.headings - labels.headings)[hands].abs().sum() / (HEADING * hands.sum().clamp(min=1))
         centre, spread = (each.repeat(self._cameras) for each in (self.centre[:, 2], self.spread))
         above = (found.rise - (labels.points[..., 2] - centre) / spread).abs()
-        self._update_error(above.detach() * spread, inside)
+        by_camera, off_m = (1, (self._cameras, -1)), (above.detach() * spread).where(inside, 0)
+        count = inside.unflatten(*by_camera).sum(dim=(0, 1))
+        error = self.height_error.lerp(off_m.unflatten(*by_camera).sum(dim=(0, 1)) / count, 1 - DECAY)
+        self.height_error.copy_(torch.where(count > 0, error, self.height_error))
         rise = above[inside].mean()
         loss = cross + PIXEL_WEIGHT * off + HEADING_WEIGHT * turn + HEIGHT_WEIGHT * rise
         if self.crop_refinement is not None:
@@ -259,16 +310,6 @@ class KeypointEncoder(Encoder):
         if self.tell is None:
             return loss
         return loss + functional.cross_entropy(found.doing.mT, labels.doing)
-
-    def _update_error(self, off_m: Tensor, inside: Tensor) -> None:
-        """How far heights (B, K * M * P) are off, of what is in the picture, in the mean of many batches."""
-        off_m, count = (
-            each.unflatten(1, (self._cameras, -1)).sum(dim=(0, 1))
-            for each in (off_m.where(inside, 0), inside)
-        )
-        self.height_error.copy_(
-            torch.where(count > 0, self.height_error.lerp(off_m / count, 1 - DECAY), self.height_error)
-        )
 
     def perturbed(self, features: Tensor, generator: torch.Generator) -> Tensor:
         """With noise on the places of keypoints, one draw for all frames of a window."""
@@ -294,6 +335,19 @@ class KeypointEncoder(Encoder):
             offset = ahead[..., :3] - tcp[..., :3]
             parts += [ahead, offset, near(offset)]
         return torch.cat(parts, dim=2)
+
+
+def relit(pictures: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
+    """Pictures (B, 3, H, W) in [-1, 1], each otherwise exposed, coloured, contrasted and saturated."""
+
+    def drawn(span: tuple[float, float], channels: int = 1) -> Tensor:
+        values = strength * rng.uniform(*span, (len(pictures), channels, 1, 1))
+        return torch.from_numpy(values).to(pictures)
+
+    gain, gamma, grey = (drawn(GAIN) + drawn(TINT, 3)).exp(), drawn(GAMMA).exp(), drawn(GREY)
+    seen = (pictures + 1) / 2
+    seen = torch.lerp(seen, seen.mean(dim=1, keepdim=True), grey)
+    return 2 * (gain * seen**gamma).clamp(max=1) - 1
 
 
 def _peaks(chance: Tensor) -> Tensor:

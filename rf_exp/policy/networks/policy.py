@@ -11,15 +11,15 @@ from functools import partial
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from rf_exp.errors import StageError
 from rf_exp.policy.config import ENCODERS, HEADS, PolicyConfig, name_of
 from rf_exp.policy.examples.windows import Batch, Windows, action_origin
 from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec
+from rf_exp.policy.inputs.pictures import scaled
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
-from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head
-from rf_exp.policy.networks.layers import scaled
-from rf_exp.policy.networks.transitions import TransitionPredictor
+from rf_exp.policy.networks.interfaces import Draw, Encoder, Fit, Head, hidden
 from rf_exp.types import ARM_JOINTS
 
 LEAST_RANGE = 0.02  # rad or m: a joint that hardly moves is centred, its noise not blown up to [-1, 1]
@@ -68,6 +68,40 @@ class Normaliser(nn.Module):
         self.fastest.copy_(windows.fastest())
 
 
+class TransitionPredictor(nn.Module):
+    """Of n own agents: a condition (B, C) -> which of K subgoals, and whether it may go on (n, K + 1)."""
+
+    def __init__(self, condition: int, agents: int, size: int, dropout: float) -> None:
+        """`size` is K + 1."""
+        super().__init__()
+        self._agents, self._size = agents, agents * size
+        self.layers = nn.Sequential(*hidden([condition, 256, 256], dropout), nn.Linear(256, self._size))
+
+    def hide(self, context: Tensor) -> Tensor:
+        """Context (..., C) without what is predicted."""
+        return functional.pad(context[..., : -self._size], (0, self._size))
+
+    def tell(self, context: Tensor, numbers: Tensor, free: Tensor) -> Tensor:
+        """Context (B, O, C) with the subgoals (B, n) of the own agents and whether they may go on (B, n)."""
+        subgoal = functional.one_hot(numbers, self._size // self._agents - 1)
+        phase = torch.cat([subgoal, free[..., None]], dim=2).flatten(1).to(context.dtype)
+        said = phase[:, None].expand(-1, context.shape[1], -1)
+        return torch.cat([context[..., : -self._size], said], dim=2)
+
+    def loss(self, condition: Tensor, context: Tensor, weights: Tensor) -> Tensor:
+        """Cross entropy, of conditions without what is said in the context; windows count by weights (B,)."""
+        found = self.layers(condition).float().unflatten(1, (self._agents, -1)).flatten(0, 1)
+        phase = context[:, -1, -self._size :].reshape(found.shape)
+        subgoal = functional.cross_entropy(found[:, :-1], phase[:, :-1], reduction="none")
+        free = functional.binary_cross_entropy_with_logits(found[:, -1], phase[:, -1], reduction="none")
+        return (weights.repeat_interleave(self._agents) * (subgoal + free)).mean()
+
+    def chances(self, condition: Tensor) -> Tensor:
+        """How likely each is at each subgoal and, in the last column, that it may go on (B, n, K + 1)."""
+        found = self.layers(condition).unflatten(1, (self._agents, -1))
+        return torch.cat([found[..., :-1].softmax(dim=2), found[..., -1:].sigmoid()], dim=2)
+
+
 class Policy(nn.Module):
     """One policy of a view: actions (T, A) from O frames of pictures, proprioception and context.
 
@@ -93,9 +127,8 @@ class Policy(nn.Module):
 
     def fits(self, examples: Windows) -> list[Fit]:
         """How it is learned, one fit after the other: an encoder that can be learned alone, then the head."""
-        found, joined = [], [self.encoder]
+        found, joined, config = [], [self.encoder], self.config
         if (first := self.encoder.fit(examples)) is not None:
-            config = self.config
             picture = [config.height, config.width]
             shared = first.shared and {name_of(config.encoder): first.shared, "picture": picture}
             settle = partial(self._settle_encoder, examples, first.settle)
@@ -115,7 +148,8 @@ class Policy(nn.Module):
     ) -> Tensor:
         """What the head learns from a draw, and the predictor of transitions beside it."""
         batch = examples.batch(draw.windows, draw.rng)
-        loss = of_head(self._observed(batch, draw.generator), self._targets(batch), draw.generator)
+        targets = self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
+        loss = of_head(self._observed(batch, draw.generator), targets, draw.generator)
         if loss.dim():
             raise self._wrong_head(f"gives a loss of shape {tuple(loss.shape)}; expected one number")
         if beside is None:
@@ -133,25 +167,17 @@ class Policy(nn.Module):
 
     def _observed(self, batch: Batch, generator: torch.Generator) -> Tensor:
         """The condition (B, C) of a batch, with the noise of training on it."""
-        features, proprio, device = self._features(batch), batch.proprio, batch.proprio.device
+        features, proprio, device = batch.features, batch.proprio, batch.proprio.device
+        if features is None:
+            features = proprio.new_zeros(*batch.frames.shape, 0)
+            if self.encoder.features:
+                features = self.encode(batch.pictures, batch.rays)[batch.frames]
         if noise := self.config.proprio_noise:
             # One shift for a window: it makes the policy look at the pictures rather than infer the goal from
             # its own pose.
             shift = torch.randn(len(batch), 1, proprio.shape[2], generator=generator, device=device)
             proprio = proprio + noise * self.normaliser.proprio.radius * shift
         return self.condition(self.encoder.perturbed(features, generator), proprio, batch.context)
-
-    def _features(self, batch: Batch) -> Tensor:
-        """(B, O, F) of a batch."""
-        if batch.features is not None:
-            return batch.features
-        if self.encoder.features:
-            return self.encode(batch.pictures, batch.rays)[batch.frames]
-        return batch.proprio.new_zeros(*batch.frames.shape, 0)
-
-    def _targets(self, batch: Batch) -> Tensor:
-        """The normalised actions (B, T, A) of a batch."""
-        return self.normaliser.action.normalise(batch.action - self._origin(batch.proprio, batch.context))
 
     # -- both ----------------------------------------------------------------------------------------
 
@@ -160,13 +186,14 @@ class Policy(nn.Module):
         return self.encoder.see(scaled(pictures), rays)[0]
 
     def encode_whole(self, pictures: Tensor, rays: Tensor | None = None) -> Tensor:
-        """Uncropped uint8 pictures (U, H, W, 3), and the rays of their cameras -> features (U, F)."""
-        return self.encode(self._centres(pictures), rays)
+        """Features (U, F) alone of what `look` sees."""
+        return self.look(pictures, rays)[0]
 
-    def _centres(self, pictures: Tensor) -> Tensor:
+    def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
+        """Features (U, F) of the centres of uint8 pictures (U, H, W, 3), and the points found (U, M, 2)."""
         height, width = self.config.cropped(*pictures.shape[1:3])
         top, left = (pictures.shape[1] - height) // 2, (pictures.shape[2] - width) // 2
-        return pictures[:, top : top + height, left : left + width]
+        return self.encoder.see(scaled(pictures[:, top : top + height, left : left + width]), rays)
 
     def condition(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor:
         """Features (B, O, F), proprioception (B, O, P) and context (B, O, C), all raw -> (B, condition)."""
@@ -184,10 +211,6 @@ class Policy(nn.Module):
         return action_origin(proprio, context if self.config.task_space_actions else None)
 
     # -- acting --------------------------------------------------------------------------------------
-
-    def look(self, pictures: Tensor, rays: Tensor | None = None) -> tuple[Tensor, Tensor | None]:
-        """Features of pictures (U, H, W, 3), and where in them the encoder sees its points: (U, M, 2)."""
-        return self.encoder.see(scaled(self._centres(pictures)), rays)
 
     @torch.inference_mode()
     def chances(self, features: Tensor, proprio: Tensor, context: Tensor) -> Tensor | None:
