@@ -3,7 +3,8 @@
 A `Declaration` names whose joints, which objects and which cameras; `observe` makes a frozen `Observation`
 of that. Policies of the suite declare what their view and recipe need. Environments and policies of others
 declare by `Observations`, and are given a dictionary with the keys of the store: `qpos` and `qvel`,
-`pose_<object>`, `rgb_<camera>`; then `depth_<camera>`, `segmentation_<camera>` and `language`.
+`pose_<object>`, `rgb_<camera>`; then `depth_<camera>`, `segmentation_<camera>`, `world_from_base`,
+`world_from_camera_<camera>`, `intrinsics_<camera>` and `language`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -41,7 +42,8 @@ class Declaration:
     segmentation: bool = False
     language: str = ""  # the task, in a sentence or two
     coordinated: tuple[int, ...] = ()  # agents of which a coordinator says what they are to do
-    calibrated: bool = False  # where the arms stand, and its cameras, if that is known
+    calibrated: bool = False  # where the arms stand, and its cameras, if that is known,
+    usual: Calibration | None = None  # and what it is handed of that where nobody knows
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,15 @@ class Observations:
 
     `state`: `full` is all joints and the poses of all objects, `joints` what an arm measures of itself,
     `none` neither. `pictures`, `depth` and `segmentation` are taken by `cameras`, as `width` x `height` px;
-    without them nothing is drawn, and no Vulkan device is needed.
+    without them nothing is drawn, and no Vulkan device is needed. `calibration` says where arms and cameras
+    stand, or where they usually do if `variation.calibration` is `unknown`.
     """
 
     state: State = "full"
     pictures: bool = False  # (H, W, 3) uint8, RGB
     depth: bool = False  # (H, W) float32, metres along the viewing direction, to the millimetre; 0 is nothing
     segmentation: bool = False  # (H, W) uint8, numbers of `labels`
+    calibration: bool = False  # (4, 4) float32 poses in the world, m, OpenCV axes; (3, 3) of pixels
     language: bool = False  # the task, in a sentence or two
     cameras: CameraChoice = "all"  # all | local (those of the agents) | global
     width: int = 320
@@ -83,9 +87,13 @@ class Observations:
         if self.state not in get_args(State):
             raise choices("state", self.state, get_args(State))
         Pictures(self.width, self.height, self.draws, self.cameras)  # looks at its arguments
-        if self.state == "none" and not (self.draws or self.language):
+        if self.state == "none" and not (self.draws or self.calibration or self.language):
             raise ArgumentError(
-                "nothing is observed; expected state, pictures, depth, segmentation or language"
+                "nothing is observed; expected state, pictures, depth, segmentation, calibration or language"
+            )
+        if self.calibration and not self.draws:
+            raise ArgumentError(
+                "calibration is observed, and no camera is; expected pictures, depth or segmentation"
             )
 
     @property
@@ -94,14 +102,21 @@ class Observations:
         return self.pictures or self.depth or self.segmentation
 
     def declared(self, task: Task) -> Declaration:
-        """The same for the agents, objects and cameras of a task."""
+        """The same for the agents, objects and cameras of a task.
+
+        Raises ArgumentError where a calibration is asked for that has no usual one.
+        """
+        cameras = tuple(camera_names(self.cameras, len(task.agents))) if self.draws else ()
+        unknown = self.calibration and task.variation.calibration == "unknown"
         return Declaration(
             agents=task.agents if self.state != "none" else (),
             velocities=self.state != "none",
             objects=tuple(task.objects) if self.state == "full" else (),
-            cameras=tuple(camera_names(self.cameras, len(task.agents))) if self.draws else (),
+            cameras=cameras,
             **{kind: getattr(self, kind) for kind in IMAGES},
             language=task.description if self.language else "",
+            calibrated=self.calibration,
+            usual=task.calibration(cameras, (self.width, self.height)) if unknown else None,
         )
 
     def keyed(self, observation: Observation) -> ObservationDict:
@@ -114,6 +129,11 @@ class Observations:
             shown[f"pose_{name}"] = np.array(position_and_quaternion(pose), np.float32)
         for key, kind in zip(("rgb", "depth", "segmentation"), IMAGES, strict=True):
             shown |= {f"{key}_{name}": image.copy() for name, image in getattr(observation, kind).items()}
+        if (stands := observation.calibration) is not None:
+            shown["world_from_base"] = np.stack(stands.world_from_base).astype(np.float32)
+            for name, camera in stands.cameras.items():
+                shown[f"world_from_camera_{name}"] = camera.world_from_camera.astype(np.float32)
+                shown[f"intrinsics_{name}"] = camera.intrinsics.astype(np.float32)
         if self.language:
             shown["language"] = observation.language
         return shown
@@ -152,11 +172,11 @@ def observe(
 
 
 def _calibration(world: World, declared: Declaration) -> Calibration | None:
-    """Where the arms of a world stand, and the declared cameras, unless that is unknown."""
+    """Where the arms of a world stand, and the declared cameras; if that is unknown, what is usual."""
     if not declared.calibrated or not isinstance(world, MeasuredWorld):
         return None
     if world.task.variation.calibration == "unknown":
-        return None
+        return declared.usual
     cameras = world.camera_models()
     bases = _copies(dict(enumerate(robot.world_from_base for robot in world.task.robots)))
     eyes = _copies({name: cameras[name].world_from_camera for name in declared.cameras})

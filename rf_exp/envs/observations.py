@@ -51,6 +51,11 @@ def space(seen: Observations, task: Task, agent: int | None = None) -> spaces.Di
     if seen.segmentation:
         last = len(labels(task)) - 1
         shown |= {f"segmentation_{name}": spaces.Box(0, last, size, np.uint8) for name in names}
+    if seen.calibration:
+        poses = {"world_from_base": (len(task.agents), 4, 4)}
+        poses |= {f"world_from_camera_{name}": (4, 4) for name in names}
+        poses |= {f"intrinsics_{name}": (3, 3) for name in names}
+        shown |= {key: _unbounded(shape) for key, shape in poses.items()}
     if seen.language:
         count = len(task.description)
         shown["language"] = spaces.Text(count, min_length=count, charset=frozenset(task.description))
@@ -82,17 +87,23 @@ def of_agent(seen: Observations, task: Task, agent: int) -> Callable[[Observatio
     `full` the rows of joints are the agent's own first, then the others'.
     """
     order = np.array(_own_first(task, agent)) - 1
-    local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in ("rgb", "depth", "segmentation")}
-    joints = {"qpos", "qvel"} if seen.state == "joints" or len(task.agents) > 1 else set[str]()
+    kinds = "rgb", "depth", "segmentation", "world_from_camera", "intrinsics"
+    local = {f"{kind}_local": f"{kind}_agent{agent}" for kind in kinds}
+    several = len(task.agents) > 1
+    joints = {"qpos", "qvel"} if seen.state == "joints" or several else set[str]()
     alone = {"language", *local} if agent < len(task.agents) else set(space(seen, task, agent))
 
-    def rows(all_joints: NDArray[np.float32]) -> NDArray[np.float32]:
-        return all_joints[agent - 1].copy() if seen.state == "joints" else all_joints.take(order, axis=0)
+    def own_first(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        return rows.take(order, axis=0)
 
-    parts: list[tuple[str, str, Callable[[NDArray], NDArray] | None]] = [
-        (key, local.get(key, key), rows if key in joints else None if key in alone else np.ndarray.copy)
-        for key in space(seen, task, agent)
-    ]
+    def of(key: str) -> Callable[[NDArray], NDArray] | None:
+        if key in joints:
+            return (lambda rows: rows[agent - 1].copy()) if seen.state == "joints" else own_first
+        if key == "world_from_base" and several:
+            return own_first
+        return None if key in alone else np.ndarray.copy
+
+    parts = [(key, local.get(key, key), of(key)) for key in space(seen, task, agent)]
 
     def take(whole: ObservationDict) -> ObservationDict:
         return {key: whole[name] if own is None else own(whole[name]) for key, name, own in parts}

@@ -13,7 +13,9 @@ pytestmark = [
     pytest.mark.filterwarnings("error"),
     pytest.mark.filterwarnings("ignore:.*Box observation space m.* value is -?infinity"),
 ]
-SMALL = Observations(pictures=True, depth=True, segmentation=True, language=True, width=32, height=24)
+SMALL = Observations(
+    pictures=True, depth=True, segmentation=True, calibration=True, language=True, width=32, height=24
+)
 
 
 @pytest.mark.slow
@@ -35,7 +37,7 @@ def test_pettingzoo_accepts_every_task(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.render
 @pytest.mark.parametrize("name", ["lift_barrier", "take_photo"])
-def test_both_accept_pictures_depth_segmentation_and_language(name: str) -> None:
+def test_both_accept_all_that_can_be_observed(name: str) -> None:
     env = gymnasium.make(environment_id(name), observations=SMALL, render_mode="rgb_array")
     check_env(env.unwrapped)
     env.close()

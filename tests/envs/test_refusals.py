@@ -19,6 +19,7 @@ from rf_exp.errors import ArgumentError
         (lambda: Observations(cameras="wrist"), "unknown cameras 'wrist'; available: all, global, local"),  # pyright: ignore
         (lambda: Observations(width=5), "picture.width is 5; possible are 16 to 2048 pixels"),
         (lambda: Observations(state="none"), "nothing is observed; expected state, pictures, depth"),
+        (lambda: Observations(calibration=True), "calibration is observed, and no camera is"),
         (lambda: CentralEnv("lift_barier"), "unknown task 'lift_barier'; available: camera_alignment, lift"),
         (lambda: register("no/such.yaml"), "task 'no/such.yaml': there is no such file"),
         (lambda: CentralEnv("pick_meat", step_limit=0), "step_limit is 0; expected at least 1 control step"),

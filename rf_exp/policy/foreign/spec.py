@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, get_args
 
+from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.observations import Observations, State
 from rf_exp.secrets import check_policy_server
@@ -49,8 +50,9 @@ class Foreign:
     @property
     def identity(self) -> dict[str, Any]:
         """What decides its rollouts. Where its server is, is not among it: the name stands for the policy."""
-        fields = ("name", "factory", "options", "action_steps", "observations")
-        return {key: value for key, value in asdict(self).items() if key in fields}
+        fields = ("name", "factory", "options", "action_steps")
+        shown = without(asdict(self.observations), calibration=False)
+        return {**{name: getattr(self, name) for name in fields}, "observations": shown}
 
     @property
     def observation(self) -> str:

@@ -11,7 +11,7 @@ A task is `conf/task/<name>.yaml` (what stands where) and `rf_exp/tasks/<name>.p
     paper(scene, start, task)     the paper's criterion
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib import import_module
@@ -30,7 +30,7 @@ from rf_exp.tasks.task.specs import CameraSpec, ObjectSpec, Randomisation, Robot
 from rf_exp.tasks.task.start import Start, start_of
 from rf_exp.tasks.task.variation import NONE, Variation, cluttered, moved
 from rf_exp.transforms import Matrix, inverse
-from rf_exp.types import Scene
+from rf_exp.types import Calibration, CameraModel, Scene
 
 APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
 
@@ -161,6 +161,21 @@ class Task:
         if camera.mount == "world":
             return camera.world_from_camera
         return self.robots[int(name.removeprefix("agent")) - 1].model.hand.from_camera
+
+    def calibration(self, cameras: Sequence[str], size_px: tuple[int, int]) -> Calibration:
+        """Where the arms stand, and these cameras, of pictures of this width and height.
+
+        Raises ArgumentError for a camera that moves with a hand.
+        """
+        if riding := [name for name in cameras if self.cameras[name].mount != "world"]:
+            raise ArgumentError(f"camera {riding[0]!r} moves with a hand: it has no place of its own")
+        models = {
+            name: CameraModel(
+                *size_px, float(np.deg2rad(self.cameras[name].fov_deg)), self.parent_from_camera(name)
+            )
+            for name in cameras
+        }
+        return Calibration(tuple(robot.world_from_base for robot in self.robots), models)
 
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
         """Named places of this task: world_from_object (4, 4) of what is put there."""
