@@ -39,7 +39,7 @@ class LoadedScene:
         self._knocks: dict[tuple[str, str], float] = {}  # with clutter, in the last control step: N
         start = joints_of(env.start.qpos)
         held = np.hstack([start, np.full((len(start), 1), GRIPPER_OPEN)])  # (N, A)
-        self.devices = Devices(env.start, held)
+        self.devices = Devices(env.start, held, tuple(env.task.cameras))
         self.command = self.devices.command_of(held)
         self._env = env
         self.physics: Any = env.scene.px

@@ -32,6 +32,38 @@ def test_commands_that_are_late_are_carried_out_as_many_steps_later() -> None:
     assert (np.diff(commands[:, :, 1], axis=0) > 0).all()  # what was commanded is told, not what is under way
 
 
+def impaired(variation: Variation) -> int:
+    """The row of the arm that is drawn."""
+    found = replace(CLEAN, variation=variation).start(SEED).devices.impaired
+    assert found is not None
+    return found.agent - 1
+
+
+def test_one_arm_alone_is_late() -> None:
+    variation = Variation("late_arm", arm_delay_s=0.2)
+    (exact, _), (late, _), row = moved(NONE), moved(variation), impaired(variation)
+    np.testing.assert_allclose(late[4:, row], exact[:-4, row], atol=1e-4)
+    np.testing.assert_allclose(late[:, 1 - row], exact[:, 1 - row], atol=1e-6)
+
+
+def test_one_arm_alone_is_slow() -> None:
+    """It is sent on by 0.02 rad a step, and follows by 0.01."""
+    variation = Variation("slow_arm", arm_speed_rad_s=0.2)
+    (exact, _), (slow, _), row = moved(NONE), moved(variation), impaired(variation)
+    way = slow[-1, row, [1, 3]] - slow[0, row, [1, 3]]
+    np.testing.assert_allclose(way, (exact[-1, row, [1, 3]] - exact[0, row, [1, 3]]) / 2, rtol=0.1)
+    np.testing.assert_allclose(slow[:, 1 - row], exact[:, 1 - row], atol=1e-6)
+
+
+@pytest.mark.render
+def test_the_camera_of_one_agent_alone_is_dark() -> None:
+    variation = Variation("dark_camera", camera_dark=True)
+    with Simulator(replace(CLEAN, variation=variation), width_px=32, height_px=24) as world:
+        world.reset(SEED)
+        bright = {name: picture.max() > 0 for name, picture in world.images().items()}
+    assert [name for name, seen in bright.items() if not seen] == [f"agent{impaired(variation) + 1}"]
+
+
 def test_joints_that_measure_wrongly_go_where_they_believe_to_be_sent() -> None:
     variation = Variation("encoders", joint_offset_deg=2.0)
     exact, _ = moved(NONE)

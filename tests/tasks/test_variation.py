@@ -8,7 +8,7 @@ import pytest
 from rf_exp.artifacts import without
 from rf_exp.errors import ArgumentError
 from rf_exp.tasks import NONE, Task, Variation, drawn_of, read_variation, scene_certificate
-from rf_exp.tasks.task.variation import EXACT, MOVING, draw
+from rf_exp.tasks.task.variation import EXACT, MOVING, draw, keys_of
 from rf_exp.types import Light, joints_of
 from tests.conftest import CONF, experiment, read_task
 
@@ -53,7 +53,18 @@ def test_the_choice_full_has_every_factor() -> None:
         "clutter_set",
         "clutter_area_m",
         "calibration",
+        *keys_of("one_arm"),
     }
+
+
+def test_any_arm_may_be_the_one_that_is_late() -> None:
+    task = varied("take_photo", "late_arm")
+    late = [draw(task, seed).devices.impaired for seed in SEEDS]
+    assert {each.agent for each in late if each is not None} == {*task.agents}
+    assert {(each.delay_steps, each.dark) for each in late if each is not None} == {(20, False)}
+    said = scene_certificate(task, 0)["drawn"]["devices"]["impaired"]
+    assert said == drawn_of(task, 0)["devices"]["impaired"] and said["delay_steps"] == 20
+    assert "impaired" not in scene_certificate(varied("take_photo", "full"), 0)["drawn"]["devices"]
 
 
 @pytest.mark.parametrize("name", PARTS)

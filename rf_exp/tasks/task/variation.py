@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from rf_exp.tasks.task.task import Task
 
 FACTORS = ("table", "bases", "posture", "cameras", "sensors", "actuators", "appearance", "light")
-FACTORS += ("instances", "clutter")
+FACTORS += ("instances", "clutter", "one_arm")
 SHOWN = ("cameras", "sensors", "appearance", "light")  # factors that pictures alone show
 MOVES = ("table", "bases", "cameras", "instances")  # factors that `Task.of` applies
 Textures = Literal["plain", "seen", "unseen"]
@@ -103,6 +103,11 @@ class Variation:
     clutter_set: TextureSet = field(default="seen", metadata={"factor": "clutter"})
     # Along x and y, from the middle of where objects start.
     clutter_area_m: tuple[float, float] = key("clutter", (0.6, 0.8))
+    # Of one arm, drawn: by how much its commands are late, above which speed no joint of it follows (0: there
+    # is none), and whether its camera shows nothing.
+    arm_delay_s: float = bounded("one_arm", 5.0)
+    arm_speed_rad_s: float = bounded("one_arm", 10.0)
+    camera_dark: bool = key("one_arm", False)
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -161,6 +166,16 @@ MOVING = keys_of(*MOVES)
 
 
 @dataclass(frozen=True)
+class Impaired:
+    """One agent that cannot do what the others can."""
+
+    agent: int
+    delay_steps: int  # control steps by which its commands are late
+    speed_rad_s: float  # above which no joint of it follows; 0: there is none
+    dark: bool  # whether its camera shows nothing
+
+
+@dataclass(frozen=True)
 class Devices:
     """What sensors and actuators add in one episode."""
 
@@ -169,6 +184,7 @@ class Devices:
     pixel_noise: float = 0.0  # standard deviation, of 255
     delay_steps: int = 0  # control steps by which commands are late
     joint_offset_rad: tuple[tuple[float, ...], ...] = ()  # (N, dof) measured minus true; empty: none
+    impaired: Impaired | None = None
 
     @property
     def exact(self) -> bool:
@@ -178,7 +194,8 @@ class Devices:
     @property
     def sees_exactly(self) -> bool:
         """Whether pictures are as they were drawn."""
-        return self.gain == 1 and not self.flicker and not self.pixel_noise
+        dark = self.impaired is not None and self.impaired.dark
+        return self.gain == 1 and not self.flicker and not self.pixel_noise and not dark
 
 
 EXACT = Devices()
@@ -206,6 +223,8 @@ class Drawn:
             del found["clutter"]
         if {*self.sizes.values()} == {1.0}:
             del found["sizes"]
+        if self.devices.impaired is None:
+            del found["devices"]["impaired"]
         return found
 
 
@@ -231,7 +250,9 @@ def draw(task: "Task", seed: int, copy: int = 0) -> Drawn:
         tuple((float(x), float(y), float(yaw)) for x, y, yaw in bases),
         posture,
         {name: _camera(how, rng["cameras"], table_m) for name in task.cameras},
-        Devices(float(gain), how.flicker, how.pixel_noise, delay_steps, offsets),
+        Devices(
+            float(gain), how.flicker, how.pixel_noise, delay_steps, offsets, _impaired(task, rng["one_arm"])
+        ),
         *_appearance(task, rng["appearance"]),
         _light(how, rng["light"]),
         sizes_of(task, how.object_size, rng["instances"]),
@@ -299,6 +320,13 @@ def _largest(task: "Task", name: str) -> float:
         if max(beside) < across_m:
             found.append((z_m - TIP_M - HAND_ROOM_M) / top_m)
     return min(found, default=np.inf)
+
+
+def _impaired(task: "Task", rng: np.random.Generator) -> Impaired | None:
+    how, agent = task.variation, int(rng.choice(task.agents))
+    if not (how.arm_delay_s or how.arm_speed_rad_s or how.camera_dark):
+        return None
+    return Impaired(agent, round(how.arm_delay_s / CONTROL_DT_S), how.arm_speed_rad_s, how.camera_dark)
 
 
 def _light(how: Variation, rng: np.random.Generator) -> Light:
