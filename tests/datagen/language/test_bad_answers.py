@@ -5,10 +5,11 @@ import json
 import re
 import socket
 import time
+from types import SimpleNamespace
 
 import pytest
 
-from rf_exp.datagen.brain import BadAnswer, Question, from_json
+from rf_exp.datagen.brain import BadAnswer, Question, from_json, talk
 from rf_exp.datagen.brain.request import LARGEST_BODY, content
 from rf_exp.datagen.brain.talk import read
 from rf_exp.types import Subgoal
@@ -170,13 +171,18 @@ def test_too_many_requests_waits_as_long_as_the_server_says(lift_barrier, server
 
 
 @pytest.mark.slow
-def test_calls_keep_their_interval_and_their_budget(lift_barrier, server):
+def test_calls_keep_their_interval_and_their_budget(lift_barrier, server, monkeypatch):
+    slept: list[float] = []
+    clock = SimpleNamespace(monotonic=lambda: 100.0, sleep=slept.append, perf_counter=time.perf_counter)
+    monkeypatch.setattr(talk, "time", clock)
+    monkeypatch.setattr(talk.OpenAIChat, "_free_at_s", 0.0)
     server.replies = [completion(GOOD)]
     brain = openai_spec(server.url, min_interval_s=0.4, budget=2).make(lift_barrier, FULL, 0)
     question = Question(lift_barrier, start_scene(lift_barrier, 0), {})
     brain.answer(question)
+    assert not slept
     brain.answer(question)
-    assert server.times_s[1] - server.times_s[0] >= 0.35
+    assert slept == [pytest.approx(0.4)]
     with pytest.raises(BadAnswer, match="the budget of 2 calls is used up"):
         brain.answer(question)
     assert len(server.requests) == 2
