@@ -24,7 +24,7 @@ UNDERSTOOD = [text.rstrip(".").split() for text, _ in [*LOGICAL, *TEMPORAL, *SPA
 
 
 @pytest.mark.slow
-@settings(max_examples=600, deadline=500)
+@settings(max_examples=600, deadline=5000)
 @given(
     words=st.sampled_from(UNDERSTOOD),
     at=st.integers(0, 30),
@@ -60,7 +60,7 @@ HOSTILE = st.one_of(
 
 
 @pytest.mark.slow
-@settings(max_examples=400, deadline=500)
+@settings(max_examples=400, deadline=5000)
 @given(HOSTILE)
 @example("__import__('os').system('touch /tmp/owned')")
 @example("Agent_1 must finish within 1e999 s.")

@@ -100,7 +100,7 @@ def test_the_law_is_about_every_kind():
 def test_the_sentence_of_a_statement_says_the_statement(kind):
     """The law of the language, over all kinds."""
 
-    @settings(max_examples=150, deadline=500)
+    @settings(max_examples=150, deadline=5000)
     @given(STATED[kind])
     def law(stated: Statement) -> None:
         assert read(stated.sentence, FOOD.vocabulary) == stated
