@@ -15,7 +15,14 @@ from rf_exp.constraints.check import (
     compiled,
 )
 from rf_exp.constraints.checker import CheckCode, CheckedPlan, Monitor, PolicyMonitor, RoboChecker, compile
-from rf_exp.constraints.checks.avoidance import CONTACT_N, AvoidAgentsCheck, overlapping, pressing, touching
+from rf_exp.constraints.checks.avoidance import (
+    CONTACT_N,
+    AvoidAgentsCheck,
+    overlapping,
+    pressing,
+    protective_stop,
+    touching,
+)
 from rf_exp.constraints.checks.speed_limit import slowed
 from rf_exp.constraints.plan import Paths, Plan
 
@@ -39,6 +46,7 @@ __all__ = [
     "compiled",
     "overlapping",
     "pressing",
+    "protective_stop",
     "slowed",
     "stl",
     "touching",

@@ -60,7 +60,7 @@ class CentralEnv(Face, gymnasium.Env[ObservationDict, NDArray[np.floating]]):
         """One control step, 50 ms: observation, reward, terminated, truncated, info."""
         self.core.step(action)
         now = self.core.episode
-        return self.core.observe(), now.reward, now.success, now.truncated, now.info()
+        return self.core.observe(), now.reward, now.terminated, now.truncated, now.info()
 
 
 def environment_id(name: str) -> str:

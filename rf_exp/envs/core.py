@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.constraints import PolicyMonitor, pressing
+from rf_exp.constraints import PolicyMonitor, pressing, protective_stop
 from rf_exp.envs.observations import action_space
 from rf_exp.errors import ArgumentError, RfError, choices
 from rf_exp.experiment import EVALUATION_SEED
@@ -43,8 +43,9 @@ class EpisodeCore:
     """One task in simulation, one episode after the other.
 
     `task` is a name of conf/task, the path of a YAML file, or a Task; `variation`, how its scenes differ, is
-    one of conf/variation or a Variation. An episode ends with success by the strict criterion, or after
-    `step_limit` control steps (20 a second), those of the task unless given. A violation is a control step in
+    one of conf/variation or a Variation. An episode ends with success by the strict criterion, when two arms
+    press so hard on one another that they stop by themselves, or after `step_limit` control steps (20 a
+    second), those of the task unless given. A violation is a control step in
     which two arms press on one another; with `overlaps` also one in which their exact volumes overlap, as
     evaluation counts it, which costs up to as much again as the step. Raises ArgumentError for what is not
     possible, and StageError where pictures are asked for and cannot be drawn.
@@ -95,7 +96,7 @@ class EpisodeCore:
         Raises ArgumentError for what is no such array, ResetNeeded where there is no episode.
         """
         episode = self._episode
-        if self._world is None or episode is None or episode.success or episode.truncated:
+        if self._world is None or episode is None or episode.terminated or episode.truncated:
             raise ResetNeeded(
                 "no episode is under way; call reset() before the first step, and after the last"
             )
@@ -156,9 +157,19 @@ class Episode:
         return self._verdict.success
 
     @property
+    def stopped(self) -> bool:
+        """Whether it has ended because arms pressed on one another."""
+        return not self.success and protective_stop(self.scene)
+
+    @property
+    def terminated(self) -> bool:
+        """Whether it has ended by itself."""
+        return self.success or self.stopped
+
+    @property
     def truncated(self) -> bool:
         """Whether it has ended because it was too long."""
-        return not self.success and self.scene.step >= self._step_limit
+        return not self.terminated and self.scene.step >= self._step_limit
 
     @property
     def reward(self) -> float:
@@ -171,6 +182,7 @@ class Episode:
             "seed": self.seed,
             "success": self.success,  # by the strict criterion
             "success_paper": self._success_paper,  # by the paper's, at some step until now
+            "stopped": self.stopped,  # because arms pressed on one another
             "score": self._ledger.score,  # how far it has come, from 0 to 1, which is success
             "conditions": dict(self._verdict.evidence),  # of the strict one, as they are now
             "measured": {name: found.value for name, found in self._verdict.measured.items()},

@@ -77,9 +77,9 @@ class ParallelArmsEnv(Face, ParallelEnv[str, ObservationDict, NDArray[np.float32
                 shaped(actions[name], self.action_space(name).shape, f"action of {name}")
             raise
         now = self.core.episode
-        if now.success or now.truncated:
+        if now.terminated or now.truncated:
             self.agents = []
-        ended = (dict.fromkeys(agents, now.success), dict.fromkeys(agents, now.truncated))
+        ended = (dict.fromkeys(agents, now.terminated), dict.fromkeys(agents, now.truncated))
         return self._observed(), dict.fromkeys(agents, now.reward), *ended, self._infos()
 
     def _observed(self) -> Of:

@@ -14,7 +14,7 @@ from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.envs import Observations, environment_id, parallel_env, register
 from rf_exp.envs.central import CentralEnv
-from rf_exp.envs.core import EpisodeCore
+from rf_exp.envs.core import EpisodeCore, ResetNeeded
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.robots import DEFAULT
 from rf_exp.tasks import CONFIGURED, Task
@@ -143,13 +143,13 @@ def test_actions_are_the_panda_s_joints_and_what_is_beyond_is_clipped() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("overlaps", [False, True])
-def test_arms_that_are_driven_into_one_another_are_violations(overlaps: bool) -> None:
+def test_arms_that_are_driven_into_one_another_are_violations_and_stop(overlaps: bool) -> None:
     core = EpisodeCore("lift_barrier", overlaps=overlaps)
     core.reset(0, np.random.default_rng(0))
     monitor, seen, touched = PolicyMonitor(core.task), 0, 0
     target = np.zeros((2, 8))
     target[:, :7] = (0.0, 1.2, 0.0, -0.6, 0.0, 1.8, 0.8)  # outstretched towards the other arm
-    for _ in range(60):
+    while not core.episode.terminated and not core.episode.truncated:
         core.step(target)
         seen += monitor(core.episode.scene) is not None
         touched += any(force_n > 1.0 for *_, force_n in core.episode.scene.arm_contacts)
@@ -157,6 +157,9 @@ def test_arms_that_are_driven_into_one_another_are_violations(overlaps: bool) ->
     info = core.episode.info()
     assert info["violations"] == (seen if overlaps else touched)
     assert "Agent_1" in info["violation"] and "Agent_2" in info["violation"]
+    assert info["stopped"] and not info["success"]
+    with pytest.raises(ResetNeeded):
+        core.step(target)
     core.close()
 
 

@@ -195,6 +195,19 @@ def test_violations_are_counted_in_steps(make_runner) -> None:
     assert result.violations == 3 and [each.time_s for each in result.account.violations] == [0.1]
 
 
+@pytest.mark.parametrize(("force_n", "steps"), [(19.0, 9), (21.0, 4)])
+def test_arms_that_press_on_one_another_stop_by_themselves(make_runner, force_n: float, steps: int) -> None:
+    class Pressing(Table):
+        def step(self, action: NDArray[np.float64]) -> Scene:
+            scene = super().step(action)
+            return replace(scene, arm_contacts=((1, 2, force_n),)) if scene.step == 4 else scene
+
+    runners = [make_runner(view) for view in views(ARCHS[3], 2)]
+    result = rollout(Pressing(2), judge, runners, 0, 9)
+    assert (result.steps, result.success, result.contacts) == (steps, False, 1)
+    assert "agents 1 and 2 touched (0.20 s, 1 steps)" in result.reason
+
+
 def test_a_failure_has_its_reason_and_a_success_has_none(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
 

@@ -33,6 +33,7 @@ from rf_exp.types import Scene
 
 TRAILS_STEPS = 10  # control steps that a measured joint may trail its command
 CONTACT_N = 1.0  # force between two arms that counts as contact
+STOP_N = 20.0  # at which both stop by themselves, as Pandas do with the thresholds of libfranka's examples
 Pair = tuple[int, int]  # of agents
 
 
@@ -135,6 +136,11 @@ def pressing(scene: Scene, pairs: tuple[Pair, ...]) -> Evidence | None:
             facts: About = {"measured": True, "agents": (a, b)}
             return Evidence(Finding.TOUCHING, force_n, CONTACT_N, "N", ok=False, time_s=scene.time_s, **facts)
     return None
+
+
+def protective_stop(scene: Scene) -> bool:
+    """Whether two arms press so hard on one another that both stop."""
+    return any(force_n > STOP_N for *_, force_n in scene.arm_contacts)
 
 
 def overlapping(

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rf_exp.constraints import protective_stop
 from rf_exp.errors import ArgumentError, StageError
 from rf_exp.findings import Violation
 from rf_exp.observations import Declaration, Observation, observe
@@ -189,6 +190,7 @@ def rollout(
 ) -> Rollout:
     """Let the runners act in the scene of `seed` until strict success or for `step_limit` control steps.
 
+    It is over as well when two arms press so hard on one another that they stop by themselves.
     `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
     `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
     `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout
@@ -209,7 +211,7 @@ def rollout(
     action = np.zeros((len(scene.qpos), ACTION_SIZE))
     action[:, ARM_JOINTS] = GRIPPER_OPEN
     tally = _Tally()
-    while tally.steps < step_limit and not tally.success:
+    while tally.steps < step_limit and not (tally.success or protective_stop(scene)):
         declared = [_declared(world, runner) for runner in runners]
         said = coordinate(scene, dict(enumerate(action[:, ARM_JOINTS], start=1))) if coordinate else None
         for runner, seen in zip(runners, observe(scene, world, declared, said), strict=True):
