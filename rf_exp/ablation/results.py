@@ -37,6 +37,7 @@ log = logging.getLogger(__name__)
 
 PUBLISHED = ".tsv"
 FILM, PICTURE = ".mp4", ".png"
+SHIELDED = "-shield"  # in the name of a file about shielded rollouts
 SEEDS = ("seed", "train_seed", "scene_seed")  # columns of every table
 RESTORE = "restore it with git, or publish its rows again"
 Curves = Mapping[str, Mapping[str, list[float]]]  # policy -> column -> a value for each of some steps
@@ -74,7 +75,11 @@ def read_rows(path: Path, kind: type[R]) -> tuple[R, ...]:
 
 
 def load(out: Path) -> Results:
-    """Every row below `out/results`, of both forms. Of an attempt that was repeated the last row counts."""
+    """Every row below `out/results`, of both forms. Of an attempt that was repeated the last row counts.
+
+    Raises StageError for a damaged file, and for published rows with a shield that are of other policies than
+    those without.
+    """
     notes: list[str] = []
 
     def gather(kind: type[R], pattern: str) -> tuple[R, ...]:
@@ -84,6 +89,8 @@ def load(out: Path) -> Results:
                 continue
             rows, torn = _read(path, kind)
             notes.extend([torn] if torn else [])
+            if path.suffix == PUBLISHED and SHIELDED in path.stem:
+                _expect_same_policies(path, path.with_name(path.name.replace(SHIELDED, "")))
             for row in rows:
                 before = found.pop(row.identity, None)
                 if before and (before.success, before.steps) != (row.success, row.steps):
@@ -94,6 +101,19 @@ def load(out: Path) -> Results:
 
     generation = gather(GenerationRow, "generate/*/*")
     return Results(generation, gather(EvaluationRow, "evaluate/*/*/*"), tuple(notes))
+
+
+def _expect_same_policies(shielded: Path, without: Path) -> None:
+    """Raises StageError where published rows with and without a shield are of different weights."""
+    if not without.exists():
+        return
+    made, others = (read_published(path, EvaluationRow).made for path in (shielded, without))
+    for seed in {*made} & {*others}:
+        if made[seed].get("weights") != others[seed].get("weights"):
+            raise StageError(
+                f"{shielded} is of other policies than {without} (training seed {seed}): evaluate those with "
+                "shield=true and publish their rows, or remove it"
+            )
 
 
 def _read(path: Path, kind: type[R]) -> tuple[tuple[R, ...], str]:
@@ -111,7 +131,7 @@ def rows_file(
     variation: str = UNVARIED,
 ) -> Path:
     """The rows of policies of all training seeds in scenes of a variation, below the output folder."""
-    name = f"{constraints}-{recipe}-{demos}{'-shield' * shield}{_in(variation)}.jsonl"
+    name = f"{constraints}-{recipe}-{demos}{SHIELDED * shield}{_in(variation)}.jsonl"
     return Path("results", "evaluate", task, arch, name)
 
 
@@ -125,7 +145,7 @@ def rollout_name(
 ) -> str:
     """How files about the rollouts of a policy begin; `-<scene seed>` follows."""
     seed = f"-t{train_seed}" if train_seed else ""
-    return f"evaluate-{arch}-{recipe}-{demos}{seed}{'-shield' * shield}{_in(variation)}"
+    return f"evaluate-{arch}-{recipe}-{demos}{seed}{SHIELDED * shield}{_in(variation)}"
 
 
 def _in(variation: str) -> str:

@@ -111,6 +111,20 @@ def test_a_report_is_of_rows_of_both_forms(tmp_path: Path) -> None:
     assert load(tmp_path).evaluation == POLICIES.rows
 
 
+def test_shielded_rows_are_of_the_policies_beside_them(tmp_path: Path) -> None:
+    folder = tmp_path / "results/evaluate/lift_barrier/separate_local"
+    shielded = replace(POLICIES, rows=tuple(replace(row, shield=True) for row in POLICIES.rows))
+    write_published(folder / f"full-fast-50{PUBLISHED}", POLICIES)
+    write_published(folder / f"full-fast-50-shield{PUBLISHED}", shielded)
+    assert len(load(tmp_path).evaluation) == 2 * len(POLICIES.rows)
+    other = replace(shielded, made={**shielded.made, 3: {**shielded.made[3], "weights": "c"}})
+    write_published(folder / f"full-fast-50-shield{PUBLISHED}", other)
+    with pytest.raises(
+        StageError, match=r"50-shield\.tsv is of other policies .*50\.tsv \(training seed 3\)"
+    ):
+        load(tmp_path)
+
+
 @pytest.mark.slow
 def test_what_is_published_tells_why_each_failure_is_one() -> None:
     failures = 0
