@@ -74,6 +74,7 @@ class Experiment:
     dagger: Dagger
     wandb: Literal["online", "offline", "disabled"]
     scenes: int
+    first_scene: int  # seed
     shield: bool
     foreign: Foreign | None
     appearances: int  # of each demonstration that policies learn from
@@ -101,6 +102,10 @@ class Experiment:
             raise ArgumentError(
                 f"appearances is {self.appearances}, and variation {unseen[0]!r} shows nothing in pictures; "
                 "choose one that does, or appearances=1"
+            )
+        if self.first_scene < EVALUATION_SEED:
+            raise ArgumentError(
+                f"first_scene is {self.first_scene}; seeds of evaluation begin with {EVALUATION_SEED}"
             )
         self._check_recordings()
         if self.seed + (self.episodes or self.demos) > EVALUATION_SEED:
@@ -142,6 +147,11 @@ class Experiment:
                 "render=false makes no pictures for a policy of others to see; use render=true, or "
                 "foreign.observations.pictures=false"
             )
+
+    @property
+    def evaluation_seeds(self) -> range:
+        """The scenes in which policies act."""
+        return range(self.first_scene, self.first_scene + self.scenes)
 
     @property
     def learned_from(self) -> int:

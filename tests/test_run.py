@@ -57,6 +57,7 @@ def run(*arguments, environment=None, timeout_s=600):
         (["attempts=0"], "attempts is 0; it must be at least 1"),
         (["training.steps=-5"], "steps is -5; expected a number above 0"),
         (["scenes=0"], "scenes is 0; it must be at least 1"),
+        (["first_scene=7"], "first_scene is 7; seeds of evaluation begin with 1000000"),
         (["limits.velocity_rad_s=-1"], "velocity_rad_s is -1"),
         (["seed_limit_s=0"], "seed_limit_s is 0.0; it must be at least 1"),
         (["name=../../../x"], "name is '../../../x'; expected a name for a file: letters, digits"),

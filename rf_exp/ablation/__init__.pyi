@@ -30,6 +30,7 @@ from .tables.counting import BASELINE_CONSTRAINTS as BASELINE_CONSTRAINTS
 from .tables.counting import both_ways as both_ways
 from .tables.counting import core_minutes as core_minutes
 from .tables.counting import is_baseline as is_baseline
+from .tables.counting import trial as trial
 from .tables.counting import unvaried as unvaried
 from .tables.known import Paper as Paper
 from .tables.known import configured as configured

@@ -21,7 +21,7 @@ from rf_exp.ablation.page import Panel, Section, Texts
 from rf_exp.ablation.results import FILM, PICTURE, Results, load, rollout_file
 from rf_exp.ablation.rows import EvaluationRow, grouped
 from rf_exp.ablation.tables import build
-from rf_exp.ablation.tables.counting import ours, unvaried
+from rf_exp.ablation.tables.counting import ours, trial, unvaried
 from rf_exp.ablation.tables.known import Suite, paper, title_of
 from rf_exp.ablation.tables.table import Table
 from rf_exp.artifacts import code, installed, read_json, write_text
@@ -88,7 +88,7 @@ def _summary(results: Results) -> Section:
         tiles.append((f"{made} of {tried}", words))
         if hours:
             tiles.append((f"{made / hours:,.0f}", "demonstrations an hour of one worker's time"))
-    own = unvaried(ours(results)).evaluation
+    own = unvaried(trial(ours(results))).evaluation
     for kind, shield in (("rollouts", False), ("shielded rollouts", True)):
         if rows := [row for row in own if row.shield is shield]:
             policies = {(r.task, r.arch, r.constraints, r.recipe, r.demos, r.train_seed) for r in rows}

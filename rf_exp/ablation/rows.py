@@ -27,6 +27,7 @@ SCHEMA = 8
 LATER = {"later": True}  # of a field that rows did not always have: theirs is the default
 CHECKSUM, REASON = "crc32", "reason"  # keys of a line, not fields of its row
 _ROUNDS = re.compile(r"dagger\d+")  # of correction
+FINAL_SEED = 3_000_000  # first of the scenes of final figures; those below have decided between recipes
 _WORD = re.compile(r"[\w.+=-]{0,100}")  # what a task, a recipe, a version, a commit are called
 
 
@@ -142,6 +143,11 @@ class EvaluationRow(_Row):
     def reason(self) -> str:
         """Why it failed, in words; empty when it did not."""
         return "" if self.success else self.account.reason
+
+    @property
+    def final(self) -> bool:
+        """Whether it is of the scenes on which nothing was ever chosen."""
+        return self.scene_seed >= FINAL_SEED
 
     @property
     def score(self) -> float | None:

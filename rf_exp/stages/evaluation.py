@@ -25,7 +25,6 @@ from rf_exp.ablation import (
 from rf_exp.artifacts import code, sweep, whole
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Coordinator, Settings
-from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.findings import Account
 from rf_exp.policy import (
     LEARNER,
@@ -111,9 +110,9 @@ def evaluate_policies(cell: Cell) -> None:
         there = any(r.train_seed == experiment.train_seed for r in known)
         same_configuration(of_seed, made.provenance, there, [path])
         sweep(cell.recording_path("evaluate", 0).parent)
-        ours = [r for r in known if (r.train_seed, r.version) == (experiment.train_seed, task.version)]
+        scenes, of = experiment.evaluation_seeds, (experiment.train_seed, task.version)
+        ours = [r for r in known if r.scene_seed in scenes and (r.train_seed, r.version) == of]
         seen = {r.scene_seed for r in ours}
-        scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
         missing = [seed for seed in scenes if seed not in seen]
         title = cell.title("evaluate") + ", shielded" * experiment.shield
         if not missing:
@@ -143,7 +142,7 @@ def evaluate_policies(cell: Cell) -> None:
 def _look(cell: Cell, policies: Policies, known: Sequence[EvaluationRow]) -> None:
     """Recordings and films that are missing: same seed, same rollout, once more."""
     experiment, scene = cell.experiment, scene_of(cell, policies)
-    scenes = range(EVALUATION_SEED, EVALUATION_SEED + experiment.scenes)
+    scenes = experiment.evaluation_seeds
     recorded = experiment.recorded("evaluate", scenes)
     filmed = worth_seeing([r for r in known if r.scene_seed in scenes], experiment.films)
     how = experiment.train_seed, experiment.shield, experiment.evaluated.name

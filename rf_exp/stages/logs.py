@@ -10,7 +10,6 @@ from typing import Any
 
 from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.errors import StageError
-from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.policy import Curve
 from rf_exp.stages.cell import Cell
 
@@ -127,7 +126,7 @@ def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
         "view": view or None,
         "brain": dict(experiment.brain.identity),
         "criteria_version": cell.task.version,
-        "first_scene_seed": experiment.seed if stage == "generate" else EVALUATION_SEED,
+        "first_scene_seed": experiment.seed if stage == "generate" else experiment.first_scene,
         **{key: getattr(experiment, key) for key in TOLD},
         **{key: asdict(getattr(experiment, key)) for key in ("limits", "pictures", "policy", "training")},
     }

@@ -5,7 +5,7 @@ from rf_exp.experiment import Experiment
 from rf_exp.progress import console
 from rf_exp.stages.cell import owned
 
-SHOWN = ("architectures", "recipes", "shield", "robustness", "ablation_success", "ablation_length")
+SHOWN = ("architectures", "recipes", "shield", "robustness", "final", "ablation_success", "ablation_length")
 
 
 def write_tables(experiment: Experiment) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from rf_exp.constraints import PolicyMonitor
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.envs import Observations, environment_id, parallel_env, register
+from rf_exp.envs import Observations, ResetNeeded, environment_id, parallel_env, register
 from rf_exp.envs.central import CentralEnv
-from rf_exp.envs.core import EpisodeCore, ResetNeeded
+from rf_exp.envs.core import EpisodeCore
 from rf_exp.experiment import EVALUATION_SEED
 from rf_exp.robots import DEFAULT
 from rf_exp.tasks import CONFIGURED, Task

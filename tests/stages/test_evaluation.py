@@ -62,6 +62,12 @@ def test_the_same_is_reused_and_says_how_it_went(evaluate, out: Path) -> None:
     assert (row.success, row.reason != "", row.commit) == (False, True, commit())
 
 
+def test_final_scenes_stand_beside_the_others(evaluate, out: Path) -> None:
+    result = evaluate("first_scene=3000000")
+    assert result.returncode == 0 and "1/1 scenes" in result.stdout
+    assert [row.scene_seed for row in read_rows(out / ROWS, EvaluationRow)] == [1_000_000, 3_000_000]
+
+
 @pytest.mark.parametrize(
     ("override", "key"),
     [

@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.tables.counting import ours, unvaried
+from rf_exp.ablation.tables.counting import ours, trial, unvaried
 from rf_exp.ablation.tables.expert import ablation_length, ablation_success
 from rf_exp.ablation.tables.known import Suite
 from rf_exp.ablation.tables.notes import learnt_from
 from rf_exp.ablation.tables.overview import benchmark, comparison, tasks
-from rf_exp.ablation.tables.policies import architectures, foreign, recipes, shield
+from rf_exp.ablation.tables.policies import architectures, final, foreign, recipes, shield
 from rf_exp.ablation.tables.robustness import robustness
 from rf_exp.ablation.tables.table import Table
 
@@ -28,11 +28,11 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
-    """Every table, by name, for a suite of tasks; `robustness` where anything varied."""
-    usual = unvaried(results)
+    """Every table, by name, for a suite of tasks; `robustness` and `final` where there are such rows."""
+    usual = unvaried(trial(results))
     own = ours(usual)  # no table of ours counts rollouts of others
     tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
     notes = learnt_from(own)
     tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
-    varied = robustness(results, suite)
-    return {**tables, varied.name: varied} if varied.lines else tables
+    further = robustness(trial(results), suite), final(ours(unvaried(results)), suite)
+    return {**tables, **{table.name: table for table in further if table.lines}}

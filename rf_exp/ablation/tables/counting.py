@@ -6,6 +6,7 @@ Every attempt counts, failed ones too, of the newest version of the criteria.
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import filterfalse
 from statistics import fmean
 
 from rf_exp.ablation.results import Results
@@ -43,11 +44,14 @@ def varies(row: EvaluationRow) -> bool:
 
 
 def unvaried(results: Results) -> Results:
-    """The results of scenes and policies without variation, of which all tables are but `robustness`."""
+    """Those of scenes and policies without variation, of which all tables are but `robustness`."""
     generated = tuple(row for row in results.generation if row.variation == UNVARIED)
-    return replace(
-        results, generation=generated, evaluation=tuple(row for row in results.evaluation if not varies(row))
-    )
+    return replace(results, generation=generated, evaluation=tuple(filterfalse(varies, results.evaluation)))
+
+
+def trial(results: Results) -> Results:
+    """The results without final scenes, which `final` alone counts."""
+    return replace(results, evaluation=tuple(row for row in results.evaluation if not row.final))
 
 
 def is_baseline(row: EvaluationRow) -> bool:

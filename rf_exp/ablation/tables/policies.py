@@ -3,7 +3,7 @@
 from itertools import chain
 
 from rf_exp.ablation.results import Results
-from rf_exp.ablation.rows import EvaluationRow, grouped, newest
+from rf_exp.ablation.rows import FINAL_SEED, EvaluationRow, grouped, newest
 from rf_exp.ablation.tables import notes
 from rf_exp.ablation.tables.counting import (
     BASELINE_ARCH,
@@ -160,6 +160,41 @@ def shield(results: Results, suite: Suite) -> Table:
         ),
         tuple(lines),
         (*gaps, *notes.coordinated(results.evaluation), *notes.left_out(results.evaluation)),
+    )
+
+
+def final(results: Results, suite: Suite) -> Table:
+    """A row for each policy that has acted in the final scenes, beside the scenes of the other tables."""
+    groups = grouped(
+        unshielded(results), lambda row: (row.task, row.arch, row.constraints, row.demos, row.recipe)
+    )
+    order = tasks_of([*paper().levels, *suite], results.evaluation)
+    lines = []
+    for policy in sorted(groups, key=lambda each: (order.index(each[0]), *each[1:])):
+        task, arch, constraints, demos, recipe = policy
+        rows = newest(groups[policy])[0]
+        if not any(row.final for row in rows):
+            continue
+        told = Text(recipe), Text(arch), Text(constraints), Text(str(demos))
+        split = (rates([row for row in rows if row.final is which]) for which in (False, True))
+        key = "-".join([task, arch, constraints, str(demos), recipe])
+        lines.append(Line(key, title_of(task, suite), (*told, *chain.from_iterable(split))))
+    return Table(
+        "final",
+        "Final scenes",
+        "The scenes of all other tables have decided between recipes; on final scenes, with seeds from "
+        f"{FINAL_SEED} on, nothing was ever chosen. The same policies in both. {notes.ROLLOUT_VIOLATIONS}",
+        "Task",
+        (
+            Column("recipe", "Recipe", Text),
+            Column("arch", "Architecture", Text),
+            Column("constraints", "Constraints", Text),
+            Column("demos", "Demos", Text),
+            *with_violations("trial", "Scenes of the tables"),
+            *with_violations("final", "Final scenes"),
+        ),
+        tuple(lines),
+        notes.mixed_versions(lines),
     )
 
 
