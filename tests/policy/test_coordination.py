@@ -264,6 +264,6 @@ def test_a_store_that_does_not_say_who_did_what_is_refused(
     make_store, knowing: PolicyConfig, monkeypatch
 ) -> None:
     store: Store = make_store(2, 3)
-    monkeypatch.setitem(vars(store), "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
+    monkeypatch.setitem(store._kept, "subgoal", np.full((3 * STEPS, 2), -1, np.int16))
     with pytest.raises(ArgumentError, match="does not say who was at which subgoal; generate it again"):
         spec_of(knowing, store, views(COORDINATED, 2)[0])

@@ -87,7 +87,7 @@ def test_who_is_not_told_of_subgoals_learns_from_a_store_that_does_not_say(
     """A keypoint encoder needs none; a policy that predicts its phase does."""
     store: Store = make_store(2, 3)
     view = views(ARCHS[0], 2)[0]
-    monkeypatch.setitem(vars(store), "subgoal", np.full_like(store.subgoal, -1))
+    monkeypatch.setitem(store._kept, "subgoal", np.full_like(store.subgoal, -1))
     assert len(Windows(store, view, varied(seeing, {"phases": False}), CPU))
     with pytest.raises(ArgumentError, match="does not say who was at which subgoal"):
         Windows(store, view, varied(seeing, {"phases": True}), CPU)
@@ -269,8 +269,8 @@ def test_pictures_are_drawn_from_those_in_which_the_agent_may_go(
     action, executed = np.array(store.action), np.array(store.executed)
     first, last = store.by_episode(np.arange(store.steps))[1][[0, -10]]
     action[first:last, 0] = executed[first:last, 0] = action[first, 0]  # agent 1 is sent nowhere
-    monkeypatch.setitem(vars(store), "action", action)
-    monkeypatch.setitem(vars(store), "executed", executed)
+    monkeypatch.setitem(store._kept, "action", action)
+    monkeypatch.setitem(store._kept, "executed", executed)
     windows = Windows(store, LOCAL, seeing, CPU)
     every = np.random.default_rng(1).integers(0, store.steps, 8000)
     assert np.array_equal(windows.sample_active(every, 0.0, np.random.default_rng(0))[0], every)
