@@ -233,7 +233,7 @@ class Simulator:
             if spec.mount == "wrist":
                 hand = self._env.hand(int(name.removeprefix("agent")))._objs[0]
                 pose = matrix_of(hand.entity_pose) @ pose
-            models[name] = CameraModel(*self._size_px, float(np.deg2rad(spec.fov_deg)), pose)
+            models[name] = spec.model(pose, self._size_px)
         return models
 
     def _drawn(self, texture: str, cameras: Iterable[str] | None = None) -> dict[str, NDArray]:

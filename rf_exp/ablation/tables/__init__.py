@@ -29,10 +29,11 @@ TABLES: Mapping[str, Callable[[Results, Suite], Table]] = {
 
 def build(results: Results, suite: Suite) -> dict[str, Table]:
     """Every table, by name, for a suite of tasks; `robustness` and `final` where there are such rows."""
-    usual = unvaried(trial(results))
+    of_trial = trial(results)
+    usual = unvaried(of_trial)
     own = ours(usual)  # no table of ours counts rollouts of others
     tables = {name: builder(usual if builder is foreign else own, suite) for name, builder in TABLES.items()}
     notes = learnt_from(own)
     tables = {name: replace(table, notes=(*table.notes, *notes)) for name, table in tables.items()}
-    further = robustness(trial(results), suite), final(ours(unvaried(results)), suite)
+    further = robustness(of_trial, suite), final(ours(unvaried(results)), suite)
     return {**tables, **{table.name: table for table in further if table.lines}}

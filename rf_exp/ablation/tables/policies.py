@@ -1,6 +1,8 @@
 """Policies against each other: architectures, recipes, with and without a shield, and those of others."""
 
+from collections.abc import Iterable, Mapping
 from itertools import chain
+from typing import Any, TypeVar
 
 from rf_exp.ablation.results import Results
 from rf_exp.ablation.rows import FINAL_SEED, EvaluationRow, grouped, newest
@@ -20,6 +22,8 @@ from rf_exp.ablation.tables.counting import (
 from rf_exp.ablation.tables.known import Suite, paper, title_of
 from rf_exp.ablation.tables.table import Cell, Column, Line, Table, Text, Violations, with_violations
 from rf_exp.types import FOREIGN
+
+Policy = TypeVar("Policy", bound=tuple[Any, ...])  # its task, and what else names it
 
 
 def architectures(results: Results, suite: Suite) -> Table:
@@ -114,6 +118,14 @@ def _by_task(rows: list[EvaluationRow], figures: dict[str, float | None]) -> tup
     return tuple(chain.from_iterable(cells))
 
 
+def _by_task_first(
+    groups: Mapping[Policy, list[EvaluationRow]], known: Iterable[str]
+) -> list[tuple[Policy, list[EvaluationRow]]]:
+    """Groups of rows, whose names begin with their task, by the order of tasks and then by their names."""
+    order = tasks_of(known, chain.from_iterable(groups.values()))
+    return sorted(groups.items(), key=lambda item: (order.index(item[0][0]), *item[0][1:]))
+
+
 def shield(results: Results, suite: Suite) -> Table:
     """The same policies in the same scenes without and with a shield; a row for each that has both, or one.
 
@@ -123,11 +135,9 @@ def shield(results: Results, suite: Suite) -> Table:
         (row for row in results.evaluation if row.constraints == BASELINE_CONSTRAINTS),
         lambda row: (row.task, row.arch, row.demos, row.recipe),
     )
-    order = tasks_of([*paper().levels, *suite], results.evaluation)
     lines, gaps = [], []
-    for policy in sorted(groups, key=lambda each: (order.index(each[0]), *each[1:])):
-        task, arch, demos, recipe = policy
-        without, shielded = both_ways(newest(groups[policy])[0])
+    for (task, arch, demos, recipe), rows in _by_task_first(groups, [*paper().levels, *suite]):
+        without, shielded = both_ways(newest(rows)[0])
         if not shielded:
             continue
         bare, guarded = rates(without), rates(shielded)
@@ -168,11 +178,9 @@ def final(results: Results, suite: Suite) -> Table:
     groups = grouped(
         unshielded(results), lambda row: (row.task, row.arch, row.constraints, row.demos, row.recipe)
     )
-    order = tasks_of([*paper().levels, *suite], results.evaluation)
     lines = []
-    for policy in sorted(groups, key=lambda each: (order.index(each[0]), *each[1:])):
-        task, arch, constraints, demos, recipe = policy
-        rows = newest(groups[policy])[0]
+    for (task, arch, constraints, demos, recipe), some in _by_task_first(groups, [*paper().levels, *suite]):
+        rows = newest(some)[0]
         if not any(row.final for row in rows):
             continue
         told = Text(recipe), Text(arch), Text(constraints), Text(str(demos))
@@ -205,10 +213,8 @@ def foreign(results: Results, suite: Suite) -> Table:
         (row for row in rows if row.constraints == BASELINE_CONSTRAINTS),
         lambda row: (row.task, row.recipe, row.demos, row.shield),
     )
-    order = tasks_of(suite, rows)
     lines = []
-    for policy in sorted(groups, key=lambda each: (order.index(each[0]), *each[1:])):
-        (task, name, demos, guarded), some = policy, groups[policy]
+    for (task, name, demos, guarded), some in _by_task_first(groups, suite):
         told = "true poses" if some[-1].observation == "state" else "what can be measured"
         cells = (
             *(Text(str(demos)), Text(told), Text("yes" if guarded else "no")),

@@ -12,7 +12,7 @@ from rf_exp.errors import ArgumentError
 from rf_exp.robots import DEFAULT, Robot
 from rf_exp.tasks.assets import Asset
 from rf_exp.transforms import Matrix, from_axes, planar, rotated
-from rf_exp.types import FINGERS
+from rf_exp.types import FINGERS, CameraModel
 
 SMALLEST, LARGEST = 0.5, 1.5  # sizes of objects, against their usual ones
 TABLE_M = (2.6, 2.8, 0.06)  # extents along x, y, z; the top is at z = 0
@@ -143,6 +143,10 @@ class CameraSpec:
         forward = np.subtract(self.target_m, self.eye_m)
         upright = (0, 0, -1) if np.hypot(*forward[:2]) > 1e-6 else (-1, 0, 0)  # straight down: +x is up
         return from_axes(self.eye_m, z=forward, y=upright) @ rotated(np.deg2rad(self.turn_deg))
+
+    def model(self, pose: Matrix, size_px: tuple[int, int]) -> CameraModel:
+        """Of pictures of this width and height, where it stands at `pose` (4, 4) in the world."""
+        return CameraModel(*size_px, float(np.deg2rad(self.fov_deg)), pose)
 
     def moved(self, by: CameraMotion) -> "CameraSpec":
         """The same camera, shifted and turned; of one on a hand only the field of view differs."""

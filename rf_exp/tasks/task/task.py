@@ -30,7 +30,7 @@ from rf_exp.tasks.task.specs import CameraSpec, ObjectSpec, Randomisation, Robot
 from rf_exp.tasks.task.start import Start, start_of
 from rf_exp.tasks.task.variation import NONE, Variation, cluttered, moved
 from rf_exp.transforms import Matrix, inverse
-from rf_exp.types import Calibration, CameraModel, Scene
+from rf_exp.types import Calibration, Scene
 
 APART_M = 0.2  # that bases lie side by side in a picture, to be told by their sides
 
@@ -169,12 +169,8 @@ class Task:
         """
         if riding := [name for name in cameras if self.cameras[name].mount != "world"]:
             raise ArgumentError(f"camera {riding[0]!r} moves with a hand: it has no place of its own")
-        models = {
-            name: CameraModel(
-                *size_px, float(np.deg2rad(self.cameras[name].fov_deg)), self.parent_from_camera(name)
-            )
-            for name in cameras
-        }
+        specs = {name: self.cameras[name] for name in cameras}
+        models = {name: spec.model(spec.world_from_camera, size_px) for name, spec in specs.items()}
         return Calibration(tuple(robot.world_from_base for robot in self.robots), models)
 
     def places(self, scene: Scene) -> Mapping[str, Matrix]:
