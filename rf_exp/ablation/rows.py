@@ -118,7 +118,7 @@ class EvaluationRow(_Row):
     demos: int
     train_seed: int
     scene_seed: int
-    success: bool  # strict criterion
+    success: bool  # strict criterion, and no two arms touched
     success_paper: bool  # the paper's
     steps: int  # control steps at 20 Hz
     step_limit: int
@@ -138,6 +138,14 @@ class EvaluationRow(_Row):
     account: Account = field(default_factory=Account)  # which arms touched or overlapped, and what failed
     variation: str = field(default=UNVARIED, metadata=LATER)  # of the scenes; `recipe` has that of learning
     drawn: dict = field(default_factory=dict, hash=False, metadata=LATER)  # of it, in this scene
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.success and self.contacts:
+            raise ArgumentError(
+                f"contacts of an EvaluationRow is {self.contacts} and success is true; expected no contacts: "
+                "strict success asks that no two arms touched"
+            )
 
     @property
     def reason(self) -> str:

@@ -208,7 +208,7 @@ class _Making:
             len(rejections) + int(success or len(rejections) < self._settings.attempts),
             self._ledger.contacts,
             time.perf_counter() - self._began,
-            replace(self._ledger.account(), rejections=tuple(rejections), refused=self._object_moved),
+            replace(self._ledger.account(success), rejections=tuple(rejections), refused=self._object_moved),
             self._episode() if success else None,
         )
 

@@ -153,8 +153,8 @@ class Episode:
 
     @property
     def success(self) -> bool:
-        """Whether it has ended with success, by the strict criterion."""
-        return self._verdict.success
+        """Whether it has ended with success, by the strict criterion, and no two arms have touched."""
+        return self._ledger.success
 
     @property
     def stopped(self) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from rf_exp.findings.finding import Violation
 
 TOO_SHORT = "all conditions held, but not for long"
+TOUCHED = "all conditions held, but arms had touched"
 IDLE = "nothing was carried out"
 
 
@@ -172,4 +173,6 @@ class Account:
     @property
     def _briefly(self) -> str:
         """Why it failed though no condition did at the end."""
-        return IDLE if self.closest == NOTHING else TOO_SHORT
+        if self.closest == NOTHING:
+            return IDLE
+        return TOUCHED if self.touches else TOO_SHORT

@@ -53,7 +53,7 @@ def evaluation(
         EvaluationRow(
             task=task, arch=arch, constraints=constraints, demos=demos, train_seed=train_seed,
             scene_seed=1_000_000 + i, success=i < wins, success_paper=i < wins, steps=100, step_limit=200,
-            violations=touched, wall_s=5.0, version=version, contacts=contacts,
+            violations=touched, wall_s=5.0, version=version, contacts=0 if i < wins else contacts,
             commit="", shield=shield, interventions=interventions,
             account=Account() if i < wins else Account(unmet=(Unmet("lifted", 0.0),)), **more,
         )

@@ -37,6 +37,12 @@ OLD = (
 )
 
 
+def test_a_success_in_which_arms_touched_is_none() -> None:
+    assert replace(EVALUATION, success=True, contacts=0).success
+    with pytest.raises(ArgumentError, match="contacts of an EvaluationRow is 1 and success is true"):
+        replace(EVALUATION, success=True)
+
+
 def sealed(**changes: object) -> str:
     """A line with other values and the checksum that fits them, as the docstring of the module says."""
     return signed({**plain(GENERATION), "reason": "", **changes})

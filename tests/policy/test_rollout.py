@@ -208,6 +208,28 @@ def test_arms_that_press_on_one_another_stop_by_themselves(make_runner, force_n:
     assert "agents 1 and 2 touched (0.20 s, 1 steps)" in result.reason
 
 
+@pytest.mark.parametrize("steps", [(), (2,), (4,)])
+def test_who_has_touched_another_arm_has_no_strict_success(make_runner, steps: tuple[int, ...]) -> None:
+    class Touching(Table):
+        def step(self, action: NDArray[np.float64]) -> Scene:
+            scene = super().step(action)
+            return replace(scene, arm_contacts=((1, 2, 2.0),)) if scene.step in steps else scene
+
+    def met(scene: Scene) -> Verdict:
+        return Verdict(scene.step >= 4, scene.step >= 4, {"held": True})
+
+    runners = [make_runner(view) for view in views(ARCHS[3], 2)]
+    result = rollout(Touching(2), met, runners, 0, 9)
+    assert (result.success, result.success_paper, result.contacts) == (not steps, True, len(steps))
+    assert result.steps == (9 if steps else 4)
+    assert (result.reason == "") is result.success
+    if steps:
+        assert result.reason.startswith(
+            "failed: all conditions held, but arms had touched (9 steps); agents 1"
+        )
+        assert result.account.closest is not None and result.account.closest.score < 1
+
+
 def test_a_failure_has_its_reason_and_a_success_has_none(make_runner) -> None:
     world, runners = Table(1), [make_runner(view) for view in views(ARCHS[3], 1)]
 

@@ -350,8 +350,9 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
             shield,
         )
         path = np.stack([step.action[:, :7] for step in told])
-        travelled[shielded] = np.abs(np.diff(path, axis=0)).max(axis=2).sum(axis=0)
-    assert found[False].violations > 10 and found[False].contacts > 0
+        travelled[shielded] = np.abs(np.diff(path, axis=0)).max(axis=2).mean(axis=0)
+    assert found[False].violations > 0 and found[False].contacts > 0
+    assert found[False].steps < found[True].steps == 150  # arms that press on one another have stopped
     assert (found[True].violations, found[True].contacts) == (0, 0)
     assert found[True].interventions > 0
     assert (travelled[True] > 0.1 * travelled[False]).all()  # nobody is shut out

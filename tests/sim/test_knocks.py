@@ -74,10 +74,10 @@ def test_touching_clutter_is_seen_and_told() -> None:
                 ledger.see(scene, judge(scene))
             if scene.clutter_contacts:
                 break
-        knocks = ledger.account().knocks
+        knocks = ledger.account(False).knocks
         assert knocks and {each.who for each in knocks} <= {"agent1"}
         assert {each.clutter for each in knocks} <= {f"clutter{k}" for k in range(1, 11)}
-        assert "agent1 touched clutter" in ledger.account().reason
+        assert "agent1 touched clutter" in ledger.account(False).reason
 
 
 @pytest.mark.render

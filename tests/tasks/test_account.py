@@ -20,7 +20,7 @@ def verdict(measured: dict[str, Measured] | None = None, lost: dict[str, str] | 
 
 
 def test_without_one_step_nothing_was_carried_out() -> None:
-    account = seen().account()
+    account = seen().account(False)
     assert account.reason == "failed: nothing was carried out"
     assert account.kind == "nothing was carried out"
 
@@ -32,7 +32,7 @@ def test_conditions_tell_since_when_they_fail_and_what_was_best() -> None:
         verdict(held=False, up=False, level=True),
         verdict(held=False, up=False, level=True),
     )
-    assert account.account().reason == "failed: held (since 0.15 s), up (never); at best 2 of 3 (0.10 s)"
+    assert account.account(False).reason == "failed: held (since 0.15 s), up (never); at best 2 of 3 (0.10 s)"
 
 
 def up(value: float) -> dict[str, Measured]:
@@ -41,10 +41,12 @@ def up(value: float) -> dict[str, Measured]:
 
 def test_a_condition_with_a_number_tells_its_end_and_its_best() -> None:
     account = seen(*(verdict(up(value), up=False) for value in (0.0, 0.113, 0.02)))
-    assert account.account().reason == "failed: up (never: 0.02 m, best 0.11, asked > 0.15); at best 0 of 1"
+    assert (
+        account.account(False).reason == "failed: up (never: 0.02 m, best 0.11, asked > 0.15); at best 0 of 1"
+    )
     level = [{"level": Measured(v < 5, v, 5.0, "deg", above=False)} for v in (1.0, 7.2)]
     account = seen(verdict(level[0], level=True), verdict(level[1], level=False))
-    assert account.account().reason == (
+    assert account.account(False).reason == (
         "failed: level (since 0.10 s: 7.2 deg, asked < 5); at best 1 of 1 (0.05 s, for 1 steps)"
     )
 
@@ -52,7 +54,9 @@ def test_a_condition_with_a_number_tells_its_end_and_its_best() -> None:
 def test_numbers_of_another_bound_are_no_best() -> None:
     """A thing may have to be near and then low: its distance is no height."""
     near, low = Measured(False, 0.01, 0.005, "m", above=False), Measured(False, 0.3, 0.05, "m", above=False)
-    reason = seen(verdict({"into": near}, into=False), verdict({"into": low}, into=False)).account().reason
+    reason = (
+        seen(verdict({"into": near}, into=False), verdict({"into": low}, into=False)).account(False).reason
+    )
     assert "into (never: 0.3 m, asked < 0.05)" in reason
 
 
@@ -65,7 +69,7 @@ def test_arms_that_touched_and_things_that_were_lost_are_told() -> None:
         contacts={2: ((1, 2, 30.0),), 3: ((1, 2, 3.0), (2, 3, 1.0))},
     )
     assert account.contacts == 2
-    assert account.account().reason == (
+    assert account.account(False).reason == (
         "failed: up (never); at best 0 of 1; agents 1 and 2 touched (0.10 s, 2 steps); "
         "agents 2 and 3 touched (0.15 s, 1 steps); steak dropped (0.10 s); steak off the table (0.20 s)"
     )
@@ -73,7 +77,7 @@ def test_arms_that_touched_and_things_that_were_lost_are_told() -> None:
 
 def test_conditions_that_hold_too_late_are_no_success() -> None:
     account = seen(verdict(up=False), verdict(up=True), verdict(up=True))
-    assert account.account().reason == "failed: all conditions held, but not for long (2 steps)"
+    assert account.account(False).reason == "failed: all conditions held, but not for long (2 steps)"
 
 
 def test_a_score_is_the_largest_part_that_held_at_once_and_only_success_is_all() -> None:
@@ -87,6 +91,6 @@ def test_a_score_is_the_largest_part_that_held_at_once_and_only_success_is_all()
     ]
     scores = [seen(*steps[:k]).score for k in range(len(steps) + 1)]
     assert scores == [0, 1 / 4, 1 / 4, 2 / 4, 3 / 4, 3 / 4]
-    closest = seen(*steps).account().closest
+    closest = seen(*steps).account(False).closest
     assert closest is not None and closest.score == scores[-1]
     assert seen(*steps, Verdict(True, True, {"held": True, "up": True, "level": True})).score == 1

@@ -190,7 +190,7 @@ def rollout(
 ) -> Rollout:
     """Let the runners act in the scene of `seed` until strict success or for `step_limit` control steps.
 
-    It is over as well when two arms press so hard on one another that they stop by themselves.
+    Strict success asks that no two arms have touched until then. It is over as well when two arms press so hard on one another that they stop by themselves.
     `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
     `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
     `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout
@@ -251,10 +251,10 @@ class _Tally:
 
     def see(self, step: RolloutStep) -> None:
         self.steps += 1
-        self.success = step.verdict.success
         self._success_paper |= step.verdict.success_paper
         self._interventions += bool(step.withheld)
         self._ledger.see(step.scene, step.verdict)
+        self.success = self._ledger.success
         if step.violation is not None:
             self._violations += 1
             self._first.setdefault(step.violation.agents, step.violation)
@@ -267,7 +267,7 @@ class _Tally:
             self.steps,
             self._violations,
             self._ledger.contacts,
-            replace(self._ledger.account(), violations=tuple(self._first.values())),
+            replace(self._ledger.account(self.success), violations=tuple(self._first.values())),
             self._interventions,
         )
 

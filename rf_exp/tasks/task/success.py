@@ -97,9 +97,14 @@ class Ledger:
             self._lost.setdefault(lost, scene.step)
 
     @property
+    def success(self) -> bool:
+        """Whether it has succeeded without that two arms touched: strict success of whoever acts by itself."""
+        return self._verdict is not None and self._verdict.success and not self.contacts
+
+    @property
     def score(self) -> float:
         """How far it has come, from 0 to 1; 1 is success, and 0 what it is before the first step."""
-        return 1.0 if self._verdict is not None and self._verdict.success else self._closest.score
+        return 1.0 if self.success else self._closest.score
 
     @property
     def _closest(self) -> Closest:
@@ -120,13 +125,13 @@ class Ledger:
         kept = history.best if same else None
         history.best = measured.value if kept is None else better(measured.value, kept)
 
-    def account(self) -> Account:
+    def account(self, success: bool) -> Account:
         """As it stands: of a success the touches alone, without a step that nothing was carried out."""
         touches = tuple(Touch(pair, _s(at[0]), len(at)) for pair, at in sorted(self._touched.items()))
         knocks = tuple(Knock(*pair, _s(at[0]), len(at)) for pair, at in sorted(self._knocked.items()))
         if self._verdict is None:
             return Account(closest=self._closest)
-        if self._verdict.success:
+        if success:
             return Account(touches=touches, knocks=knocks)
         failing = [name for name, holds in self._verdict.evidence.items() if not holds]
         return Account(

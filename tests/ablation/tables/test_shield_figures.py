@@ -28,7 +28,7 @@ def test_a_shield_is_compared_over_the_same_scenes() -> None:
         ("with", 0.8, None),
         ("without_violations", 0.5, 2.0),
         ("with_violations", 0.0, 0.0),
-        ("without_contacts", 1.0, 2.0),
+        ("without_contacts", 0.4, 0.8),
         ("with_contacts", 0.0, 0.0),
         ("interventions", 1.0, 7.0),
     ):
