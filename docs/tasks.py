@@ -24,11 +24,12 @@ every arm, the brightness of the light and of every colour. Every arm is a Frank
 of its own; the global view sees all.
 
 An attempt is judged twice. **Strict**: all conditions listed hold at the same time, for several control
-steps; and of a policy, no two arms have touched until then. **The paper's**: the target condition as the authors' release tests it, which is looser; every rate
-in the tables is the strict one, with the paper's beside it. Next to it stand the violations: for policies the
-share of rollouts in which arms touched each other and the mean number of control steps in which they did; for
-generation the share of seeds with a proposal that ended in a violation and the mean number of such proposals.
-Where it differs, the strict rate without any violation is given as well.
+steps; and of a policy, no two arms have touched until then. **The paper's**: the target condition as the
+authors' release tests it, which is looser; every rate in the tables is the strict one, with the paper's
+beside it. Next to it stand the violations: for policies the share of rollouts in which arms touched each
+other and the mean number of control steps in which they did; for generation the share of seeds with a
+proposal that ended in a violation and the mean number of such proposals. Where it differs, the strict rate
+without any violation is given as well.
 """
 
 

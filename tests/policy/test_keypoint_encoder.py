@@ -28,11 +28,11 @@ from rf_exp.policy.config import CELL, KeypointsConfig
 from rf_exp.policy.examples.keypoints import HAND, keypoints
 from rf_exp.policy.examples.windows import Labels, by_episode
 from rf_exp.policy.inputs.coordination import may_go
-from rf_exp.policy.inputs.observation_spec import ObservationSpec, spec_of, tcp_poses
+from rf_exp.policy.inputs.observation_spec import ObservationSpec, footprint, spec_of, tcp_poses
 from rf_exp.policy.inputs.pictures import rays_of, usual_calibration
 from rf_exp.policy.inputs.task_space import joint_actions, task_space_actions
 from rf_exp.policy.networks.keypoint_encoder import KeypointEncoder
-from rf_exp.robots import DEFAULT
+from rf_exp.robots import DEFAULT, Arm
 from rf_exp.sim.simulator import CameraModel
 from rf_exp.store import Store
 from rf_exp.tasks import CameraSpec
@@ -340,25 +340,39 @@ def test_policies_of_all_views_save_and_load(
 def test_joints_follow_the_hands() -> None:
     """Joints that are a little off are led to where the predicted hands are, both arms of a stream."""
     rng = np.random.default_rng(3)
-    spec = ObservationSpec(bases=((0.0, -0.6, 1.5), (0.5, 0.6, -1.5)))
+    bases = [planar(0.0, -0.6, 1.5), planar(0.5, 0.6, -1.5)]
     stream = Stream("global", (1, 2))
     action = np.concatenate([REST + rng.normal(0, 0.2, (12, 2, 7)), rng.choice([-1.0, 1.0], (12, 2, 1))], 2)
     action[..., :7] = np.clip(action[..., :7], DEFAULT.limits_rad[0] + 0.1, DEFAULT.limits_rad[1] - 0.1)
-    chunk = task_space_actions(spec, stream, action).astype(float)
+    chunk = task_space_actions(bases, stream, action).astype(float)
     chunk[:, :16] += np.tile(np.append(rng.normal(0, 0.01, 7), 0.0), 2)
-    found = joint_actions(spec, stream, chunk)
+    found = joint_actions(bases, stream, chunk)
     assert np.array_equal(found[..., 7], action[..., 7])
     np.testing.assert_allclose(
-        tcp_poses(spec, stream, found[..., :7]), tcp_poses(spec, stream, action[..., :7]), atol=2e-3
+        tcp_poses(bases, stream, found[..., :7]), tcp_poses(bases, stream, action[..., :7]), atol=2e-3
     )
     assert np.abs(found - action)[..., :7].max() < 0.1
 
 
+def test_hands_go_as_high_above_the_table_however_high_that_is() -> None:
+    """What stands on the table is where it was to the policy; the joints are those that reach so low."""
+    stream, action = Stream("agent1", (1,)), np.append(REST, 1.0)[None, None]
+    usual, lower = [planar(0.1, -0.6, 1.5)], [planar(0.1, -0.6, 1.5, -0.03)]
+    chunk = task_space_actions(usual, stream, action).astype(float)
+    said = task_space_actions(lower, stream, action)
+    np.testing.assert_allclose(chunk[0, 8:11] - said[0, 8:11], [0, 0, 0.03], atol=1e-6)
+    above = Arm(DEFAULT, lower[0]).tcp(joint_actions(lower, stream, chunk)[0, 0, :7])
+    np.testing.assert_allclose(above, Arm(DEFAULT, usual[0]).tcp(action[0, 0, :7]), atol=1e-3)
+    camera = CameraModel(64, 48, 1.0, CameraSpec((0.5, 0.0, 0.9)).world_from_camera)
+    rays = [rays_of(Calibration(tuple(bases), {"agent1": camera}), stream) for bases in (usual, lower)]
+    np.testing.assert_array_equal(*rays)
+
+
 def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
-    spec, stream = ObservationSpec(bases=((0.0, 0.0, 0.0),)), Stream("agent1", (1,))
-    chunk = task_space_actions(spec, stream, np.append(REST, 1.0)[None, None]).astype(float)
+    bases, stream = [planar(0.0, 0.0, 0.0)], Stream("agent1", (1,))
+    chunk = task_space_actions(bases, stream, np.append(REST, 1.0)[None, None]).astype(float)
     chunk[0, 8:11] = (3.0, 0.0, 0.5)
-    assert np.array_equal(joint_actions(spec, stream, chunk)[0, 0], chunk[0, :8])
+    assert np.array_equal(joint_actions(bases, stream, chunk)[0, 0], chunk[0, :8])
 
 
 @pytest.mark.parametrize(
@@ -412,7 +426,7 @@ def test_rays_meet_what_a_camera_sees(names: tuple[str, ...]) -> None:
             cameras[name] = CameraModel(64, 48, rng.uniform(0.7, 1.4), pose)
         stands = Calibration((base,), cameras)
         rays = rays_of(stands, Stream("agent1", (1,), names[1:]))
-        local = apply(inverse(base), points)
+        local = apply(inverse(footprint(base)), points)
         for row, (name, ray) in enumerate(zip(names, rays, strict=True)):
             seen = apply(inverse(cameras[name].world_from_camera), points) @ cameras[name].intrinsics.T
             places = seen[:, :2] / seen[:, 2:] / (64, 48)

@@ -18,7 +18,16 @@ from rf_exp.policy import (
     train,
     views,
 )
-from rf_exp.policy.inputs.observation_spec import Memory, ObservationSpec, context, near, spec_of, tcp_poses
+from rf_exp.policy.inputs.observation_spec import (
+    MEMORY,
+    POSE,
+    Memory,
+    ObservationSpec,
+    context,
+    near,
+    spec_of,
+    tcp_poses,
+)
 from rf_exp.store import Store
 from rf_exp.transforms import from_quaternion, planar, quaternion
 from tests.policy.conftest import ARCHS, STEPS, make_episode, scene_at, shown, small_training, varied
@@ -52,7 +61,9 @@ def test_a_rollout_is_told_what_was_learned_from(make_store, told, arch, agents)
         for command in store.action[STEPS:frame, :, 7]:
             memory.told(dict(enumerate(command, start=1)), np.full(agents, OPEN_M))
         for row in range(len(view.streams)):
-            now = context(spec, view, row, store.qpos[frame].astype(float), poses, memory.vector)
+            now = context(
+                spec, view, row, store.qpos[frame].astype(float), poses, memory.vector, spec.world_from_base
+            )
             learned = windows.context[row * store.steps + frame].numpy()
             np.testing.assert_allclose(now, learned, atol=1e-5)
 
@@ -64,19 +75,32 @@ def test_context_is_seen_from_the_own_base() -> None:
     for base in ((0.0, 0.0, 0.0), (0.4, -0.2, 1.1)):
         spec = ObservationSpec((base,), ("block",))
         poses = {"block": planar(*base) @ planar(0.5, 0.1, 0.3, 0.02)}
-        found.append(context(spec, LOCAL, 0, qpos, poses, Memory(1).vector))
+        found.append(context(spec, LOCAL, 0, qpos, poses, Memory(1).vector, spec.world_from_base))
     np.testing.assert_allclose(*found, atol=1e-6)
+
+
+def test_context_is_seen_from_the_table_however_high_that_is() -> None:
+    """Over a higher table a hand is told to be lower, and what stands there to be as high."""
+    spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
+    poses = {"block": planar(0.5, 0.1, 0.3, 0.02)}
+    usual, lower = (
+        context(spec, LOCAL, 0, qpos, poses, Memory(1).vector, [planar(0.0, 0.0, 0.0, z_m)])
+        for z_m in (0.0, -0.03)
+    )
+    hand, block = lower[:3] - usual[:3], slice(POSE + MEMORY, 2 * POSE + MEMORY)
+    np.testing.assert_allclose(hand, [0, 0, -0.03], atol=1e-6)
+    np.testing.assert_array_equal(lower[block], usual[block])
 
 
 def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -> None:
     """Other numbers are scaled by their range in the demonstrations."""
     spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
-    hand_m = tcp_poses(spec, LOCAL.streams[0], qpos[:, :7])[0, :3]
+    hand_m = tcp_poses(spec.world_from_base, LOCAL.streams[0], qpos[:, :7])[0, :3]
 
     def near_at(*off_m: float) -> np.ndarray:
         pose = planar(0.0, 0.0, 0.0)
         pose[:3, 3] = hand_m + off_m
-        return context(spec, LOCAL, 0, qpos, {"block": pose}, Memory(1).vector)[-3:]
+        return context(spec, LOCAL, 0, qpos, {"block": pose}, Memory(1).vector, spec.world_from_base)[-3:]
 
     np.testing.assert_allclose(near_at(0.001, 0.05, -0.1), [0.01, 0.5, -1.0], atol=1e-6)
     np.testing.assert_allclose(near_at(2.4, -0.3, 0.0), [1.0, -1.0, 0.0], atol=1e-6)

@@ -1,7 +1,7 @@
 """Diffusion runner: a diffusion policy that acts through the streams of its view."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +21,8 @@ from rf_exp.policy.inputs.coordination import phases
 from rf_exp.policy.inputs.observation_spec import (
     Memory,
     ObservationSpec,
-    base_from_tcps,
     context,
+    footprint_from_tcps,
     others,
     proprioception,
     widths,
@@ -32,7 +32,7 @@ from rf_exp.policy.inputs.task_space import joint_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.policy.learning.checkpoint import MODEL, load_policy
 from rf_exp.policy.networks.policy import Policy
-from rf_exp.transforms import placed
+from rf_exp.transforms import Matrix, placed
 from rf_exp.types import ARM_JOINTS, KeypointDetection
 
 WAIT_STEPS = 4  # of a prediction that are executed where every agent waits: then its policy looks again
@@ -157,7 +157,8 @@ class DiffusionRunner(PolicyRunner):
         memory, streams = episode.grippers.vector, range(len(own))
         if self.spec.subgoals:
             memory = np.concatenate([memory, self._subgoals(observation)], axis=-1)
-        told = [context(self.spec, self.view, row, qpos, observation.poses, memory) for row in streams]
+        bases = self._bases(observation)
+        told = [context(self.spec, self.view, row, qpos, observation.poses, memory, bases) for row in streams]
         known = torch.from_numpy(np.stack(told)).to(self._device)
         features = self._look(observation) if self.looks else proprio.new_zeros(len(own), 0)
         # Before an episode's start its first frame repeats, as in training.
@@ -198,6 +199,11 @@ class DiffusionRunner(PolicyRunner):
             features, _ = self._policy.look(shown, self._rays(observation))
         return features
 
+    def _bases(self, observation: Observation) -> Sequence[Matrix]:
+        """(4, 4) of every arm: as is known, or else where it usually stands."""
+        known = observation.calibration
+        return self.spec.world_from_base if known is None else known.world_from_base
+
     def _rays(self, observation: Observation) -> Tensor | None:
         """(S, K, 3, 4) of the cameras: as is known, or else as estimated."""
         if self._policy.encoder.usual_rays is None:
@@ -212,7 +218,8 @@ class DiffusionRunner(PolicyRunner):
         """Each camera by where it sees the own hands: places of the points of keypoints (S, M, 2)."""
         for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
-            points = placed(base_from_tcps(self.spec, stream, joints), np.array(HAND)).reshape(-1, 3)
+            points = placed(footprint_from_tcps(self.spec.world_from_base, stream, joints), np.array(HAND))
+            points = points.reshape(-1, 3)
             first = (self.spec.keyframes + 1) * len(points)
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
                 camera.see(points, seen[first : first + len(points)])
@@ -257,8 +264,8 @@ class DiffusionRunner(PolicyRunner):
         stays = waits | self._within_deadband(actions, joints, opened)
         actions = actions[:, : self._config.acting.action_steps]
         if self._config.task_space_actions:
-            streams = zip(self.view.streams, actions, strict=True)
-            chunk = np.concatenate([joint_actions(self.spec, *each) for each in streams], axis=1)
+            streams, bases = zip(self.view.streams, actions, strict=True), self._bases(observation)
+            chunk = np.concatenate([joint_actions(bases, *each) for each in streams], axis=1)
         else:
             chunk = self._joint_actions(actions).copy()
         chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]

@@ -190,7 +190,8 @@ def rollout(
 ) -> Rollout:
     """Let the runners act in the scene of `seed` until strict success or for `step_limit` control steps.
 
-    Strict success asks that no two arms have touched until then. It is over as well when two arms press so hard on one another that they stop by themselves.
+    Strict success asks that no two arms have touched until then. It is over as well when two arms press so
+    hard on one another that they stop by themselves.
     `judge` and `monitor` see the scene after every step, `on_step` is told of all that happened in it.
     `success_paper` is whether the paper's criterion held at any step. `start` is the scene of
     `world.reset(seed)` where the caller has just done that (a judge needs it). `shield`, of this rollout

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rf_exp.policy.inputs.observation_spec import (
     ObservationSpec,
     changes,
+    footprint,
     others,
     widths,
     world_from_tcp,
@@ -37,7 +38,7 @@ class Keypoints(NamedTuple):
     """
 
     pixels: NDArray[np.float32]  # (T, M * P, 2) x to the right and y down, from 0 to 1 over the picture
-    points: NDArray[np.float32]  # (T, M * P, 3) m, in the base frame of the stream's first agent
+    points: NDArray[np.float32]  # (T, M * P, 3) m, in the footprint of the stream's first agent
     headings: NDArray[np.float32]  # (T, M, HEADING)
     rays: NDArray[np.float32]  # (T, K, 3, 4) of the K cameras, see `rays_of`
 
@@ -60,13 +61,13 @@ def keypoints(
         columns += [world_from_tcp(bases, agent, qpos) for agent in now]
         hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
         world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
-        to_base = inverse(bases[stream.agents[0] - 1])
-        fingers = (to_base @ hands)[..., :2, 1]  # the axis along which they move
+        footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
+        fingers = (footprint_from_world @ hands)[..., :2, 1]  # the axis along which they move
         heading = np.arctan2(fingers[..., 1], fingers[..., 0])
         turns = np.concatenate([[np.cos(k * heading), np.sin(k * heading)] for k in (1, 2, 4)])
         seen = [_placed(_project(world, c), k, len(cameras)) for k, c in enumerate(cameras)]
         pixels.append(np.concatenate(seen, axis=1))
-        points.append(apply(to_base, world).astype(np.float32))
+        points.append(apply(footprint_from_world, world).astype(np.float32))
         headings.append(np.moveaxis(turns, 0, -1).astype(np.float32))
         rays.append(np.repeat(rays_of(calibration, stream)[None], len(qpos), axis=0))
     of_cameras = 1, len(stream.cameras), 1

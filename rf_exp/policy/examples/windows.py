@@ -24,6 +24,7 @@ from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.examples.keypoints import keypoints
 from rf_exp.policy.inputs.coordination import hesitates, may_go, numbered, phases
 from rf_exp.policy.inputs.observation_spec import (
+    ObservationSpec,
     context,
     of_agent,
     others,
@@ -33,6 +34,7 @@ from rf_exp.policy.inputs.observation_spec import (
     widths,
 )
 from rf_exp.policy.inputs.pictures import (
+    calibrations,
     crop,
     pictures_of,
     rays_of,
@@ -75,6 +77,27 @@ def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     """Measured joints, intended and executed commands of each episode."""
     arrays = store.qpos, store.action, store.executed
     return zip(*(store.by_episode(each) for each in arrays), strict=True)
+
+
+def _told_and_sent(
+    store: "Store", view: View, row: int, config: PolicyConfig, spec: ObservationSpec, memory: NDArray
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Of each episode the context (T, C) and the actions (T, A) of a stream, as its arms stand there."""
+    stream, bases = view.streams[row], [spec.world_from_base] * len(store)
+    if config.encoder.keypoints:  # which is told where they do
+        bases = [each.world_from_base for each in calibrations(store, stream.cameras)]
+    poses = [from_quaternion(store.poses[name][:]) for name in spec.objects]
+    episodes = zip(bases, *map(store.by_episode, (store.qpos, store.action, memory, *poses)), strict=True)
+    for stands, qpos, action, remembers, *things in episodes:
+        seen = dict(zip(spec.objects, things, strict=True))
+        own = action[:, np.array(stream.agents) - 1]
+        told = context(spec, view, row, qpos, seen, remembers, stands)
+        yield (
+            told,
+            task_space_actions(stands, stream, own)
+            if config.task_space_actions
+            else own.reshape(len(own), -1),
+        )
 
 
 class _Meant:
@@ -162,14 +185,13 @@ class Windows:
             memory = np.concatenate([remembered(*each) for each in episodes])
         if spec.subgoals:
             memory = np.concatenate([memory, phases(numbers, free, spec.subgoals)], axis=-1)
-        poses = {name: from_quaternion(store.poses[name][kept]) for name in spec.objects}
-        known = [context(spec, view, row, qpos, poses, memory[kept]) for row in range(len(columns))]
+        known, commands = [], []
+        for row in range(len(columns)):
+            told, sent = zip(*_told_and_sent(store, view, row, config, spec, memory), strict=True)
+            known.append(np.concatenate(told)[kept])
+            commands.append(np.concatenate(sent)[kept])
         self.context = stacked(known)  # raw (S * T, C)
-        commands = [action[:, agents] for agents in columns]
-        if config.task_space_actions:
-            streams = zip(view.streams, commands, strict=True)
-            commands = [task_space_actions(spec, stream, each) for stream, each in streams]
-        self.action = stacked([each.reshape(len(action), -1) for each in commands])  # raw (S * T, A)
+        self.action = stacked(commands)  # raw (S * T, A)
 
         self._pictures = torch.empty((0, 0, 0, 3), dtype=torch.uint8, device=device)  # (S * T, H, W, 3)
         if config.encoder.pictures:

@@ -1,10 +1,12 @@
 """The context of an observation: one vector of what a policy is told beside its pictures and its own joints.
 
-For each own agent, in the frame of the base of the first of them: where the TCP is (position, two axes), and
-what its gripper has done so far (`Memory`). A privileged-state policy (encoder `privileged`) is told the
-truth instead of pictures: the joints and TCPs of the other agents, the poses of all objects, and once more
-where those are that an own hand is near to. Numbers are scaled by their range in the demonstrations: of a
-thing that goes along the whole table, a millimetre would be less than a thousandth.
+For each own agent, in the footprint of the first of them: where the TCP is (position, two axes), and what its
+gripper has done so far (`Memory`). A footprint is the place of a base on the table (ROS, REP 120): over a
+table that is higher, hands are told to be lower, and what stands on it is as high as ever. A privileged-state
+policy (encoder `privileged`) is told the truth instead of pictures: the joints and TCPs of the other agents,
+the poses of all objects, and once more where those are that an own hand is near to. Numbers are scaled by
+their range in the demonstrations: of a thing that goes along the whole table, a millimetre would be less than
+a thousandth.
 """
 
 from collections.abc import Mapping, Sequence
@@ -65,7 +67,7 @@ class ObservationSpec:
 
     @property
     def world_from_base(self) -> list[Matrix]:
-        """(4, 4) of every arm."""
+        """(4, 4) of every arm, where it usually stands."""
         return [planar(*each) for each in self.bases]
 
     def keypoints(self, view: View) -> int:
@@ -199,8 +201,9 @@ def context(
     qpos: NDArray[np.floating],
     poses: Mapping[str, NDArray[np.floating]],
     memory: NDArray[np.floating],
+    bases: Sequence[Matrix],
 ) -> NDArray[np.float32]:
-    """The context (..., C) of stream `row` of a view.
+    """The context (..., C) of stream `row` of a view, where the bases (4, 4) of all arms stand so.
 
     From the measured joints of all agents (..., N, 9), world poses of objects (..., 4, 4) and what all
     grippers have done (..., N, M), see `Memory`; behind that what is told of their subgoals, which comes last
@@ -208,11 +211,11 @@ def context(
     """
     if not spec.bases:
         return np.zeros((*qpos.shape[:-2], 0), np.float32)
-    stream, bases, parts = view.streams[row], spec.world_from_base, list[NDArray[np.floating]]()
-    base_from_world = inverse(bases[stream.agents[0] - 1])
+    stream, parts = view.streams[row], list[NDArray[np.floating]]()
+    footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
 
     def hand_of(agent: int) -> NDArray[np.floating]:
-        return _flat(base_from_world @ world_from_tcp(bases, agent, qpos))
+        return _flat(footprint_from_world @ world_from_tcp(bases, agent, qpos))
 
     hands = [hand_of(agent) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
@@ -220,7 +223,7 @@ def context(
     if spec.objects:
         for agent in others(spec, stream):
             parts += [proprioception(qpos[..., agent - 1 : agent, :]), hand_of(agent)]
-        things = [_flat(base_from_world @ poses[name]) for name in spec.objects]
+        things = [_flat(footprint_from_world @ poses[name]) for name in spec.objects]
         parts += [*things, *(near(thing[..., :3] - hand[..., :3]) for hand in hands for thing in things)]
     if len(view.streams) > 1:  # one policy for several agents: which of them
         parts.append(np.broadcast_to(np.eye(len(view.streams))[row], (*qpos.shape[:-2], len(view.streams))))
@@ -228,19 +231,25 @@ def context(
     return np.concatenate(parts, axis=-1).astype(np.float32)
 
 
-def tcp_poses(spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
+def footprint(world_from_base: Matrix) -> Matrix:
+    """Where a base (4, 4) stands on the table, which is at z = 0 of the world."""
+    below = world_from_base.copy()
+    below[2, 3] = 0.0
+    return below
+
+
+def tcp_poses(bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
-    return _flat(base_from_tcps(spec, stream, joints))
+    return _flat(footprint_from_tcps(bases, stream, joints))
 
 
-def base_from_tcps(
-    spec: ObservationSpec, stream: Stream, joints: NDArray[np.floating]
+def footprint_from_tcps(
+    bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
 ) -> NDArray[np.float64]:
     """The same as matrices (..., n, 4, 4)."""
-    bases = spec.world_from_base
-    base_from_world = inverse(bases[stream.agents[0] - 1])
+    footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
     poses = [
-        base_from_world @ bases[agent - 1] @ DEFAULT.tcp_pose(joints[..., row, :])
+        footprint_from_world @ bases[agent - 1] @ DEFAULT.tcp_pose(joints[..., row, :])
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-3)

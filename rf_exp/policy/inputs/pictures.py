@@ -1,7 +1,7 @@
 """The pictures of a store as a policy takes them, and the rays along which their places are seen.
 
 A camera is a matrix (3, 4), [A | c]: what is at the place (x, y) of its picture, from 0 to 1 to the right
-and down, lies on c + t A (x, y, 1), in m, in the base frame of an arm. A camera that has moved has another
+and down, lies on c + t A (x, y, 1), in m, in the footprint of an arm. A camera that has moved has another
 matrix, and the same keypoints.
 """
 
@@ -15,6 +15,7 @@ from torch import Tensor
 
 from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
+from rf_exp.policy.inputs.observation_spec import footprint
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import Matrix, inverse, planar
@@ -85,16 +86,16 @@ def inside_picture(places: Array) -> Array:
 
 
 def rays_of(calibration: Calibration, stream: Stream) -> NDArray[np.float32]:
-    """(K, 3, 4) of the cameras of a stream, whose pictures lie side by side, from the first agent's base."""
-    base_from_world = inverse(calibration.world_from_base[stream.agents[0] - 1])
+    """(K, 3, 4) of the cameras of a stream, whose pictures lie side by side, from the first's footprint."""
+    footprint_from_world = inverse(footprint(calibration.world_from_base[stream.agents[0] - 1]))
     count, found = len(stream.cameras), []
     for row, name in enumerate(stream.cameras):
         camera = calibration.cameras[name]
-        base_from_camera = base_from_world @ camera.world_from_camera
+        footprint_from_camera = footprint_from_world @ camera.world_from_camera
         width, height = camera.width_px, camera.height_px
         pixels_from_place = np.array([[count * width, 0, -row * width], [0, height, 0], [0, 0, 1.0]])
-        directions = base_from_camera[:3, :3] @ np.linalg.inv(camera.intrinsics) @ pixels_from_place
-        found.append(np.column_stack([directions, base_from_camera[:3, 3]]))
+        directions = footprint_from_camera[:3, :3] @ np.linalg.inv(camera.intrinsics) @ pixels_from_place
+        found.append(np.column_stack([directions, footprint_from_camera[:3, 3]]))
     return np.stack(found).astype(np.float32)
 
 

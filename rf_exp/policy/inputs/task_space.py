@@ -10,10 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec, tcp_poses
+from rf_exp.policy.inputs.observation_spec import POSE, footprint, tcp_poses
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.transforms import from_axes
+from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import ARM_JOINTS
 
 # How far the last joint is turned to follow a hand: with its own alone a pose may just be out of reach. Below
@@ -24,27 +24,30 @@ FARTHEST_RAD = 0.35  # what is farther is another posture, and not meant
 
 
 def task_space_actions(
-    spec: ObservationSpec, stream: Stream, action: NDArray[np.floating]
+    bases: Sequence[Matrix], stream: Stream, action: NDArray[np.floating]
 ) -> NDArray[np.float32]:
-    """Actions (..., n, 8) of the n agents of a stream -> (..., 8n + 9n), with the poses of their TCPs."""
-    poses = tcp_poses(spec, stream, action[..., :ARM_JOINTS])
+    """Actions (..., n, 8) of the n agents of a stream -> (..., 8n + 9n), with the poses of their TCPs.
+
+    As all arms stand by their bases (4, 4).
+    """
+    poses = tcp_poses(bases, stream, action[..., :ARM_JOINTS])
     joined = [action.reshape(*action.shape[:-2], -1), poses.reshape(*poses.shape[:-2], -1)]
     return np.concatenate(joined, axis=-1).astype(np.float32)
 
 
-def joint_actions(spec: ObservationSpec, stream: Stream, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_actions(bases: Sequence[Matrix], stream: Stream, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
     """Predicted actions (T, 8n + 9n) -> joints and grippers (T, n, 8) that put the TCPs where they belong."""
     agents: Sequence[int] = stream.agents
     actions = chunk[:, : len(agents) * ACTION_SIZE].reshape(len(chunk), len(agents), ACTION_SIZE).copy()
     poses = chunk[:, len(agents) * ACTION_SIZE :].reshape(len(chunk), len(agents), POSE)
-    bases = spec.world_from_base  # in the frame of the first agent's are the poses
+    world_from_footprint = footprint(bases[agents[0] - 1])
     for row, agent in enumerate(agents):
         arm = Arm(DEFAULT, bases[agent - 1])
         joints, pose = actions[:, row, :ARM_JOINTS], poses[:, row]
         x, y = pose[:, 3:6], pose[:, 6:9]
         axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)
-        base_from_tcp = np.stack([from_axes(place, z=out, y=across) for place, out, across in axes])
-        actions[:, row, :ARM_JOINTS] = _nearest(arm, bases[agents[0] - 1] @ base_from_tcp, joints)
+        footprint_from_tcp = np.stack([from_axes(place, z=out, y=across) for place, out, across in axes])
+        actions[:, row, :ARM_JOINTS] = _nearest(arm, world_from_footprint @ footprint_from_tcp, joints)
     return actions
 
 

@@ -98,7 +98,7 @@ class Ledger:
 
     @property
     def success(self) -> bool:
-        """Whether it has succeeded without that two arms touched: strict success of whoever acts by itself."""
+        """Whether it has succeeded and no two arms have touched: strict success of a policy."""
         return self._verdict is not None and self._verdict.success and not self.contacts
 
     @property
