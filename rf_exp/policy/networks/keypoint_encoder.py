@@ -3,7 +3,7 @@
 A small convolutional trunk keeps the resolution of a quarter of the picture; each keypoint has a map over
 its cells, learned by the cross entropy to where the keypoint is (Tompson et al. 2014). The middle of a map's
 peak is a picture coordinate finer than a cell, and calibration says along which ray that is seen. How far
-along is told by the height of the keypoint above the arm's base, which is learned (a hand grips what lies on
+along is told by the height of the keypoint above the table, which is learned (a hand grips what lies on
 a table as high wherever it lies), and by the ray of a second camera, where there is one. A camera that has
 moved, and whose calibration is known, sees as well as before.
 
@@ -141,7 +141,7 @@ class KeypointEncoder(Encoder):
     """
 
     usual: Tensor  # (S, K, 3, 4) rays of the cameras of S streams where they usually stand
-    centre: Tensor  # (M * P, 3) m, the mean of each point, from the base of the arm
+    centre: Tensor  # (M * P, 3) m, the mean of each point, in the footprint of the arm
     spread: Tensor  # (M * P,) m, the standard deviation of its height
     height_error: Tensor  # (M * P,) m, how far off heights are that are told
 
