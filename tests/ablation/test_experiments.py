@@ -90,10 +90,19 @@ def test_robustness_sweeps_over_every_choice_of_variation_for_policies_of_both_k
     )[0]
     chosen = {tuple(override.partition("=")[2] for override in job) for job in jobs}
     names = {path.stem for path in (CONF / "variation").glob("*.yaml")}
-    assert chosen == {(learned, acted) for learned in ("none", "full") for acted in names}
+    assert chosen == {(learned, acted) for learned in ("fast", "robust") for acted in names}
     learned, acted = experiment("variation=full"), experiment("variation=none", "variation@evaluated=full")
     assert (learned.method, learned.evaluated.name) == ("test+full", "full")
     assert (acted.method, acted.evaluated.name) == ("test", "full")
+
+
+@pytest.mark.slow
+def test_a_recipe_chooses_its_scenes_and_the_command_line_others() -> None:
+    for asked, found in (((), "full"), (("variation=light",), "light")):
+        values = composed("policy=robust", *asked)
+        assert (values["variation"]["name"], values["evaluated"]["name"]) == (found, found)
+    assert composed("policy=robust", "variation@evaluated=none")["evaluated"]["name"] == "none"
+    assert composed("policy=fast")["variation"]["name"] == "none"
 
 
 def config_loader() -> ConfigLoaderImpl:
