@@ -32,6 +32,8 @@ from rf_exp.errors import WorkerDied, portable
 
 AHEAD = 4  # results for each worker that may wait for an earlier one: a bound on memory
 LOOK_EVERY_S = 0.5
+# Variables that change under way and mean nothing to a job: where logs are sent to, and which test asks.
+PASSING = frozenset({"WANDB_SERVICE", "PYTEST_CURRENT_TEST"})
 SHELL_SIGNAL = 128  # a shell reports death by signal n as exit code 128 + n
 
 # Spawned: a fork would inherit the renderer and the threads of this process.
@@ -98,7 +100,8 @@ class _Team:
         self._workers, self._limit_s = workers, limit_s
         self._answers: SimpleQueue[_Answer] = SimpleQueue()
         # What a child takes over when it is born: in other surroundings its jobs might come out otherwise.
-        self._born = workers > 1, os.getcwd(), tuple(sys.path), tuple(sorted(os.environ.items()))
+        lasting = sorted((name, value) for name, value in os.environ.items() if name not in PASSING)
+        self._born = workers > 1, os.getcwd(), tuple(sys.path), tuple(lasting)
         fit = [child for child in _idle if child.born == self._born and child.process.is_alive()][:workers]
         for child in _idle:
             if child not in fit:

@@ -19,6 +19,7 @@ TINY = (
     "workers=1",
     "wandb=offline",
     "picture={width: 64, height: 48}",
+    "task.lift_barrier.step_limit=20",  # hardly trained, policies would go on to the end of it
     "training.steps=3",
     "policy.encoder.keypoints.steps=2",
     "policy.head.refined.regression_steps=2",
@@ -157,7 +158,7 @@ def test_rendering_without_vulkan_fails_before_any_work(tmp_path):
     assert not list(tmp_path.glob("results/generate/*/*.jsonl"))
 
 
-PAIR = ("lift_barrier", "place_food")
+PAIR = ("lift_barrier", "pick_meat")
 
 
 @pytest.fixture(scope="module")
@@ -184,20 +185,20 @@ def test_every_seed_is_a_row(generated):
 
 
 @pytest.mark.slow
-def test_finished_work_is_skipped(generated):
+def test_finished_work_is_skipped(command, generated):
     out, arguments = generated
     kept = [path for path in (out / "data").rglob("*") if path.is_file() and path.suffix != ".lock"]
     before = {path: path.stat().st_mtime_ns for path in kept}
-    result = run(*arguments, f"out={out}")
+    result = command(*arguments, f"out={out}")
     assert result.returncode == 0
     assert result.stdout.count("nothing to do") == 2
     assert before == {path: path.stat().st_mtime_ns for path in before}
 
 
 @pytest.mark.slow
-def test_two_workers_make_the_same_bytes_as_one(generated, tmp_path):
+def test_two_workers_make_the_same_bytes_as_one(command, generated, tmp_path):
     out, arguments = generated
-    result = run(*arguments[:-1], "workers=2", f"out={tmp_path}")
+    result = command(*arguments[:-1], "workers=2", f"out={tmp_path}")
     assert result.returncode == 0, result.stderr
     for task in PAIR:
         one, two = (Store.open(folder / f"data/{task}/full/fast.zarr") for folder in (out, tmp_path))
@@ -218,29 +219,28 @@ def test_a_run_without_one_success_fails(command, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_changed_configuration_is_not_reused(generated):
+def test_a_changed_configuration_is_not_reused(command, generated):
     out, arguments = generated
-    result = run(*arguments, "limits.velocity_rad_s=0.5", f"out={out}")
+    result = command(*arguments, "limits.velocity_rad_s=0.5", f"out={out}")
     assert result.returncode == 1
     assert "limits" in result.stderr and "0.9" in result.stderr and "0.5" in result.stderr
     assert "out=FOLDER" in result.stderr
 
 
 @pytest.mark.slow
-def test_more_episodes_continue_where_fewer_stopped(generated, tmp_path):
+def test_more_episodes_continue_where_fewer_stopped(command, generated, tmp_path):
     out, _ = generated
-    run("stages=[generate]", "render=false", "episodes=1", "recordings=0", "workers=1", f"out={tmp_path}")
-    result = run(
-        "stages=[generate]", "render=false", "episodes=2", "recordings=0", "workers=1", f"out={tmp_path}"
-    )
-    assert result.returncode == 0, result.stderr
+    for episodes in (1, 2):
+        arguments = ("stages=[generate]", "render=false", f"episodes={episodes}", "recordings=0", "workers=1")
+        result = command(*arguments, f"out={tmp_path}")
+        assert result.returncode == 0, result.stderr
     resumed, whole = (Store.open(folder / "data/lift_barrier/full/fast.zarr") for folder in (tmp_path, out))
     assert resumed.digest() == whole.digest()
 
 
 @pytest.mark.render
 @pytest.mark.slow
-def test_the_whole_experiment_at_a_tiny_size(tmp_path):
+def test_the_whole_experiment_at_a_tiny_size(command, tmp_path):
     arguments = (*TINY, "arch=all", f"out={tmp_path}")
     result = run(*arguments)
     assert result.returncode == 0, result.stdout + result.stderr
@@ -261,5 +261,5 @@ def test_the_whole_experiment_at_a_tiny_size(tmp_path):
     assert (tmp_path / "report.html").stat().st_size > 10_000
     for name in ("tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"):
         assert {path.suffix for path in (tmp_path / "tables").glob(f"{name}.*")} == {".md", ".csv", ".tex"}
-    again = run(*arguments)
+    again = command(*arguments)
     assert again.returncode == 0 and "nothing to do" in again.stdout

@@ -8,9 +8,9 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
+from rf_exp import policy  # its networks are for training, and demonstrations are made without them
 from rf_exp.ablation import EvaluationRow, GenerationRow
 from rf_exp.errors import StageError
-from rf_exp.policy import Curve
 from rf_exp.stages.cell import Cell
 
 ResultRow = GenerationRow | EvaluationRow
@@ -21,7 +21,7 @@ TOLD = (  # of the experiment, beside what a run is about
 
 
 @contextmanager
-def curve_log(cell: Cell, view: str) -> Iterator[Callable[[Curve], None]]:
+def curve_log(cell: Cell, view: str) -> "Iterator[Callable[[policy.Curve], None]]":
     """A function that logs a row of the training curves of one policy."""
     with _run(cell, "train", view) as log:
         yield lambda curve: log(curve.step, asdict(curve))
@@ -142,23 +142,23 @@ def identity(cell: Cell, stage: str, view: str = "") -> dict[str, Any]:
 class Follower:
     """Reads the curves of a policy while another process trains it; hands every new row to `log`."""
 
-    def __init__(self, path: Path, log: Callable[[Curve], None]) -> None:
+    def __init__(self, path: Path, log: "Callable[[policy.Curve], None]") -> None:
         self._path, self._log, self._step = path, log, 0
         self._step = max((curve.step for curve in self._rows()), default=0)  # an earlier run's are old
 
-    def new(self) -> Iterator[tuple[Curve, int]]:
+    def new(self) -> "Iterator[tuple[policy.Curve, int]]":
         """The rows that have come since the last call, each with the steps since the row before it."""
         for curve in self._rows():
             steps, self._step = curve.step - self._step, curve.step
             self._log(curve)
             yield curve, steps
 
-    def _rows(self) -> list[Curve]:
+    def _rows(self) -> "list[policy.Curve]":
         if not self._path.exists():
             return []
         with self._path.open(newline="") as file:
             whole = [line for line in file if line.endswith("\n")]  # the last one may be half written
-        kinds: dict[str, Any] = {field.name: field.type for field in fields(Curve)}
+        kinds: dict[str, Any] = {field.name: field.type for field in fields(policy.Curve)}
         read = csv.DictReader(whole)
-        rows = (Curve(**{name: kinds[name](value) for name, value in row.items()}) for row in read)
+        rows = (policy.Curve(**{name: kinds[name](value) for name, value in row.items()}) for row in read)
         return [row for row in rows if row.step > self._step]

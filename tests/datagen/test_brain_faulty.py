@@ -1,5 +1,7 @@
 """Named faults: found before anything moves, explained, and repaired, in the real simulator."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,12 @@ def make(world, fault):
     return outcome, watcher, brain
 
 
+@pytest.fixture(scope="module")
+def tried(worlds):
+    """`make` of the task of a name, once however many tests ask for the same fault."""
+    return cache(lambda name, fault: make(worlds[name], fault))
+
+
 def faults_of(name, breaks):
     task = read_task(name)
     scene = start_scene(task, 0)
@@ -67,8 +75,8 @@ CASES += [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "fault"), CASES)
-def test_a_fault_that_breaks_something_is_found_before_it_moves_and_repaired(name, fault, worlds):
-    outcome, watcher, brain = make(worlds[name], fault)
+def test_a_fault_that_breaks_something_is_found_before_it_moves_and_repaired(name, fault, tried):
+    outcome, watcher, brain = tried(name, fault)
     assert brain.placed and outcome.success and outcome.attempts == 2
     (stopped_at,) = watcher.rejected_at
     assert stopped_at in (0, *watcher.planned_at)  # nothing moved between the proposal and its rejection
@@ -92,14 +100,14 @@ REASONS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", REASONS)
-def test_the_reason_speaks_of_the_fault(fault, worlds):
-    _, watcher, _ = make(worlds["lift_barrier"], fault)
+def test_the_reason_speaks_of_the_fault(fault, tried):
+    _, watcher, _ = tried("lift_barrier", fault)
     assert REASONS[fault] in watcher.reasons[0]
 
 
 @pytest.mark.slow
-def test_a_constraint_left_out_is_made_up_for(worlds):
-    outcome, watcher, brain = make(worlds["lift_barrier"], "missing_constraint")
+def test_a_constraint_left_out_is_made_up_for(tried):
+    outcome, watcher, brain = tried("lift_barrier", "missing_constraint")
     assert brain.placed and outcome.success and not watcher.reasons
 
 

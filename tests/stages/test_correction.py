@@ -13,9 +13,10 @@ from rf_exp.store import Store
 pytestmark = [pytest.mark.render, pytest.mark.slow]
 
 ARGUMENTS = (
-    *("task=pick_meat", "demos=2", "scenes=1", "recordings=0", "films=0", "wandb=disabled"),
+    *("task=pick_meat", "demos=2", "scenes=1", "recordings=0", "films=0", "wandb=disabled", "workers=1"),
     *("picture={width: 64, height: 48}", "training.steps=3", "policy.encoder.keypoints.steps=2"),
     *("policy.head.refined.regression_steps=2", "training.batch_size=8"),
+    "task.pick_meat.step_limit=60",
 )
 ROUNDS = "dagger={rounds: 2, rollouts: 1}"
 DATA = "data/pick_meat/full/corrected-separate_local-fast+dagger{}-2-0.zarr"

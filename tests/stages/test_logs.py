@@ -123,6 +123,8 @@ def test_training_and_evaluation_say_what_they_are_about(tmp_path):
     sizes = (
         "demos=2",
         "scenes=2",
+        "films=0",
+        "task.lift_barrier.step_limit=20",
         "picture={width: 64, height: 48}",
         "training.steps=3",
         "policy.encoder.keypoints.steps=2",
