@@ -86,6 +86,13 @@ def array(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds:
     return found
 
 
+def needed(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds: str) -> Any:
+    """As `array`, of one that has to be there. Raises StageError where it is not."""
+    found = array(path, group, name, row, kinds)
+    expect(found is not None, path, f"{group.name.rstrip('/')}/{name} is missing")
+    return found
+
+
 def rows(path: Path, found: Any, start: int, end: int) -> NDArray[Any]:
     """Rows of a dataset, read. Raises StageError."""
     size = (end - start) * int(np.prod(found.shape[1:])) * found.dtype.itemsize

@@ -34,15 +34,14 @@ def read(path: Path, file: Any, task: str) -> Flat:
     told = []
     for number in numbers:
         name = f"action_{number}"
-        found = hdf5.array(path, file, name, (COMMAND,), "f")
+        found = hdf5.needed(path, file, name, (COMMAND,), "f")
         told.append(commands(path, name, hdf5.rows(path, found, 0, found.shape[0])))
     lengths = [len(each) for each in told]
     expect(len({*lengths}) == 1, path, f"arms have {lengths} rows of commands; expected as many for each")
-    ends = hdf5.array(path, file, "episode_ends", (), "iu")
-    expect(ends is not None, path, "episode_ends is missing")
+    ends = hdf5.needed(path, file, "episode_ends", (), "iu")
     frames = {}
     for name in filter(_CAMERA.fullmatch, names):
-        found = hdf5.array(path, file, name, (None, None, None), "u")
+        found = hdf5.needed(path, file, name, (None, None, None), "u")
         expect(found.dtype == np.uint8, path, f"{name} holds {found.dtype}; expected uint8")
         frames[name] = Frames(path, name, found.shape, partial(hdf5.rows, path, found))
     known = {"episode_ends", *(f"action_{number}" for number in numbers), *frames}

@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +136,7 @@ def numbers(path: Path, name: str, values: NDArray[Any]) -> NDArray[np.float32]:
 
 def commands(path: Path, name: str, told: NDArray[Any]) -> NDArray[np.float32]:
     """(T, N, 8) as told, (T, N * 8) or (T, N, 8). Raises StageError for what is no joint target in rad."""
-    found = numbers(path, name, told).reshape(len(told), -1, COMMAND)
+    found = numbers(path, name, told).reshape(len(told), prod(told.shape[1:]) // COMMAND, COMMAND)
     beyond = within_limits(found)[1]
     expect(
         beyond < FARTHEST,

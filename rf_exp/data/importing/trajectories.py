@@ -49,8 +49,8 @@ class Trajectories(Source):
         """`said` is what the JSON file says, empty without one. Raises StageError."""
         self._path, self._file, self._notes = path, file, list[str]()
         entries, survey = _entries(path, said), Survey(path, file)
-        names = filter(None, map(_TRAJECTORY.fullmatch, hdf5.names(path, file)))
-        numbered = sorted((int(each[1]), each[0]) for each in names)
+        names = hdf5.names(path, file)
+        numbered = sorted((int(each[1]), each[0]) for each in map(_TRAJECTORY.fullmatch, names) if each)
         surveyed = [survey.of(name, entries.pop(number, {})) for number, name in numbered]
         self._found = [each for each in surveyed if not each.why_not]
         left_out = [f"{each.name} ({each.why_not})" for each in surveyed if each.why_not]
@@ -59,6 +59,8 @@ class Trajectories(Source):
         agents = sorted({each.told.shape[1] for each in self._found})
         expect(len(agents) == 1, path, f"its trajectories have commands of {agents} arms")
         early = [f"{each.name} ({each.lacks})" for each in self._found if each.lacks]
+        if others := [name for name in names if not _TRAJECTORY.fullmatch(name)]:
+            self._notes.append(f"what is no trajectory was left out: {listed(others)}")
         if left_out:
             self._notes.append(f"{len(left_out)} of {count} trajectories were left out: {listed(left_out)}")
         if early:
@@ -169,7 +171,10 @@ class Trajectories(Source):
             "certificates": True,
         }
         height, width = next((found[0].rgb[name].shape[1:3] for name in names), (0, 0))
-        depth = bool(names) and all(name in each.depth for each in found for name in names)
+        depths = [name in each.depth for each in found for name in names]
+        depth = bool(depths) and all(depths)
+        if any(depths) and not depth:
+            self._notes.append("depth was left out: not every camera of every trajectory has it")
         scene = {
             "robots": [planar_of(base) for base in found[0].bases],
             "cameras": {camera: plain(spec_of(stand).identity) for camera, stand in stands.items()},

@@ -63,16 +63,18 @@ class Survey:
     def of(self, name: str, entry: Mapping[str, Any]) -> Trajectory:
         """What there is of a trajectory, of which the JSON file says `entry`. Raises StageError."""
         path, group = self._path, hdf5.subgroup(self._path, self._file, name)
+        expect(group is not None, path, f"{name} is missing")
         arms = self._arms(group)
-        told = [self._needed(group, f"actions{arm}") for arm in arms]
+        told = [hdf5.needed(path, group, f"actions{arm}", (COMMAND,), "f") for arm in arms]
         one = Trajectory(name, np.zeros((0, len(arms), COMMAND), np.float32), _seed(entry))
         self._bodies(group, len(arms), one)
         pairs = [self._joints(group, arm) for arm in arms]
         one.joints = [pair for pair in pairs if pair is not None] if None not in pairs else []
         self._seen(group, one)
         success = hdf5.array(path, group, SUCCESS, (), "biu")
-        executed = [hdf5.array(path, group, f"executed{arm}", (COMMAND,), "f") for arm in arms]
-        executed = executed if all(each is not None for each in executed) else []
+        executed = []
+        if hdf5.member(path, group, "executed") is not None:
+            executed = [hdf5.needed(path, group, f"executed{arm}", (COMMAND,), "f") for arm in arms]
         arrays = [*told, *executed, *one.states, *(each for pair in one.joints for each in pair)]
         arrays += [*one.rgb.values(), *one.depth.values(), *one.bodies.values()]
         arrays += [] if success is None else [success]
@@ -112,11 +114,6 @@ class Survey:
         )
         return [f"/{numbered[k]}" for k in range(len(names))]
 
-    def _needed(self, group: Any, name: str) -> Any:
-        found = hdf5.array(self._path, group, name, (COMMAND,), "f")
-        expect(found is not None, self._path, f"{group.name} has no {name}")
-        return found
-
     def _read(self, datasets: Sequence[Any], steps: int) -> NDArray[np.float32]:
         rows = [hdf5.rows(self._path, each, 0, steps) for each in datasets]
         return commands(self._path, datasets[0].name, np.stack(rows, axis=1))
@@ -133,7 +130,7 @@ class Survey:
         for kind in ("actors", "articulations"):
             bodies = hdf5.subgroup(self._path, group, f"env_states/{kind}")
             for name in hdf5.names(self._path, bodies) if bodies is not None else ():
-                found = hdf5.array(self._path, bodies, name, (None,), "f")
+                found = hdf5.needed(self._path, bodies, name, (None,), "f")
                 size = found.shape[1]
                 expect(size >= ROOT, self._path, f"{found.name} has {size} columns; expected {ROOT} or more")
                 if (arm := _ARM.fullmatch(name)) is None:
