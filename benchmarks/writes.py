@@ -2,13 +2,14 @@
 
     python benchmarks/writes.py [--commands merge,export-lerobot,...] [--every 1] [--kills 30] [--folder DIR]
 
-Merge, all exports, import, rescue, release and publish take what `benchmarks/kills.py` makes once in DIR/whole. Each
-is ended by SIGKILL just before its first write below its folder, before the second (`--every`: not before
-each), ... and at so many random moments; after every kill the same command is given again. A write is a file
-that is opened to be changed, or anything that is made, renamed or removed. Each time it is asked whether the
-kill has left the inputs as they were, and what it was to make whole or not there; whether the command given
-again ends with the bytes of one that nothing has disturbed; and whether it leaves a temporary file. The last
-line is JSON: of every command the kills that hit it at work, and how many of them left all of that right.
+Merge, all exports, import, rescue, release and publish take what `benchmarks/kills.py` makes once in
+DIR/whole. Each is ended by SIGKILL just before its first write below its folder, before the second
+(`--every`: not before each), ... and at so many random moments; after every kill the same command is given
+again. A write is a file that is opened to be changed, or anything that is made, renamed or removed. Each time
+it is asked whether the kill has left the inputs as they were, and what it was to make whole or not there;
+whether the command given again ends with the bytes of one that nothing has disturbed; and whether it leaves a
+temporary file. The last line is JSON: of every command the kills that hit it at work, and how many of them
+left all of that right.
 """
 
 import argparse

@@ -4,7 +4,7 @@ What is in them are episodes made here. Nothing of the exporters is used.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from rf_exp.robots import DEFAULT
 from rf_exp.tasks import CameraSpec
 from rf_exp.transforms import planar, position_and_quaternion
 
-HEIGHT, WIDTH, FOV_DEG = 12, 16, 60.0
+HEIGHT, WIDTH, FOV_DEG = 16, 24, 60.0
 BASES = (planar(0.0, -0.75, np.pi / 2), planar(0.0, 0.75, -np.pi / 2))
 CAMERAS = {
     "head_camera_global": CameraSpec((1.1, 0.0, 0.9), (0.0, 0.0, 0.26), FOV_DEG),
@@ -113,7 +113,7 @@ def raw(path: Path, episodes: Sequence[Made], depth: bool = False, surplus: int 
     return path
 
 
-def parameters(camera: str) -> dict[str, NDArray[np.float64]]:
+def parameters(camera: str) -> dict[str, NDArray[Any]]:
     """What ManiSkill records of a camera."""
     pose = CAMERAS.get(camera, CAMERAS["head_camera_global"]).world_from_camera
     focal = HEIGHT / 2 / np.tan(np.deg2rad(FOV_DEG) / 2)
@@ -136,23 +136,25 @@ def zarr_arm(folder: Path, episodes: Sequence[Made], arm: int) -> Path:
     """The release's Zarr 2 of an arm."""
     actions, ends = told(episodes)
     path = folder / f"LiftBarrier-rf_Agent{arm}_{len(episodes)}.zarr"
-    columns = dict.fromkeys(("action", "state", "tcp_action"), actions[:, arm])
+    columns = {name: actions[:, arm] for name in ("action", "state", "tcp_action")}
     return buffer(path, columns, {"head_camera": seen(episodes, f"head_camera_agent{arm}")}, ends)
 
 
 def zarr_joint(path: Path, episodes: Sequence[Made]) -> Path:
     """The Zarr 2 of a fork: all arms in one."""
     actions, ends = told(episodes)
-    columns = dict.fromkeys(("action", "state"), actions.reshape(len(actions), -1))
+    columns = {name: actions.reshape(len(actions), -1) for name in ("action", "state")}
     frames = {f"head_camera_{arm}": seen(episodes, f"head_camera_agent{arm}") for arm in range(2)}
     return buffer(path, columns, frames | {"head_camera_global": seen(episodes, "head_camera_global")}, ends)
 
 
-def buffer(path: Path, columns: dict[str, Any], frames: dict[str, Any], ends: NDArray[np.int64]) -> Path:
+def buffer(
+    path: Path, columns: Mapping[str, Any], frames: Mapping[str, Any], ends: NDArray[np.int64]
+) -> Path:
     """A replay buffer of Diffusion Policy."""
     group = zarr.open_group(path, mode="w", zarr_format=2)
     arrays = {f"data/{name}": rows.astype(np.float32) for name, rows in columns.items()}
-    arrays |= {f"data/{name}": rows for name, rows in frames.items()} | {"meta/episode_ends": ends}
+    arrays |= {**{f"data/{name}": rows for name, rows in frames.items()}, "meta/episode_ends": ends}
     for name, rows in arrays.items():
         blosc = numcodecs.Blosc("zstd", clevel=3, shuffle=1)
         group.create_array(name, data=rows, chunks=(100, *rows.shape[1:]), compressors=blosc)

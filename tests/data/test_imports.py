@@ -20,7 +20,9 @@ from tests.data.release_files import (
     BASES,
     CAMERAS,
     FOV_DEG,
+    HEIGHT,
     OURS,
+    WIDTH,
     Made,
     buffer,
     lightning,
@@ -335,7 +337,7 @@ def declared(tmp_path: Path, rows: int) -> Path:
     with h5py.File(path, "r+") as file:
         name = "traj_0/obs/sensor_data/head_camera_agent0/rgb"
         del file[name]
-        file.create_dataset(name, (rows, 12, 16, 3), np.uint8, chunks=(1, 12, 16, 3))
+        file.create_dataset(name, (rows, HEIGHT, WIDTH, 3), np.uint8, chunks=(1, HEIGHT, WIDTH, 3))
     return path
 
 

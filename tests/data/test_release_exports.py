@@ -177,7 +177,7 @@ def test_policy_lightning_reads_its_file(store: Store, tmp_path: Path, command: 
             for arm in (0, 1):
                 frames = data[f"head_cam_{arm}"][start:end].astype(np.float32) / 255
                 assert frames.shape == (4, 3, HEIGHT, WIDTH)
-                shown = store.images[f"agent{arm + 1}"][start:end]
+                shown = np.asarray(store.images[f"agent{arm + 1}"][start:end])
                 np.testing.assert_array_equal(np.moveaxis(frames, 1, -1), shown.astype(np.float32) / 255)
                 np.testing.assert_array_equal(data[f"action_{arm}"][start:end], store.action[start:end, arm])
 

@@ -165,9 +165,9 @@ def _described(path: Path, name: str) -> dict[str, Any]:
     expect(isinstance(said, dict) and said.get("zarr_format") == 2, path, f"{name} is no array of Zarr 2")
     for key in ("shape", "chunks"):
         sizes = said.get(key)
-        plain = isinstance(sizes, list) and bool(sizes) and all(type(each) is int for each in sizes)
         least = 1 if key == "chunks" else 0
-        expect(plain and min(sizes) >= least, path, f"{key} of {name} is {json.dumps(sizes)}")
+        fits = isinstance(sizes, list) and all(type(each) is int and each >= least for each in sizes)
+        expect(fits and bool(sizes), path, f"{key} of {name} is {json.dumps(sizes)}")
     expect(len(said["shape"]) == len(said["chunks"]), path, f"{name} has chunks of another number of axes")
     dtype = said.get("dtype")
     expect(

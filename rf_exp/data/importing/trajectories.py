@@ -276,7 +276,7 @@ def _entries(path: Path, said: Mapping[str, Any]) -> dict[int, Mapping[str, Any]
     expect(isinstance(episodes, list), path, "episodes of its JSON file is no list")
     found: dict[int, Mapping[str, Any]] = {}
     for entry in episodes:
-        number = _object(entry).get("episode_id")
+        number: Any = _object(entry).get("episode_id")
         expect(type(number) is int, path, "an episode of its JSON file has no episode_id")
         expect(number not in found, path, f"its JSON file has two episodes {number}")
         found[number] = entry
