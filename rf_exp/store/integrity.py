@@ -60,11 +60,11 @@ def blames(path: Path, what: str, rescuable: bool = True) -> Iterator[None]:
 
 
 def refuse_access(path: Path, error: Exception) -> None:
-    """Raises StageError where it is the system that does not let a store be read."""
+    """Raises StageError where it is the system that does not let something be read."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
         why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
         raise StageError(
-            f"{path} cannot be read now: {why}; nothing is known to be wrong with the store: see to that, "
+            f"{path} cannot be read now: {why}; nothing is known to be wrong with it: see to that, "
             "and run the same command again"
         ) from error
 

@@ -289,6 +289,7 @@ def test_an_import_goes_on_where_it_was_left(tmp_path: Path, command: Command) -
     assert code == 1 and "x.h5 cannot be imported: /traj_1/obs/sensor_data/head_camera_agent0/rgb" in error
     assert Store.open(to).seeds.tolist() == [7]
     path.write_bytes(whole)
+    assert "1 episodes are there, and nothing was written" in command(path, to, "--dry-run")[1]
     assert command(path, to)[0] == 0 and command(path, to)[0] == 0
     store = Store.open(to)
     for index, one in enumerate(EPISODES):
@@ -448,7 +449,9 @@ def test_a_store_is_not_imported(tmp_path: Path, command: Command) -> None:
 def test_what_is_in_the_way_is_never_written_over(tmp_path: Path, command: Command) -> None:
     (there := tmp_path / "there").mkdir()
     (there / "mine.txt").write_text("mine")
-    code, _, error = command(sound(tmp_path), there)
+    code, _, error = command(sound(tmp_path), there, "--dry-run")
+    assert code == 1 and "it is no store of rf_exp" in error
+    code, _, error = command(tmp_path / "x.h5", there)
     assert code == 1 and "it is no store of rf_exp" in error and (there / "mine.txt").read_text() == "mine"
 
 

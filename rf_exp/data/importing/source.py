@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rf_exp.data.release import COMMAND, FARTHEST, checked_task, within_limits
 from rf_exp.errors import ArgumentError, RfError, StageError
 from rf_exp.robots import DEFAULT
-from rf_exp.store import Description
+from rf_exp.store import Description, refuse_access
 from rf_exp.types import FINGERS, Episode, camera_names
 
 MOST_ROWS = 1_000_000  # of a source's array: 14 hours of motion
@@ -96,12 +96,13 @@ class Source(ABC):
 
 @contextmanager
 def reads(path: Path, what: str) -> Iterator[None]:
-    """Turns what a decoder raises on bytes that it does not understand into a StageError."""
+    """Turns what a decoder raises on bytes that it does not understand, or the system, into a StageError."""
     try:
         yield
     except RfError:
         raise
     except Exception as error:
+        refuse_access(path, error)
         raise refused(path, f"{what} cannot be read ({type(error).__name__}: {error})") from error
 
 

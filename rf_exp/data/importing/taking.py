@@ -43,7 +43,8 @@ def import_demonstrations(
         size = f"{len(said.seeds)} episodes of {said.task}, {sum(said.steps)} steps"
         what = f"{size}, {said.agents} arms, cameras {cameras}"
         if dry_run:
-            console.print(f"{to} would hold {what}; nothing was written")
+            there = len(Store.open(to, said.identity)) if to.exists() else 0
+            console.print(f"{to} would hold {what}; {there} episodes are there, and nothing was written")
             return
         wrong = _copy(source, to)
         console.print(f"{to} holds {what}")

@@ -173,8 +173,9 @@ class Trajectories(Source):
         height, width = next((found[0].rgb[name].shape[1:3] for name in names), (0, 0))
         depths = [name in each.depth for each in found for name in names]
         depth = bool(depths) and all(depths)
-        if any(depths) and not depth:
-            self._notes.append("depth was left out: not every camera of every trajectory has it")
+        if any(depths) and not (depth and judged):
+            why = "not every camera of every trajectory has it" if judged else "success is not known"
+            self._notes.append(f"depth was left out: {why}")
         scene = {
             "robots": [planar_of(base) for base in found[0].bases],
             "cameras": {camera: plain(spec_of(stand).identity) for camera, stand in stands.items()},
