@@ -2,13 +2,14 @@
 
     python benchmarks/writes.py [--commands merge,export-lerobot,...] [--every 1] [--kills 30] [--folder DIR]
 
-Merge, both exports, rescue, release and publish take what `benchmarks/kills.py` makes once in DIR/whole. Each
-is ended by SIGKILL just before its first write below its folder, before the second (`--every`: not before
-each), ... and at so many random moments; after every kill the same command is given again. A write is a file
-that is opened to be changed, or anything that is made, renamed or removed. Each time it is asked whether the
-kill has left the inputs as they were, and what it was to make whole or not there; whether the command given
-again ends with the bytes of one that nothing has disturbed; and whether it leaves a temporary file. The last
-line is JSON: of every command the kills that hit it at work, and how many of them left all of that right.
+Merge, all exports, import, rescue, release and publish take what `benchmarks/kills.py` makes once in
+DIR/whole. Each is ended by SIGKILL just before its first write below its folder, before the second
+(`--every`: not before each), ... and at so many random moments; after every kill the same command is given
+again. A write is a file that is opened to be changed, or anything that is made, renamed or removed. Each time
+it is asked whether the kill has left the inputs as they were, and what it was to make whole or not there;
+whether the command given again ends with the bytes of one that nothing has disturbed; and whether it leaves a
+temporary file. The last line is JSON: of every command the kills that hit it at work, and how many of them
+left all of that right.
 """
 
 import argparse
@@ -190,7 +191,8 @@ def _fresh(command: Command, folder: Path) -> Path:
 def commands(made: Path, folder: Path) -> dict[str, Command]:
     """All commands that write, of what `benchmarks/kills.py` has made, with their inputs in `folder`."""
     from rf_exp.ablation import PUBLISHED
-    from rf_exp.data.__main__ import export, merge_stores
+    from rf_exp.data.__main__ import FORMATS, export, merge_stores
+    from rf_exp.data.importing import import_demonstrations
     from rf_exp.rescue import rescue
 
     publish, release = (
@@ -216,8 +218,9 @@ def commands(made: Path, folder: Path) -> dict[str, Command]:
         f"export-{form}": Command(
             lambda out, form=form: export(store, out / "export", form), inputs=(store,), whole=("export",)
         )
-        for form in ("lerobot", "robomimic")
+        for form in FORMATS
     }
+    export(store, folder / "raw", "recordepisode")
     return {
         "merge": Command(
             lambda out: merge_stores(parts, out / "merged.zarr"),
@@ -226,6 +229,11 @@ def commands(made: Path, folder: Path) -> dict[str, Command]:
             torn=lambda out: "no card" if [each.name for each in out.glob("m*")] == ["merged.zarr"] else "",
         ),
         **exports,
+        "import": Command(
+            lambda out: import_demonstrations([folder / "raw"], out / "s.zarr"),
+            inputs=(folder / "raw",),
+            whole=("s.md",),
+        ),
         "rescue": Command(
             lambda out: rescue(out / "q.zarr"),
             prepare=lambda out: shutil.copytree(damaged, out / "q.zarr"),

@@ -270,7 +270,7 @@ def test_an_export_that_cannot_be_leaves_nothing_and_loses_nothing(tmp_path: Pat
         (
             (path, tmp_path / "x", "--format", "rlds"),
             2,
-            "unknown format 'rlds'; available: lerobot, robomimic",
+            "unknown format 'rlds'; available: lerobot, policy_lightning, recordepisode, robofactory, rob",
         ),
         ((path, tmp_path / "x", *lerobot, "--pictures", "gif"), 2, "'gif'; available: png, video"),
         ((damaged, tmp_path / "x", *lerobot), 1, "damaged.zarr is damaged: data/rgb_agent1"),

@@ -12,8 +12,10 @@ import pytest
 
 from rf_exp.ablation import EvaluationRow, read_published
 from rf_exp.data.__main__ import export, merge_stores
+from rf_exp.data.importing import import_demonstrations
 from rf_exp.rescue import rescue
 from tests.ablation.test_publish import CELL, measured, publish, won
+from tests.data.release_files import made, raw
 from tests.store.episodes import make_episode, make_store
 from tests.test_data import store_of
 
@@ -40,11 +42,23 @@ def test_a_merge_that_is_killed_has_its_card_or_no_store(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("form", ["lerobot", "robomimic"])
+@pytest.mark.parametrize("form", ["lerobot", "robomimic", "robofactory", "recordepisode"])
 def test_an_export_that_is_killed_is_there_as_a_whole_or_not_at_all(tmp_path: Path, form: str) -> None:
     store = store_of(tmp_path / "s.zarr", range(1))
     command = Command(run=lambda out: export(store, out / "export", form), inputs=(store,), whole=("export",))
     assert_right(command, tmp_path / "trials", every=2, last=5)
+
+
+@pytest.mark.slow
+def test_an_import_that_is_killed_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    """Of what is stored already it keeps every episode; the card comes last."""
+    source = raw(tmp_path / "source/x.h5", [made(seed, 3) for seed in (4, 5)])
+    command = Command(
+        run=lambda out: import_demonstrations([source], out / "s.zarr", "lift_barrier"),
+        inputs=(source,),
+        whole=("s.md",),
+    )
+    assert_right(command, tmp_path / "trials", every=60)
 
 
 @pytest.mark.slow

@@ -4,7 +4,8 @@ python -m rf_exp.data summary STORE...                    what is in them
 python -m rf_exp.data validate STORE...                   reads every byte, and judges what it says
 python -m rf_exp.data merge STORE... --to STORE           parts of one configuration, as if made in one go
 python -m rf_exp.data redraw STORE NEW --variation NAME --copies 4    each episode in other appearances, too
-python -m rf_exp.data export STORE FOLDER --format lerobot    a LeRobotDataset v3.0; or robomimic, its HDF5
+python -m rf_exp.data export STORE FOLDER --format lerobot    what others read: lerobot, robomimic, ...
+python -m rf_exp.data import SOURCE... STORE              what others have made: Zarr 2, HDF5; never pickles
 
 `COMMAND --help` says what each takes. docs/data.md.
 """
@@ -24,7 +25,13 @@ from rf_exp.progress import Progress, console
 from rf_exp.store import Damage, Store, card, facts, merge, merge_order, problems
 from rf_exp.texts import LONGEST_LINE, printable
 
-FORMATS = ("lerobot", "robomimic")  # a module each, of that name
+FORMATS = (
+    "lerobot",
+    "robomimic",
+    "robofactory",
+    "policy_lightning",
+    "recordepisode",
+)  # a module each, of that name
 
 
 def summarise(paths: Sequence[Path], as_json: bool = False) -> None:
@@ -178,8 +185,21 @@ def parser() -> argparse.ArgumentParser:
     exported.add_argument(
         "--pictures",
         help="how pictures are kept, every pixel: video (lossless) or png by lerobot, gzip or plain by "
-        "robomimic; the first of them unless given",
+        "robomimic and the HDF5 of others; the first of them unless given",
     )
+    taken = commands.add_parser("import", help="a store of demonstrations of others")
+    taken.add_argument(
+        "sources",
+        type=Path,
+        nargs="+",
+        metavar="SOURCE",
+        help="the .h5 of ManiSkill's RecordEpisode or of Policy-Lightning; a Zarr 2 replay buffer, or those "
+        "of all arms one after the other; or the folder in which they are",
+    )
+    taken.add_argument(
+        "to", type=Path, metavar="STORE", help="the new store; one that was begun is gone on with"
+    )
+    taken.add_argument("--task", metavar="NAME", help="of the demonstrations, where nothing there says it")
     redrawn = commands.add_parser("redraw", help="the episodes of a store in other appearances, too")
     redrawn.add_argument("store", type=Path, help="folder of a store")
     redrawn.add_argument("new", type=Path, help="folder of the new store; one that was begun is gone on with")
@@ -188,7 +208,7 @@ def parser() -> argparse.ArgumentParser:
     redrawn.add_argument("--tasks", type=Path, metavar="FOLDER", help="of tasks' YAML files, if yours")
     for several in (summary, checked, merged):
         several.add_argument("stores", type=Path, nargs="+", help="folders of stores")
-    for writes in (merged, exported):
+    for writes in (merged, exported, taken):
         writes.add_argument(
             "--dry-run", action="store_true", help="say what would be written, and write nothing"
         )
@@ -205,6 +225,10 @@ def main() -> None:
         merge_stores(given.stores, given.to, given.dry_run)
     elif given.command == "redraw":
         redraw_store(given.store, given.new, given.variation, given.copies, given.tasks)
+    elif given.command == "import":
+        from rf_exp.data.importing import import_demonstrations
+
+        import_demonstrations(given.sources, given.to, given.task, given.dry_run)
     else:
         export(given.store, given.folder, given.format, given.pictures, given.dry_run)
 

@@ -1,4 +1,4 @@
-"""What all exports share."""
+"""What exports share, and the libraries that they and imports need."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -13,13 +13,13 @@ Advance = Callable[[], object]  # after each episode
 
 
 def library(name: str) -> Any:
-    """A module that exports need. Raises ArgumentError that says how it is installed."""
+    """A module that a format needs. Raises ArgumentError that says how it is installed."""
     try:
         return import_module(name)
     except ImportError as error:
         raise ArgumentError(
             f"this format needs {name.partition('.')[0]}, which is not installed ({error}); "
-            'install what exports need: pip install -e ".[export]"'
+            'install what formats of others need: pip install -e ".[export]"'
         ) from error
 
 

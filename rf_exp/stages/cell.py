@@ -263,7 +263,15 @@ def same_configuration(
 def continued(
     path: Path, identity: Mapping[str, Any], source: Store, task: Task, description: Description | None
 ) -> Store:
-    """A store for writing, with the arrays of another: the one of `identity` that is there, or a new one."""
+    """A store for writing, with the arrays of another: the one of `identity` that is there, or a new one.
+
+    Raises StageError for one that was imported, whose scenes are somebody else's.
+    """
+    if "imported" in source.identity:
+        raise StageError(
+            f"{source.path} was imported: its scenes cannot be made again, so its episodes are neither drawn "
+            "anew (redraw, appearances) nor corrected by the expert (dagger.rounds)"
+        )
     if path.exists():
         return Store.open(path, identity, writable=True)
     of = source.attrs

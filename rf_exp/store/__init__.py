@@ -29,8 +29,8 @@ the conditions of success, cameras and robots (`Description`), and what made it.
 """
 
 from rf_exp.store.cards import card, facts
-from rf_exp.store.damaged import Damaged, problems
-from rf_exp.store.integrity import Damage, refuse_other_kinds
+from rf_exp.store.damaged import Damaged, flaws, problems
+from rf_exp.store.integrity import Damage, other_kind, refuse_access, refuse_other_kinds
 from rf_exp.store.layout import POSE, Description, Model, command_names, empty_like, joint_names
 from rf_exp.store.merging import merge, merge_order
 from rf_exp.store.store import Store
@@ -46,9 +46,12 @@ __all__ = [
     "command_names",
     "empty_like",
     "facts",
+    "flaws",
     "joint_names",
     "merge",
     "merge_order",
+    "other_kind",
     "problems",
+    "refuse_access",
     "refuse_other_kinds",
 ]

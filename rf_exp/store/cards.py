@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from rf_exp.texts import LONGEST_LINE, printable
 from rf_exp.texts.markdown import block, cell, code, table, text
 
 HEADER = """---
-license: mit
+license: {licence}
 task_categories:
 - robotics
 tags:
@@ -28,10 +28,12 @@ def card(store: Store, held: str = "", tags: Iterable[str] = ()) -> str:
     """
     name = code(store.path.name)
     held = held or f"{name} is a Zarr 3 store; docs/data.md of `rf_exp` says what its arrays are."
-    lines = HEADER.format(tags="\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags)))
+    listed = "\n".join(f"- {tag}" for tag in ("robofactory", "multi-arm", *tags))
+    lines = HEADER.format(licence="unknown" if imported(store.identity) else "mit", tags=listed)
     title = store.description.language["title"] if store.description else store.attrs["task"]
     heading = f"# {text(title)}: demonstrations of several arms"
-    parts = heading, held, _about(store), _facts(store), _made(store)
+    made = _imported(store) or _made(store)
+    parts = heading, held, _about(store), _facts(store), made
     return lines + "\n" + "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -74,6 +76,12 @@ def facts(store: Store) -> dict[str, Any]:
         "objects": ", ".join(store.objects) or "none",
         "disturbed": "yes: executed differs from action" if store.disturbed else "no",
     }
+    if said := imported(store.identity):
+        missing = said.get("missing")
+        found["imported from"] = str(said.get("format"))
+        found["missing"] = (
+            ", ".join(map(str, missing)) if isinstance(missing, Mapping) and missing else "nothing"
+        )
     return {
         name: printable(value, LONGEST_LINE) if isinstance(value, str) else value
         for name, value in found.items()
@@ -89,6 +97,32 @@ def _facts(store: Store) -> str:
         "open. A row is what was measured before its action; the conditions of success are what the\n"
         "action has led to."
     )
+
+
+def _imported(store: Store) -> str:
+    """Of demonstrations of others: where they are from, and what cannot be done with them; else empty."""
+    said = imported(store.identity)
+    if not said:
+        return ""
+    missing, notes = said.get("missing"), said.get("notes")
+    lacks = [(cell(what), cell(so)) for what, so in missing.items()] if isinstance(missing, Mapping) else []
+    told = [f"- {text(note)}" for note in notes] if isinstance(notes, list) else []
+    parts = (
+        "## Where it is from",
+        f"Imported from {text(said.get('format'))} by `rf_exp`, code "
+        f"{text(store.attrs.get('commit') or 'not known')}. The certificate of each episode names its "
+        "source.\nWhose the data are, and under which licence, their source says.",
+        "\n".join(told),
+        "## What is missing",
+        table(("what", "so"), lacks) if lacks else "Nothing.",
+    )
+    return "\n\n".join(part for part in parts if part)
+
+
+def imported(identity: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What a store says of the source that it was imported from; empty for one of the suite's own."""
+    said = identity.get("imported")
+    return said if isinstance(said, Mapping) else {}
 
 
 def _made(store: Store) -> str:

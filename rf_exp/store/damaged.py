@@ -115,6 +115,11 @@ def problems(store: Store, index: int) -> list[str]:
         episode = store.episode(index)
     except Damage as error:
         return [str(error)]
+    return [f"episode {index}, seed {episode.seed}: {what}" for what in flaws(episode)]
+
+
+def flaws(episode: Episode) -> list[str]:
+    """What cannot be right of an episode, in words."""
     floats: dict[str, NDArray[Any]] = {
         "qpos": episode.qpos,
         "qvel": episode.qvel,
@@ -143,4 +148,4 @@ def problems(store: Store, index: int) -> list[str]:
     if episode.judged is not None and not episode.judged.holds[-1].all():
         missing = np.array(episode.judged.names)[~episode.judged.holds[-1]].tolist()
         found.append(f"it ends without success: not {', not '.join(missing)}")
-    return [f"episode {index}, seed {episode.seed}: {what}" for what in found]
+    return found

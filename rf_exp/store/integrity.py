@@ -37,7 +37,9 @@ OURS = ("identity", "control_hz")  # attributes that stores of other kinds lack
 OUR_ARRAY = "meta/certificate"  # and a folder that they lack
 BUFFER = {"data/action", "meta/episode_ends"}  # arrays that a replay buffer of Diffusion Policy has
 SHOWN = 8  # arrays that are named
-FILES = {b"\x89HDF\r\n\x1a\n": "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
+BUFFER_KIND = "laid out as a replay buffer of Diffusion Policy"
+HDF5 = b"\x89HDF\r\n\x1a\n"
+FILES = {HDF5: "an HDF5 file", b"PK\x03\x04": "a ZIP archive", b"\x80": "a pickle"}
 REFUSED = (errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE, errno.ENOMEM)
 
 
@@ -58,11 +60,11 @@ def blames(path: Path, what: str, rescuable: bool = True) -> Iterator[None]:
 
 
 def refuse_access(path: Path, error: Exception) -> None:
-    """Raises StageError where it is the system that does not let a store be read."""
+    """Raises StageError where it is the system that does not let something be read."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in REFUSED):
         why = (error.strerror if isinstance(error, OSError) else None) or "memory ran out"
         raise StageError(
-            f"{path} cannot be read now: {why}; nothing is known to be wrong with the store: see to that, "
+            f"{path} cannot be read now: {why}; nothing is known to be wrong with it: see to that, "
             "and run the same command again"
         ) from error
 
@@ -202,8 +204,17 @@ def refuse_other_kinds(path: Path) -> None:
     if what:
         raise StageError(
             f"{path} is {what}; nothing is wrong with it, but it is no store of rf_exp; expected the folder "
-            "of one as stages=[generate] makes it, such as outputs/data/.../fast.zarr"
+            f"of one as stages=[generate] makes it, such as outputs/data/.../fast.zarr{_instead(path, what)}"
         )
+
+
+def _instead(path: Path, what: str) -> str:
+    """What makes a store of what is none."""
+    if what == FILES[b"\x80"]:
+        return ", or make one of the .h5 that the pickle was made of: no pickle is ever loaded"
+    if what == FILES[HDF5] or (what.startswith("a Zarr 2 group") and BUFFER_KIND in what):
+        return f", or make one of it with `python -m rf_exp.data import {path} NEW.zarr`"
+    return ""
 
 
 def other_kind(path: Path) -> str:
@@ -240,7 +251,7 @@ def _zarr(version: int, node: str, path: Path, file: str) -> str:
     files = sorted([*path.glob(f"*/{file}"), *path.glob(f"*/*/{file}")]) if node == "group" else []
     shapes = {each.parent.relative_to(path).as_posix(): _json(each).get("shape") for each in files}
     found = {name: tuple(shape) for name, shape in shapes.items() if isinstance(shape, list)}
-    kind = ", laid out as a replay buffer of Diffusion Policy" if found.keys() >= BUFFER else ""
+    kind = f", {BUFFER_KIND}" if found.keys() >= BUFFER else ""
     named = ", ".join(f"{name} {shape}" for name, shape in list(found.items())[:SHOWN])
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
     return f"a Zarr {version} {node}{kind}{f' ({named}{more})' if found else ''}"

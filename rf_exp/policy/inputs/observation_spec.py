@@ -108,7 +108,10 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
     try:
         robots = store.identity["scene"]["robots"]
     except KeyError as error:
-        raise ArgumentError(f"{store.path} does not say where its arms stand; generate it again") from error
+        raise ArgumentError(
+            f"{store.path} does not say where its arms stand; generate it again, or learn with policy=paper, "
+            "which is not told"
+        ) from error
     bases = tuple((each["x_m"], each["y_m"], float(np.deg2rad(each["yaw_deg"]))) for each in robots)
     if not config.encoder.privileged:
         keyframes = 0

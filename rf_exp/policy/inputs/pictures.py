@@ -126,7 +126,8 @@ def usual_calibration(store: "Store", names: tuple[str, ...]) -> Calibration:
         )
     except KeyError as error:
         raise ArgumentError(
-            f"{store.path} does not say where its cameras stand; generate it again"
+            f"{store.path} does not say where its cameras stand; generate it again, or learn with "
+            "policy=paper, which is not told"
         ) from error
     for name, spec in specs.items():
         if spec.mount != "world":

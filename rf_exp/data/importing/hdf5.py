@@ -1,0 +1,101 @@
+"""HDF5 files of others: groups and arrays that are there as declared, in the file itself."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rf_exp.data.importing.source import MOST_BYTES, MOST_CHUNK_BYTES, checked_shape, expect, reads
+from rf_exp.data.target import library
+
+NAME = re.compile(
+    r"[A-Za-z0-9][\w.-]{0,63}", re.ASCII
+)  # of cameras and objects, which become parts of a store
+
+
+def opened(path: Path) -> Any:
+    """An h5py.File for reading. Raises StageError where it cannot be opened, ArgumentError without h5py."""
+    h5py = library("h5py")
+    with reads(path, "it"):
+        return h5py.File(path, "r")
+
+
+def names(path: Path, group: Any) -> list[str]:
+    """What lies in a group. Raises StageError."""
+    with reads(path, f"the list of what is in {group.name}"):
+        return [str(name) for name in group]
+
+
+def member(path: Path, group: Any, name: str) -> Any:
+    """A group or array within a group by its path; None where it is not there.
+
+    Raises StageError where it lies in another file: links lead to any file that the user can read.
+    """
+    h5py = library("h5py")
+    found = group
+    for part in name.split("/"):
+        with reads(path, f"{group.name}/{name}"):
+            if not is_group(found) or part not in found:
+                return None
+            link = found.get(part, getlink=True)
+            expect(isinstance(link, h5py.HardLink), path, f"{group.name}/{name} is a link to elsewhere")
+            found = found[part]
+    return found
+
+
+def is_group(found: Any) -> bool:
+    return isinstance(found, library("h5py").Group)
+
+
+def subgroup(path: Path, group: Any, name: str) -> Any:
+    """A group within a group; None where it is not there. Raises StageError where it is none."""
+    found = member(path, group, name)
+    expect(found is None or is_group(found), path, f"{group.name}/{name} is no group")
+    return found
+
+
+def array(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds: str) -> Any:
+    """A dataset within a group, of which all bytes are there; None where it is not.
+
+    `row` is the shape of its rows, `kinds` are NumPy's letters of what its numbers may be. Raises StageError.
+    """
+    found, said = member(path, group, name), f"{group.name}/{name}"
+    if found is None:
+        return None
+    expect(isinstance(found, library("h5py").Dataset), path, f"{said} is no array")
+    with reads(path, said):
+        shape, dtype, chunks = found.shape, found.dtype, found.chunks
+        elsewhere = bool(found.external) or found.is_virtual
+    expect(shape is not None, path, f"{said} is empty")
+    expect(dtype.kind in kinds, path, f"{said} holds {dtype}; expected one of the kinds {', '.join(kinds)}")
+    checked_shape(path, said, shape, row)
+    expect(not elsewhere, path, f"{said} lies in another file")
+    with reads(path, said):
+        if chunks:
+            most = int(np.prod(chunks)) * dtype.itemsize
+            there, needed = (
+                found.id.get_num_chunks(),
+                int(np.prod([-(-n // c) for n, c in zip(shape, chunks, strict=True)])),
+            )
+        else:
+            most, there, needed = 0, found.id.get_storage_size(), found.nbytes
+    expect(most <= MOST_CHUNK_BYTES, path, f"{said} is compressed in chunks of {most} bytes")
+    expect(there >= needed, path, f"{said} declares {shape[0]} rows, of which parts are not in the file")
+    return found
+
+
+def needed(path: Path, group: Any, name: str, row: tuple[int | None, ...], kinds: str) -> Any:
+    """As `array`, of one that has to be there. Raises StageError where it is not."""
+    found = array(path, group, name, row, kinds)
+    expect(found is not None, path, f"{group.name.rstrip('/')}/{name} is missing")
+    return found
+
+
+def rows(path: Path, found: Any, start: int, end: int) -> NDArray[Any]:
+    """Rows of a dataset, read. Raises StageError."""
+    size = (end - start) * int(np.prod(found.shape[1:])) * found.dtype.itemsize
+    expect(size <= MOST_BYTES, path, f"{found.name} has {size} bytes in one episode")
+    with reads(path, f"{found.name}, rows {start} to {end - 1},"):
+        return np.asarray(found[start:end])

@@ -1,0 +1,54 @@
+"""Export as Policy-Lightning's HDF5: what each arm was told and what its camera saw, over all rows.
+
+    action_<k> (T, 8) f32                  joint targets in rad, gripper from -1 to 1; arms count from 0
+    head_cam_<k>, head_cam_global (T, 3, H, W) u8
+    episode_ends (E,) i64                  row after the last of each episode
+
+Its reader takes what an arm was told for where the arm is. Point clouds are not written.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from rf_exp.data.release import expect_release_arms
+from rf_exp.data.target import Advance, library
+from rf_exp.store import Store
+
+PICTURES = ("gzip", "plain")  # both keep every pixel
+TAGS = ("Policy-Lightning",)
+FILE = "demonstrations.h5"
+
+
+def held(pictures: str) -> str:
+    """What lies in the folder."""
+    return (
+        f"`{FILE}`, the file that Policy-Lightning's `dataset_path` names: `action_<k>` (T, 8) of arm k,\n"
+        "from 0 on, joint targets in rad and a gripper command as they were meant, and `head_cam_<k>`\n"
+        f"(T, 3, H, W), what its own camera saw before ({pictures}, every pixel kept); `head_cam_global`\n"
+        "where there are pictures of that. `episode_ends` (E,) is the row after the last of each episode.\n"
+        "It holds neither measured joints nor poses, seeds or calibration."
+    )
+
+
+def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
+    """All episodes of a store into a file. Raises ArgumentError for other arms than the release's."""
+    expect_release_arms(store, "Policy-Lightning")
+    compressed = {"compression": "gzip", "compression_opts": 4} if pictures == "gzip" else {}
+    size, steps = (3, store.attrs["height"], store.attrs["width"]), store.steps
+    names = {camera: _camera(camera) for camera in store.cameras}
+    with library("h5py").File(folder / FILE, "w") as file:
+        for agent in range(store.agents):
+            file.create_dataset(f"action_{agent}", data=store.action[:, agent], **compressed)
+        for name in names.values():
+            file.create_dataset(name, (steps, *size), np.uint8, chunks=(1, *size), **compressed)
+        for index, end in enumerate(store.episode_ends.tolist()):
+            for camera, frames in store.episode(index).images.items():
+                file[names[camera]][end - len(frames) : end] = np.moveaxis(frames, -1, 1)
+            advance()
+        file.create_dataset("episode_ends", data=store.episode_ends)
+
+
+def _camera(camera: str) -> str:
+    number = camera.removeprefix("agent")
+    return f"head_cam_{int(number) - 1 if number.isdecimal() else camera}"

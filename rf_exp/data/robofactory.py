@@ -1,0 +1,79 @@
+"""Export as the Zarr 2 of the authors' release, a replay buffer of Diffusion Policy for each arm.
+
+    <Task>-rf_Agent<k>_<N>.zarr/
+        data/head_camera (T, 3, H, W) u8             what the arm's own camera saw before
+        data/action, state, tcp_action (T, 8) f32    what it was told, three times
+        meta/episode_ends (E,) i64                   row after the last of each episode
+
+Their policies are told `state` for where an arm is, and when they act what it was told last.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numcodecs
+import numpy as np
+import zarr
+
+from rf_exp.data.release import environment, expect_release_arms
+from rf_exp.data.target import Advance
+from rf_exp.errors import ArgumentError
+from rf_exp.store import Store
+
+PICTURES = ("blosc",)  # as the release compresses them; every pixel is kept
+TAGS = ("RoboFactory", "Diffusion Policy")
+CHUNK = 100  # rows, as there
+TOLD = ("action", "state", "tcp_action")
+
+
+def held(pictures: str) -> str:
+    """What lies in the folder."""
+    return (
+        "`<Task>-rf_Agent<k>_<N>.zarr`, a Zarr 2 replay buffer for each arm k, from 0 on, of N\n"
+        "demonstrations, as the authors' release keeps them in `data/zarr_data`. `action`, `state` and\n"
+        "`tcp_action` (T, 8) are all what the arm was meant to do, joint targets in rad and a gripper\n"
+        f"command; `head_camera` (T, 3, H, W) is what its own camera saw before ({pictures}, every pixel\n"
+        "kept). It holds neither measured joints nor poses, seeds, calibration or the pictures of the\n"
+        "global camera."
+    )
+
+
+def write(store: Store, folder: Path, pictures: str, advance: Advance) -> None:
+    """All episodes of a store into a folder for each arm.
+
+    Raises ArgumentError for other arms than the release's, and where an arm has no pictures of its own.
+    """
+    expect_release_arms(store, "the release's Zarr")
+    cameras = [f"agent{agent}" for agent in range(1, store.agents + 1)]
+    if missing := [camera for camera in cameras if camera not in store.cameras]:
+        raise ArgumentError(
+            f"{store.path} has no pictures of {', '.join(missing)}, but the release's Zarr holds those "
+            f"of each arm; there are {', '.join(store.cameras) or 'none'}: generate with cameras=local"
+        )
+    size = 3, store.attrs["height"], store.attrs["width"]
+    arrays = []
+    for agent in range(store.agents):
+        path = folder / f"{environment(store.attrs['task'])}_Agent{agent}_{len(store)}.zarr"
+        group = zarr.open_group(path, mode="w", zarr_format=2)
+        told = store.action[:, agent]
+        for name in TOLD:
+            _create(group, f"data/{name}", told.shape, "<f4")[:] = told
+        _create(group, "meta/episode_ends", (len(store),), "<i8")[:] = store.episode_ends
+        arrays.append(_create(group, "data/head_camera", (store.steps, *size), "|u1"))
+    for index, end in enumerate(store.episode_ends.tolist()):
+        images = store.episode(index).images
+        for camera, array in zip(cameras, arrays, strict=True):
+            frames = images[camera]
+            array[end - len(frames) : end] = np.moveaxis(frames, -1, 1)
+        advance()
+
+
+def _create(group: zarr.Group, name: str, shape: tuple[int, ...], dtype: str) -> zarr.Array[Any]:
+    return group.create_array(
+        name,
+        shape=shape,
+        dtype=dtype,
+        chunks=(CHUNK, *shape[1:]),
+        compressors=numcodecs.Blosc("zstd", clevel=3, shuffle=1),
+        config={"write_empty_chunks": True},  # a file that is missing is damage, to whoever imports it
+    )

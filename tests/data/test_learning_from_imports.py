@@ -1,0 +1,68 @@
+"""Policies learn from what was imported: `fast` where cameras are known to stand, `paper` always."""
+
+from pathlib import Path
+
+import pytest
+
+from rf_exp.data.importing import import_demonstrations
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.policy import MODEL, train, views
+from rf_exp.stages.cell import continued
+from rf_exp.store import Store
+from rf_exp.tasks import Task
+from tests.conftest import cell_of, experiment
+from tests.data.release_files import HEIGHT, WIDTH, lightning, made, raw, zarr_arm
+
+EPISODES = [made(seed, 12) for seed in (2, 3)]
+SMALL = (
+    f"picture={{width: {WIDTH}, height: {HEIGHT}}}",
+    "training.batch_size=4",
+    "training.epochs=null",
+    "training.steps=1",
+    "training.device=cpu",
+    "policy.head.diffusion.channels=[16,32]",
+)
+FAST = ("policy=fast", "policy.encoder.keypoints.steps=1", "policy.head.refined.regression_steps=1")
+pytestmark = pytest.mark.slow
+
+
+def imported(tmp_path: Path, kind: str) -> Store:
+    path = tmp_path / "source"
+    if kind == "raw":
+        raw(path / "x.h5", EPISODES)
+    elif kind == "zarr":
+        for arm in (0, 1):
+            zarr_arm(path, EPISODES, arm)
+    else:
+        path.mkdir()
+        lightning(path / "x.h5", EPISODES)
+    import_demonstrations([path], tmp_path / "s.zarr", "lift_barrier")
+    return Store.open(tmp_path / "s.zarr")
+
+
+def learn(store: Store, folder: Path, *recipe: str) -> Path:
+    """One step of each fit of the first agent's policy."""
+    asked = experiment(*recipe, *SMALL)
+    view = views(cell_of(asked).arch, store.agents)[0]
+    return train(store, view, asked.policy, asked.training, folder)
+
+
+@pytest.mark.parametrize("kind", ["raw", "zarr", "lightning"])
+def test_the_recipe_of_the_paper_learns_from_anything(tmp_path: Path, kind: str) -> None:
+    assert (learn(imported(tmp_path, kind), tmp_path / "policy", "policy=paper") / MODEL).exists()
+
+
+def test_our_recipe_learns_from_raw_trajectories(tmp_path: Path) -> None:
+    assert (learn(imported(tmp_path, "raw"), tmp_path / "policy", *FAST) / MODEL).exists()
+
+
+def test_our_recipe_says_what_a_replay_buffer_lacks(tmp_path: Path) -> None:
+    store = imported(tmp_path, "zarr")
+    with pytest.raises(ArgumentError, match=r"does not say where its arms stand; .*learn with policy=paper"):
+        learn(store, tmp_path / "policy", *FAST)
+
+
+def test_scenes_of_others_are_not_made_again(tmp_path: Path, lift_barrier: Task) -> None:
+    store = imported(tmp_path, "zarr")
+    with pytest.raises(StageError, match="was imported: its scenes cannot be made again"):
+        continued(tmp_path / "t.zarr", {}, store, lift_barrier, None)
