@@ -364,8 +364,8 @@ def test_hands_go_as_high_above_the_table_however_high_that_is() -> None:
     above = Arm(DEFAULT, lower[0]).tcp(joint_actions(lower, stream, chunk)[0, 0, :7])
     np.testing.assert_allclose(above, Arm(DEFAULT, usual[0]).tcp(action[0, 0, :7]), atol=1e-3)
     camera = CameraModel(64, 48, 1.0, CameraSpec((0.5, 0.0, 0.9)).world_from_camera)
-    rays = [rays_of(Calibration(tuple(bases), {"agent1": camera}), stream) for bases in (usual, lower)]
-    np.testing.assert_array_equal(*rays)
+    high, low = (rays_of(Calibration(tuple(bases), {"agent1": camera}), stream) for bases in (usual, lower))
+    np.testing.assert_array_equal(high, low)
 
 
 def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
