@@ -9,7 +9,7 @@ from rf_exp.errors import ArgumentError, StageError
 from rf_exp.policy import MODEL, train, views
 from rf_exp.stages.cell import continued
 from rf_exp.store import Store
-from rf_exp.tasks import Task
+from rf_exp.tasks import Task, stored_task
 from tests.conftest import cell_of, experiment
 from tests.data.release_files import HEIGHT, WIDTH, lightning, made, raw, zarr_arm
 
@@ -64,5 +64,7 @@ def test_our_recipe_says_what_a_replay_buffer_lacks(tmp_path: Path) -> None:
 
 def test_scenes_of_others_are_not_made_again(tmp_path: Path, lift_barrier: Task) -> None:
     store = imported(tmp_path, "zarr")
+    with pytest.raises(ArgumentError, match="the store was imported: its scenes are somebody else's"):
+        stored_task(store.identity)
     with pytest.raises(StageError, match="was imported: its scenes cannot be made again"):
         continued(tmp_path / "t.zarr", {}, store, lift_barrier, None)

@@ -163,9 +163,13 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
     """The Task that a store was made of, as a folder of YAML files tells it which the person named.
 
     A store's attributes are data of anybody: they name a task and are compared with it, but say neither
-    which code nor which files are loaded. Raises ArgumentError for a task that is not in the folder, and
-    for one that is another now.
+    which code nor which files are loaded. Raises ArgumentError for a task that is not in the folder, for
+    one that is another now, and for demonstrations of others.
     """
+    if "imported" in identity:
+        raise ArgumentError(
+            "the store was imported: its scenes are somebody else's, and cannot be made again"
+        )
     known = {path.stem: path for path in folder.glob("*.yaml")}
     name = identity.get("task")
     if not isinstance(name, str) or name not in known:
