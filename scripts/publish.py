@@ -12,6 +12,7 @@ killed, rows are there only with what they were made of, and the same command en
 import argparse
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
@@ -44,7 +45,9 @@ def publish(out: Path, results: Path, scenes: int) -> None:
         finished = [seed for seed in _seeds(rows) if sum(r.train_seed == seed for r in rows) >= scenes]
         to = (results / path.relative_to(out / "results")).with_suffix(PUBLISHED)
         if finished:
-            kept = _merge(out, path, to, [row for row in rows if row.train_seed in finished])
+            # What a scene has drawn follows from its seed, and would be most of the bytes.
+            told = [replace(row, drawn={}) for row in rows if row.train_seed in finished]
+            kept = _merge(out, path, to, told)
             console.print(f"{to}: training seeds {finished}" + (f", beside {kept}" if kept else ""))
         for seed in _seeds(rows) - {*finished}:
             console.print(f"{to}: training seed {seed} is not finished, nothing of it is published")
