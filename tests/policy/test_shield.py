@@ -331,12 +331,12 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
 
     task = read_task(name)
     found: dict[bool, Rollout] = {}
-    travelled: dict[bool, NDArray[np.float64]] = {}
+    told: list[RolloutStep] = []
     for shielded in (False, True):
+        told.clear()
         world = shared_simulator(task, NO_PICTURES)
         start = world.reset(3)
         runners = [Scripted(agent, wild(task, agent)) for agent in task.agents]
-        told: list[RolloutStep] = []
         shield: Callable | None = Shield(task) if shielded else None
         found[shielded] = rollout(
             world,
@@ -349,13 +349,12 @@ def test_arms_driven_into_one_another_touch_only_without_a_shield(name: str) -> 
             start,
             shield,
         )
-        path = np.stack([step.action[:, :7] for step in told])
-        travelled[shielded] = np.abs(np.diff(path, axis=0)).max(axis=2).mean(axis=0)
     assert found[False].violations > 0 and found[False].contacts > 0
     assert found[False].steps < found[True].steps == 150  # arms that press on one another have stopped
     assert (found[True].violations, found[True].contacts) == (0, 0)
     assert found[True].interventions > 0
-    assert (travelled[True] > 0.1 * travelled[False]).all()  # nobody is shut out
+    path = np.stack([step.action[:, :7] for step in told])  # with the shield
+    assert (np.abs(np.diff(path, axis=0)).max(axis=2).sum(axis=0) > 0.3).all()  # rad: nobody is shut out
 
 
 @pytest.mark.slow
