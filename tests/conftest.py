@@ -70,6 +70,23 @@ def place_food() -> Task:
 
 
 @pytest.fixture
+def data_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """`python -m rf_exp.data` in this process: exit code, standard output, standard error."""
+    from rf_exp.data.__main__ import main
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["rf_exp.data", *map(str, arguments)])
+        capsys.readouterr()
+        code = guarded(main)
+        told = capsys.readouterr()
+        return code, told.out, told.err
+
+    return call
+
+
+@pytest.fixture
 def command(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Callable[..., subprocess.CompletedProcess]:

@@ -16,8 +16,6 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
-from rf_exp.command import guarded
-from rf_exp.data.__main__ import main
 from rf_exp.data.lerobot import of_values, together
 from rf_exp.data.robomimic import split
 from rf_exp.store import Description, Store
@@ -68,16 +66,8 @@ def store_of(path: Path, seeds: range, identity: dict[str, Any] = IDENTITY) -> P
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
-    """The command in this process: exit code, standard output, standard error."""
-
-    def call(*arguments: object) -> Any:
-        monkeypatch.setattr(sys, "argv", ["rf_exp.data", *map(str, arguments)])
-        capsys.readouterr()
-        code = guarded(main)
-        return code, *capsys.readouterr()
-
-    return call
+def command(data_command: Command) -> Command:
+    return data_command
 
 
 # The store

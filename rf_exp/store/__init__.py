@@ -30,7 +30,7 @@ the conditions of success, cameras and robots (`Description`), and what made it.
 
 from rf_exp.store.cards import card, facts
 from rf_exp.store.damaged import Damaged, flaws, problems
-from rf_exp.store.integrity import Damage, other_kind, refuse_access, refuse_other_kinds
+from rf_exp.store.integrity import Damage, decoding, other_kind, refuse_other_kinds
 from rf_exp.store.layout import POSE, Description, Model, command_names, empty_like, joint_names
 from rf_exp.store.merging import merge, merge_order
 from rf_exp.store.store import Store
@@ -44,6 +44,7 @@ __all__ = [
     "Store",
     "card",
     "command_names",
+    "decoding",
     "empty_like",
     "facts",
     "flaws",
@@ -52,6 +53,5 @@ __all__ = [
     "merge_order",
     "other_kind",
     "problems",
-    "refuse_access",
     "refuse_other_kinds",
 ]

@@ -7,8 +7,8 @@ decoding a value, so that nothing sound is ever called damaged.
 
 import errno
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,15 +48,23 @@ class Damage(StageError):
 
 
 @contextmanager
-def blames(path: Path, what: str, rescuable: bool = True) -> Iterator[None]:
-    """Turns what a decoder raises on damaged bytes into Damage, and lack of access or memory into another."""
+def decoding(path: Path, refused: Callable[[str], StageError]) -> Iterator[None]:
+    """Turns what a decoder raises, whatever it is, into what is `refused` for that reason.
+
+    Lack of access or memory is another StageError.
+    """
     try:
         yield
     except RfError:
         raise
     except Exception as error:
         refuse_access(path, error)
-        raise damaged(path, f"{what} ({type(error).__name__}: {error})", rescuable) from error
+        raise refused(f"({type(error).__name__}: {error})") from error
+
+
+def blames(path: Path, what: str, rescuable: bool = True) -> AbstractContextManager[None]:
+    """Turns what a decoder raises on damaged bytes into Damage."""
+    return decoding(path, lambda why: damaged(path, f"{what} {why}", rescuable))
 
 
 def refuse_access(path: Path, error: Exception) -> None:

@@ -2,8 +2,8 @@
 
 import json
 import pickle
-import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 import zarr
 
-from rf_exp.command import guarded
-from rf_exp.data.__main__ import main
 from rf_exp.store import Store, problems
 from rf_exp.types import Episode
 from tests.data.release_files import (
@@ -40,16 +38,9 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
-    """`import` in this process: exit code, standard output, standard error."""
-
-    def call(*arguments: object) -> Any:
-        monkeypatch.setattr(sys, "argv", ["rf_exp.data", "import", *map(str, arguments)])
-        capsys.readouterr()
-        code = guarded(main)
-        return code, *capsys.readouterr()
-
-    return call
+def command(data_command: Command) -> Command:
+    """`python -m rf_exp.data import` in this process: exit code, standard output, standard error."""
+    return partial(data_command, "import")
 
 
 def assert_told(store: Store, episodes: Sequence[Made]) -> None:

@@ -1,7 +1,6 @@
 """Our data in the tools of others: read as they read it, and imported again to what it was."""
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +12,6 @@ import pytest
 import zarr
 from numpy.typing import NDArray
 
-from rf_exp.command import guarded
-from rf_exp.data.__main__ import main
 from rf_exp.robots import DEFAULT
 from rf_exp.store import Description, Store
 from rf_exp.types import UNITS, Episode, Judged
@@ -72,16 +69,8 @@ def store(tmp_path: Path) -> Store:
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
-    """rf_exp.data in this process: exit code, standard output, standard error."""
-
-    def call(*arguments: object) -> Any:
-        monkeypatch.setattr(sys, "argv", ["rf_exp.data", *map(str, arguments)])
-        capsys.readouterr()
-        code = guarded(main)
-        return code, *capsys.readouterr()
-
-    return call
+def command(data_command: Command) -> Command:
+    return data_command
 
 
 # As their own readers do

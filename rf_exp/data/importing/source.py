@@ -6,8 +6,8 @@ there, numbers against what they are to mean, and no reader is used that runs co
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.data.release import COMMAND, FARTHEST, checked_task, within_limits
-from rf_exp.errors import ArgumentError, RfError, StageError
+from rf_exp.errors import ArgumentError, StageError
 from rf_exp.robots import DEFAULT
-from rf_exp.store import Description, refuse_access
+from rf_exp.store import Description, decoding
 from rf_exp.types import FINGERS, Episode, camera_names
 
 MOST_ROWS = 1_000_000  # of a source's array: 14 hours of motion
@@ -94,16 +94,9 @@ class Source(ABC):
         """Lets go of its files."""
 
 
-@contextmanager
-def reads(path: Path, what: str) -> Iterator[None]:
+def reads(path: Path, what: str) -> AbstractContextManager[None]:
     """Turns what a decoder raises on bytes that it does not understand, or the system, into a StageError."""
-    try:
-        yield
-    except RfError:
-        raise
-    except Exception as error:
-        refuse_access(path, error)
-        raise refused(path, f"{what} cannot be read ({type(error).__name__}: {error})") from error
+    return decoding(path, lambda why: refused(path, f"{what} cannot be read {why}"))
 
 
 def refused(path: Path, what: str) -> StageError:
