@@ -37,9 +37,12 @@ OmegaConf.register_new_resolver("file_name", lambda choice: PurePosixPath(choice
 
 
 def register_all_tasks() -> None:
-    """Makes `task=all` mean every file in conf/task, so that a new task edits no list."""
+    """Makes `task=all` mean every file in conf/task, so that a new task edits no list, and families tasks."""
+    store = ConfigStore.instance()
     names = sorted(path.stem for path in (CONF / "task").glob("*.yaml"))
-    ConfigStore.instance().store(group="task", name="all", node={"defaults": names})
+    store.store(group="task", name="all", node={"defaults": names})
+    for path in (CONF / "task" / "family").glob("*.yaml"):
+        store.store(group="task", name=path.stem, node={"defaults": [f"family/{path.stem}"]})
 
 
 class _Told(KeyboardInterrupt):

@@ -269,7 +269,12 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
         drawn, variation = node["randomisation"], read_values(Variation, node["variation"], "variation.")
         tasks = (  # last: their things are built, which takes longer than all the rest
             replace(
-                load_task(name, {**task, "randomisation": drawn | task.get("randomisation", {})}),
+                load_task(
+                    name,
+                    {**task, "randomisation": drawn | task.get("randomisation", {})},
+                    node["arms"],
+                    node["things"],
+                ),
                 variation=variation,
             )
             for name, task in node["task"].items()

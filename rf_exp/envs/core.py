@@ -26,6 +26,7 @@ from rf_exp.tasks import (
     Variation,
     drawn_of,
     labels,
+    named_task,
     read_task,
     read_variation,
 )
@@ -235,8 +236,8 @@ def find_task(task: str | Path | Task) -> Task:
     """A task by its name, the path of its YAML file, or itself. Raises ArgumentError."""
     if isinstance(task, Task):
         return task
-    if str(task) in configured():
-        return read_task(CONFIGURED / f"{task}.yaml")
+    if (found := named_task(str(task))) is not None:
+        return found
     path = Path(task)
     if path.suffix != ".yaml":
         raise choices("task", str(task), (*configured(), "the path of a task's YAML file"))

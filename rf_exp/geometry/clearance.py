@@ -23,6 +23,7 @@ from rf_exp.geometry.swept import CORE_SPHERES, FINE_BLOCK, PARTS, Blocks, Float
 SLACK_M = 1e-4  # for coal's tolerance; doubt counts as too close
 ASKEW_M = 2.5e-4  # pieces are nearer along coal's direction than its distance: of 120,000 by 0.17 mm at most
 BLOCK = 32  # positions on the side of the first blocks
+SAME_M = 1e-6  # between where a thing is left and where it is taken from there
 DOUBT = 0.2  # of the margin: a cell whose bounds are this near to what it has to keep is not looked at again
 
 Parts = tuple[Indices, Floats]  # (M, 3) what is to do, (M,) m the deeper the sooner
@@ -63,16 +64,45 @@ def _apart(a: Swept, b: Swept) -> Callable[[str, str], list[tuple[Mask, Mask]]]:
             rows, columns = ~a.rests.get(y, never_a), ~b.rests.get(x, never_b)
             moves_a, moves_b = a.carried.get(x, never_a), b.carried.get(y, never_b)
             found = [(rows & moves_a, columns)] if (rows & moves_a).any() else []
-            return found + ([(rows & ~moves_a, columns & moves_b)] if (columns & moves_b).any() else [])
+            found += [(rows & ~moves_a, columns & moves_b)] if (columns & moves_b).any() else []
+            return real(x, y, found)
         # Between two that hold one thing it is no obstacle: it goes with both of them.
         rows, columns = always_a, always_b
         if y in b.objects:
             rows = ~(a.touches if x in a.gripper else a.holds).get(y, never_a)
         if x in a.objects:
             columns = ~(b.touches if y in b.gripper else b.holds).get(x, never_b)
-        return [(rows, columns)] if rows.any() and columns.any() else []
+        return real(x, y, [(rows, columns)] if rows.any() and columns.any() else [])
+
+    def real(x: str, y: str, parts: list[tuple[Mask, Mask]]) -> list[tuple[Mask, Mask]]:
+        """The parts in which things that go from one body to the other are where these have them."""
+        for some in (_handed_over(a, b, x), [(rows, columns) for columns, rows in _handed_over(b, a, y)]):
+            if some:
+                both = ((rows & more, columns & others) for rows, columns in parts for more, others in some)
+                parts = [(rows, columns) for rows, columns in both if rows.any() and columns.any()]
+        return parts
 
     return when
+
+
+def _handed_over(one: Swept, other: Swept, name: str) -> list[tuple[Mask, Mask]]:
+    """When a thing that both bodies carry is where `one` has it; empty: always.
+
+    What the other one leaves for it is not there before, and what it leaves for the other not once that has
+    taken it.
+    """
+    mine, theirs = one.carried.get(name), other.carried.get(name)
+    if name not in one.objects or mine is None or theirs is None:
+        return []
+    at, (first, last) = np.arange(len(one)), np.flatnonzero(mine)[[0, -1]]
+    then, (begins, ends) = np.arange(len(other)), np.flatnonzero(theirs)[[0, -1]]
+    piece, its = one.labels.index(name), other.labels.index(name)
+    always = np.ones(len(other), dtype=bool)
+    if np.allclose(one.poses[last, piece], other.poses[begins, its], atol=SAME_M):
+        return [(at <= last, always), (at > last, then < begins)]
+    if np.allclose(one.poses[first, piece], other.poses[ends, its], atol=SAME_M):
+        return [(at >= first, always), (at < first, then > ends)]
+    return []
 
 
 def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:

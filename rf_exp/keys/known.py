@@ -7,10 +7,12 @@ from typing import Any, get_args, get_origin, get_type_hints
 from rf_exp.datagen.brain import SPECS
 from rf_exp.keys.refusal import ALWAYS, Key, content, nearest
 from rf_exp.policy import TrainConfig, policy_keys
-from rf_exp.tasks import CameraSpec, Task, Variation
+from rf_exp.tasks import COUNTED, CameraSpec, Task, Variation, is_family
 from rf_exp.types import Arch, ConstraintSet
 
 RANDOMISED = ("randomisation",)  # a task has the experiment's, unless it says otherwise
+
+FAMILY = {"arms": dict.fromkeys(COUNTED), "things": dict.fromkeys(COUNTED), "layout": None}
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class Entries:
     keys: Mapping[str, Any]
     needed: frozenset[str]
     own: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # name -> keys that differ from `keys`
+    whole_by: frozenset[str] = frozenset()  # keys, each of which makes up for those that an entry lacks
 
     def of(self, name: str) -> Mapping[str, Any]:
         """The keys of an entry."""
@@ -28,7 +31,9 @@ class Entries:
     def whole(self, node: Mapping[str, Any]) -> list[str]:
         """The names of entries that lack nothing."""
         return [
-            name for name, entry in node.items() if isinstance(entry, Mapping) and self.needed <= set(entry)
+            name
+            for name, entry in node.items()
+            if isinstance(entry, Mapping) and (self.needed <= set(entry) or self.whole_by & set(entry))
         ]
 
 
@@ -45,6 +50,7 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
         name: {
             "success": dict.fromkeys(task.get("success", ())),
             "cameras": dict.fromkeys(task.get("cameras", ()), _fields(CameraSpec)),
+            **(FAMILY if is_family(task) else {}),
         }
         for name, task in tasks.items()
     }
@@ -56,7 +62,7 @@ def known(node: Mapping[str, Any], tasks: Mapping[str, Mapping[str, Any]]) -> di
         "training": _fields(TrainConfig, "seed"),  # that is train_seed
         "variation": _fields(Variation),
         "evaluated": _fields(Variation),
-        "task": replace(_entries(Task, "variation"), own=own),
+        "task": replace(_entries(Task, "variation"), own=own, whole_by=frozenset({"layout"})),
         "arch": _entries(Arch, "name"),
         "constraints": Entries(kinds, frozenset(kinds)),
         # A key in the place of its variable's name is refused later, in words of its own.

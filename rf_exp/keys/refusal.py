@@ -71,7 +71,7 @@ def refuse_unknown_keys(config: DictConfig) -> None:
 def _own_tasks(node: Mapping[str, Any]) -> dict[str, Any]:
     """The tasks of a configuration as their own files have them."""
     named = node["task"] if isinstance(node.get("task"), Mapping) else {}
-    files = {name: found_file(f"task/{name}") for name in named}
+    files = {name: found_file(f"task/{name}") or found_file(f"task/family/{name}") for name in named}
     return {name: content(path).get(name, {}) for name, path in files.items() if path is not None}
 
 
@@ -108,7 +108,7 @@ def keys_of_files() -> Mapping[str, str]:
     """Dotted key -> the choice that has it, empty for every configuration: all that `conf/` has."""
     found = {key: "" for path in ALWAYS for key in inner(content(path))}
     for group in ("task", "arch", "constraints", "brain"):
-        for path in sorted((CONF / group).glob("*.yaml")):
+        for path in sorted((*(CONF / group).glob("*.yaml"), *(CONF / group / "family").glob("*.yaml"))):
             for key in inner(content(path)):
                 found.setdefault(f"{group}.{key}", f"{group}={path.stem}")
     return found

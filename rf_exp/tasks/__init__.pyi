@@ -4,9 +4,13 @@ from .task.configuration import CONFIGURED as CONFIGURED
 from .task.configuration import check_words as check_words
 from .task.configuration import default_of as default_of
 from .task.configuration import load_task as load_task
+from .task.configuration import named_task as named_task
 from .task.configuration import read_task as read_task
 from .task.configuration import read_variation as read_variation
 from .task.configuration import stored_task as stored_task
+from .task.family import COUNTED as COUNTED
+from .task.family import is_family as is_family
+from .task.family import parsed as parsed
 from .task.specs import TABLE_CENTRE_M as TABLE_CENTRE_M
 from .task.specs import TABLE_M as TABLE_M
 from .task.specs import CameraSpec as CameraSpec

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from rf_exp.tasks import CONFIGURED, Task, read_task
+from rf_exp.tasks import CONFIGURED, Task, parsed, read_task
 
 Grid = Mapping[str, Mapping[str, float]]  # row -> task -> figure
 
@@ -90,10 +90,14 @@ def configured(folder: Path = CONFIGURED) -> Suite:
 
 def title_of(task: str, suite: Suite) -> str:
     """The configured title of a task; where it is not in the suite its name in title case."""
-    known = suite.get(task)
-    return known.title if known else task.replace("_", " ").title()
+    if task in suite:
+        return suite[task].title
+    family, *numbers = parsed(task) or (task,)
+    return f"{family.replace('_', ' ').title()} {' x '.join(map(str, numbers))}".strip()
 
 
 def agents_of(task: str, suite: Suite) -> int | None:
-    known = suite.get(task)
-    return known.agents if known else paper().levels.get(task)
+    if task in suite:
+        return suite[task].agents
+    _, arms, _ = parsed(task) or (None, None, None)
+    return arms or paper().levels.get(task)

@@ -16,6 +16,7 @@ from rf_exp.artifacts import plain, read_values
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.installed import CONF
 from rf_exp.robots import DEFAULT, Robot, known_robots, robot_named
+from rf_exp.tasks.task.family import families, is_family, member, parsed
 from rf_exp.tasks.task.specs import Randomisation
 from rf_exp.tasks.task.start import beyond_table
 from rf_exp.tasks.task.task import Task
@@ -89,15 +90,26 @@ def _find_robots(node: Mapping) -> None:
         import_module(code)
 
 
-def load_task(name: str, node: Mapping) -> Task:
+def load_task(name: str, node: Mapping, arms: int | None = None, things: int | None = None) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
-    What it does not say of randomisation is as in conf/config.yaml.
+    What it does not say of randomisation is as in conf/config.yaml. Of a family `arms` and `things` are its
+    numbers, which it has usual ones of.
     Raises ArgumentError naming the field for what is missing, unknown, or of another type, for a robot or an
-    asset that does not exist, for an object that stands on one not listed before it, and for one that may
-    start beyond the table's edge.
+    asset that does not exist, for an object that stands on one not listed before it, for one that may
+    start beyond the table's edge, and for numbers that a family does not have, or a task that is none.
     """
     check_words(name, node)
+    if is_family(node):
+        try:
+            name, node = member(name, node, arms, things)
+        except ArgumentError as error:
+            raise ArgumentError(f"task {name!r}: {error}") from error
+    elif arms is not None or things is not None:
+        raise ArgumentError(
+            f"task {name!r} has numbers of its own; arms and things are keys of "
+            f"{', '.join(families(CONFIGURED))}"
+        )
     if "clutter" in node:  # a seed draws it
         raise ArgumentError(f"task {name!r}: unknown field clutter")
     try:
@@ -153,10 +165,24 @@ def read_variation(name: str) -> Variation:
     return read_values(Variation, found | node, "variation.")
 
 
-def read_task(path: Path) -> Task:
+def read_task(path: Path, arms: int | None = None, things: int | None = None) -> Task:
     """The Task of a YAML file. Raises ArgumentError as `load_task` does."""
     node: Any = OmegaConf.to_container(OmegaConf.load(path))
-    return load_task(path.stem, node[path.stem])
+    return load_task(path.stem, node[path.stem], arms, things)
+
+
+def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
+    """The task of that name in a folder of YAML files, or of a family in it, as `ring` or `ring_6x2`.
+
+    None where there is none of that name. Raises ArgumentError as `load_task` does.
+    """
+    if not isinstance(name, str):
+        return None
+    files = {**families(folder), **{path.stem: path for path in folder.glob("*.yaml")}}
+    if name in files:
+        return read_task(files[name])
+    family, *numbers = parsed(name) or ("",)
+    return read_task(families(folder)[family], *numbers) if family in families(folder) else None
 
 
 def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
@@ -170,13 +196,11 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
         raise ArgumentError(
             "the store was imported: its scenes are somebody else's, and cannot be made again"
         )
-    known = {path.stem: path for path in folder.glob("*.yaml")}
-    name = identity.get("task")
-    if not isinstance(name, str) or name not in known:
-        raise choices(f"task of a store, in {folder}:", name, known)
-    scene = identity.get("scene")
+    name, scene = identity.get("task"), identity.get("scene")
+    task = named_task(name, folder)
+    if task is None:
+        raise choices(f"task of a store, in {folder}:", name, [path.stem for path in folder.glob("*.yaml")])
     stored: Mapping[str, Any] = scene if isinstance(scene, Mapping) else {}
-    task = read_task(known[name])
     try:  # how strongly scenes vary is an experiment's to say, not the file's
         task = replace(task, randomisation=Randomisation(**stored["randomisation"]))
         if "variation" in stored:
@@ -187,7 +211,7 @@ def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
     if stored != now:
         differs = [key for key in now if stored.get(key) != now[key]]
         raise ArgumentError(
-            f"the store was made of another configuration of {name} than {known[name]} holds; it differs in "
+            f"the store was made of another configuration of {name} than {folder} holds; it differs in "
             f"{', '.join(differs) or 'keys that are there no more'}"
         )
     return task

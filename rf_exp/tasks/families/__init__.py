@@ -1,0 +1,1 @@
+"""Families of tasks: a module each, for any number of arms and things."""

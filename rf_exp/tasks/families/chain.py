@@ -1,0 +1,102 @@
+"""Chain: things go through the hands of arms that stand by turns on both sides of a strip, to their goals."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+from rf_exp.statements import Before, Proposal, Statement, Step, grasping, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
+from rf_exp.tasks.shared import circle
+from rf_exp.tasks.shared.relay import deliver, remaining
+from rf_exp.transforms import Matrix, planar
+from rf_exp.types import Condition, Scene, Subgoal
+
+VERSION = "1"
+PLAN_VERSION = "1"
+
+
+def layout(
+    arms: int,
+    things: int,
+    *,
+    across_m: float,
+    along_m: float,
+    start_m: Mapping[str, float],
+    goal_m: Mapping[str, float],
+    step_limit: Mapping[str, int],
+) -> dict[str, Any]:
+    """Bases `across_m` from the strip x = 0, by turns on its sides; things at the first arm, goals at the last."""
+    side = [(-1) ** arm for arm in range(1, arms + 1)]
+    along = [(arm - (arms + 1) / 2) * along_m for arm in range(1, arms + 1)]
+    robots = [
+        {"x_m": each * across_m, "y_m": y_m, "yaw_deg": 0.0 if each < 0 else 180.0, "rest_rad": circle.REST_RAD}
+        for each, y_m in zip(side, along, strict=True)
+    ]
+    objects: dict[str, Any] = {}
+    for k in range(things):
+        y_m = along[-1] + k * goal_m["apart"]
+        goal = {"asset": "goal", "options": {"radius_m": goal_m["radius"]}}
+        objects[f"goal{k + 1}"] = {**goal, "x_m": side[-1] * (across_m - goal_m["forward"]), "y_m": y_m}
+    for k in range(things):
+        x_m, y_m, by_m = side[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"], start_m["jitter"]
+        objects[f"cube{k + 1}"] = {
+            "asset": "cube",
+            "options": {"colour": circle.COLOURS[k % len(circle.COLOURS)]},
+            "x_m": [x_m - by_m, x_m + by_m],
+            "y_m": [y_m - by_m, y_m + by_m],
+            "yaw_deg": [-180.0, 180.0],
+        }
+    eye_m = [1.0 + 0.11 * arms, 0.0, 1.1 + 0.1 * arms]  # the longer the row, the farther off
+    seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": 60.0}}
+    for agent, (each, y_m) in enumerate(zip(side, along, strict=True), start=1):
+        eye_m, target_m = [-0.3 * each, y_m, 1.0], [0.14 * each, y_m, 0.1]
+        seen[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 52.0}
+    limit = step_limit["first"] + arms * step_limit["each_arm"] + things * step_limit["each_thing"]
+    return {"robots": robots, "objects": objects, "cameras": seen, "step_limit": limit}
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """On the strip, half-way between neighbours: `stop1` is where agent 1 lays things for agent 2."""
+    return {
+        f"stop{giver}": planar(0.0, (task.robots[giver - 1].y_m + task.robots[giver].y_m) / 2, 0.0)
+        for giver in task.agents[:-1]
+    }
+
+
+def _things(task: Task) -> list[tuple[str, str]]:
+    return [(f"cube{k}", f"goal{k}") for k in range(1, len(task.objects) // 2 + 1)]
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """From where each thing is now; the next one is laid at a stop once the last one has left it."""
+    subgoals: list[Subgoal] = []
+    constraints: list[Statement] = []
+    under_way = [each for each in _things(task) if not _there(scene, task, *each) or not released(scene, each)]
+    chains = {cube: remaining(scene, task, cube, task.agents) for cube, _ in under_way}
+    for cube, goal in under_way:
+        steps, stated = deliver(cube, chains[cube], goal)
+        subgoals, constraints = subgoals + steps, constraints + stated
+    for (first, _), (then, _) in pairwise(under_way):
+        for giver, taker in pairwise(chains[then]):
+            if taker in chains[first]:
+                constraints.append(Before(Step(taker, "grasp", first), Step(giver, "place", then)))
+    if not subgoals:
+        return Proposal((), ())
+    return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
+
+
+def _there(scene: Scene, task: Task, cube: str, goal: str) -> Condition:
+    down = below(height_m(scene, cube), task.success["above_m"], "m")
+    return every((near(scene, cube, goal, task.success["goal_m"]), down))
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """Each thing is on its goal, upright, let go and at rest."""
+    there = every(_there(scene, task, *each) for each in _things(task))
+    return {"things on their goals": there, **set_down(scene, [cube for cube, _ in _things(task)], task.success)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The paper does not know this task; its criterion is ours, without the steps that it must hold."""
+    return all(conditions(scene, start, task).values())

@@ -1,0 +1,61 @@
+"""Lift: the arms of a circle grasp one frame all round and lift it level."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rf_exp.statements import Proposal, SameHeight, Together, grasping, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import above, holders, risen_m, still, upright
+from rf_exp.tasks.shared import circle
+from rf_exp.types import Condition, Scene, Subgoal
+
+VERSION = "1"
+PLAN_VERSION = "1"
+
+LIFT_M = 0.17  # of all grippers: the required rise and a little to spare
+NEARER_M = 0.2  # to an arm that is alone: it grasps the frame in its middle
+TOGETHER_S = 2.0  # between the first gripper that closes and the last
+
+
+def layout(
+    arms: int, things: int, *, radius_m: float, jitter_m: float, jitter_deg: float, step_limit: int
+) -> dict[str, Any]:
+    """A frame with a grip for each arm, in the middle of all."""
+    y_m = 0.0 if arms > 1 else -NEARER_M
+    ranges = {"x_m": [-jitter_m, jitter_m], "y_m": [y_m - jitter_m, y_m + jitter_m], "yaw_deg": [-jitter_deg, jitter_deg]}
+    frame = {"asset": "frame", "options": {"grips": arms}, **ranges}
+    seen = circle.cameras(arms, radius_m)
+    return {
+        "robots": circle.robots(arms, radius_m),
+        "objects": {"frame": frame},
+        "cameras": seen,
+        "step_limit": step_limit,
+    }
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Grasp all round; once all hold the frame, lift it at the same time."""
+    held, agents = holders(scene, "frame"), task.agents
+    if held == agents:
+        lifts = tuple(Subgoal(agent, "lift", "frame", height_m=LIFT_M) for agent in agents)
+        level = (SameHeight(agents), Together(agents, "lift", "frame")) if len(agents) > 1 else ()
+        return Proposal(lifts, (*level, *keep_clear(agents)))
+    grasps = tuple(Subgoal(agent, "grasp", "frame", f"grip{agent}") for agent in agents)
+    together = (Together(agents, "grasp", "frame", TOGETHER_S),) if len(agents) > 1 else ()
+    return Proposal(grasps, (*grasping(grasps), *together, *keep_clear(agents)))
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """All arms hold the frame, it is up, level and at rest."""
+    limits = task.success
+    return {
+        "held by all arms": holders(scene, "frame") == task.agents,
+        "lifted": above(risen_m(scene, start, "frame"), limits["lift_m"], "m"),
+        "level": upright(scene, "frame", limits["level_deg"]),
+        "at rest": still(scene, "frame", limits["still_m_s"]),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """That of Lift Barrier: the middle is higher than its start by the threshold."""
+    return risen_m(scene, start, "frame") > task.success["lift_m"]

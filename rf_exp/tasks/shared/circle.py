@@ -1,0 +1,73 @@
+"""Arms in a circle that look at its middle: shared by families. Lengths in m, angles in rad or degrees.
+
+What stands before an arm is told in the frame of its base: x towards the middle, y to its left, z up.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rf_exp.transforms import planar
+
+# Folded, so that no two of eight hands are in one another's way: the tool centre point 0.33 m before the base
+# and 0.42 m above the table, looking down.
+REST_RAD = (0.0, -0.75, 0.0, -2.5, 0.0, 1.75, 0.785)
+GLOBAL = {"out_m": 1.45, "up_m": 1.35, "fov_deg": 58.0}  # of the camera that sees all, between two arms
+EYE_M, TARGET_M, FOV_DEG = (1.02, 0.16, 0.82), (0.5, 0.0, 0.1), 52.0  # of each arm's, in its base's frame
+
+COLOURS = ("blue", "red", "green")
+Placed = dict[str, Any]
+
+
+def angle_rad(arm: int, arms: int) -> float:
+    """Of the base of an arm, from 1 on, seen from the middle; the first stands at the lower edge."""
+    return 2 * np.pi * (arm - 1) / arms - np.pi / 2
+
+
+def before(arm: int, arms: int, radius_m: float, forward_m: float, left_m: float = 0.0) -> Placed:
+    """The x and y in the world of what lies before an arm, and the yaw of the arm's base."""
+    angle = angle_rad(arm, arms)
+    base = planar(radius_m * np.cos(angle), radius_m * np.sin(angle), angle + np.pi)
+    x_m, y_m = (base @ (forward_m, left_m, 0.0, 1.0))[:2].tolist()
+    yaw_deg = float(np.rad2deg(angle) + 180.0)
+    return {"x_m": round(x_m, 6), "y_m": round(y_m, 6), "yaw_deg": round(yaw_deg, 6)}
+
+
+def robots(arms: int, radius_m: float) -> list[dict[str, Any]]:
+    """Bases in a circle, evenly."""
+    return [{**before(arm, arms, radius_m, 0.0), "rest_rad": REST_RAD} for arm in range(1, arms + 1)]
+
+
+def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
+    """One that sees all, and one for each arm, which looks at it across the middle."""
+    angle = -np.pi / 2 + np.pi / max(arms, 2)
+    out_m, up_m = GLOBAL["out_m"], GLOBAL["up_m"]
+    eye_m = (out_m * np.cos(angle), out_m * np.sin(angle), up_m)
+    seen: dict[str, Any] = {"global": _camera(eye_m, (0.0, 0.0, 0.1), GLOBAL["fov_deg"])}
+    for arm in range(1, arms + 1):
+        eye, target = (before(arm, arms, radius_m, *at[:2]) for at in (EYE_M, TARGET_M))
+        ends = [(end["x_m"], end["y_m"], at[2]) for end, at in ((eye, EYE_M), (target, TARGET_M))]
+        seen[f"agent{arm}"] = _camera(*ends, FOV_DEG)
+    return seen
+
+
+def cube(
+    arm: int, arms: int, k: int, things: int, radius_m: float, forward_m: float, apart_m: float, jitter_m: float
+) -> dict[str, Any]:
+    """The k-th of the cubes that lie side by side before an arm; where each starts varies by up to `jitter_m`."""
+    placed = before(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
+    ranges = {axis: [placed[axis] - jitter_m / things, placed[axis] + jitter_m / things] for axis in ("x_m", "y_m")}
+    colour = COLOURS[(arm + k - 1) % len(COLOURS)]
+    return {"asset": "cube", "options": {"colour": colour}, **ranges, "yaw_deg": [-180.0, 180.0]}
+
+
+def number(name: str) -> tuple[int, str]:
+    """Whose a thing is, and its number among all: of cube2_1 these are 2 and 2_1."""
+    found = name.lstrip("abcdefghijklmnopqrstuvwxyz")
+    return int(found.split("_")[0]), found
+
+
+def _camera(eye_m: tuple, target_m: tuple, fov_deg: float) -> dict[str, Any]:
+    eye, target = ([round(float(each), 6) for each in end] for end in (eye_m, target_m))
+    return {"eye_m": eye, "target_m": target, "fov_deg": fov_deg}

@@ -1,0 +1,38 @@
+"""A thing that goes through the hands of several arms: shared by Long Pipeline Delivery and the family *chain*.
+
+The task has a place `stop<k>` where agent k lays things for the next one of the chain.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from rf_exp.statements import Statement, Step
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import distance_xy_m, holders
+from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.types import Scene, Subgoal
+
+
+def deliver(thing: str, chain: Sequence[int], goal: str) -> tuple[list[Subgoal], list[Statement]]:
+    """Each arm lays the thing within reach of the next one and yields; the last one puts it on the goal."""
+    subgoals: list[Subgoal] = []
+    constraints: list[Statement] = []
+    for agent in chain:
+        subgoals += fetch(agent, thing, goal if agent == chain[-1] else f"stop{agent}")
+    for giver, taker in pairwise(chain):
+        constraints += in_turn(Step(giver, "place", thing), Step(taker, "grasp", thing))
+    return subgoals, constraints
+
+
+def remaining(scene: Scene, task: Task, thing: str, chain: Sequence[int]) -> Sequence[int]:
+    """The rest of the chain: from who holds the thing, finds it at a stop, or is nearest to it."""
+    return chain[chain.index(_turn(scene, task, thing, chain)) :]
+
+
+def _turn(scene: Scene, task: Task, thing: str, chain: Sequence[int]) -> int:
+    if holders(scene, thing):
+        return holders(scene, thing)[0]
+    for giver, taker in pairwise(chain):
+        if distance_xy_m(scene.poses[thing], task.places(scene)[f"stop{giver}"]) < task.success["goal_m"]:
+            return taker
+    return min(chain, key=lambda agent: abs(task.robots[agent - 1].y_m - scene.poses[thing][1, 3]))

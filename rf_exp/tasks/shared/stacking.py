@@ -1,0 +1,54 @@
+"""A tower of cubes on a goal, built by several arms: shared by Three Robots Stack Cube and the family *tower*.
+
+A stack names the agents and their cubes from the bottom up; the task has an object `goal`.
+"""
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import below, every, height_m, near, on, released, set_down
+from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.types import Condition, Scene, Subgoal
+
+Stack = Sequence[tuple[int, str]]  # (agent, cube), from the bottom up
+
+
+def plan(scene: Scene, task: Task, stack: Stack) -> Proposal:
+    """Everybody fetches a cube; each is placed once the one below it lies there."""
+    subgoals: list[Subgoal] = []
+    constraints: list[Statement] = []
+    left: list[tuple[int, str]] = []
+    names = _names(stack)
+    bearers = [None, *names[:-1]]
+    for (agent, name), bearer, stands in zip(stack, bearers, standing(scene, task, names), strict=True):
+        if left or not stands or not released(scene, [name]):
+            left.append((agent, name))
+            subgoals += fetch(agent, name, bearer or "goal", "top" if bearer else "middle")
+    for (first, lower), (then, upper) in pairwise(left):
+        if first != then:
+            constraints += in_turn(Step(first, "place", lower), Step(then, "place", upper))
+    return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
+
+
+def standing(scene: Scene, task: Task, names: Sequence[str]) -> list[Condition]:
+    """Which of the cubes lies where it belongs: the first on the goal, the others on the one below."""
+    limits = task.success
+    down = below(height_m(scene, names[0]), limits["above_m"], "m")
+    bottom = every((near(scene, names[0], "goal", limits["goal_m"]), down))
+    return [bottom, *(on(scene, task, top, bearer, limits["beside_m"]) for bearer, top in pairwise(names))]
+
+
+def conditions(scene: Scene, task: Task, stack: Stack) -> dict[str, Condition]:
+    """Each cube is in its place, level, let go and at rest."""
+    names = _names(stack)
+    in_place = zip(names, standing(scene, task, names), strict=True)
+    return {
+        **{f"{name} in its place": there for name, there in in_place},
+        **set_down(scene, names, task.success),
+    }
+
+
+def _names(stack: Iterable[tuple[int, str]]) -> list[str]:
+    return [name for _, name in stack]

@@ -1,0 +1,78 @@
+"""Families: tasks whose number of arms, and of things for each, are keys: `task=ring arms=6 things=2`.
+
+A family is `conf/task/family/<name>.yaml`, which has ranges `arms` and `things` and lengths of a `layout` in place of
+robots, objects and cameras, and a module with `layout(arms, things, ...)` that makes those of them, beside
+what the module of any task has (`task.py`). Its tasks are called `<name>_<arms>x<things>`.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rf_exp.artifacts import read_values
+from rf_exp.errors import ArgumentError
+
+FOLDER = "family"  # below that of the tasks
+MODULES = "rf_exp.tasks.families"
+_MEMBER = re.compile(r"(?P<family>\w+?)_(?P<arms>\d+)x(?P<things>\d+)")
+
+
+@dataclass(frozen=True)
+class Count:
+    """How many there may be, and are unless somebody says."""
+
+    usual: int
+    least: int
+    most: int
+
+    def of(self, key: str, given: int | None) -> int:
+        """The number that was given, or the usual one. Raises ArgumentError for one that does not fit."""
+        number = self.usual if given is None else given
+        many = f"{self.least} to {self.most}" if self.least < self.most else f"{self.most}"
+        if type(number) is not int:
+            raise ArgumentError(f"{key} is {number!r}; expected a number from {many}")
+        if not self.least <= number <= self.most:
+            raise ArgumentError(f"{key} is {number}; expected {many}")
+        return number
+
+
+COUNTED = tuple(each.name for each in fields(Count))
+
+
+def is_family(node: Mapping[str, Any]) -> bool:
+    """Whether the configuration of a task is that of a family."""
+    return "layout" in node
+
+
+def member(
+    name: str, node: Mapping[str, Any], arms: int | None = None, things: int | None = None
+) -> tuple[str, dict[str, Any]]:
+    """The task of a family with so many arms and things for each: its name, and its configuration.
+
+    Raises ArgumentError for more or fewer than there may be.
+    """
+    counts = {key: read_values(Count, node.get(key, {}), f"{key}.") for key in ("arms", "things")}
+    numbers = {key: counts[key].of(key, given) for key, given in (("arms", arms), ("things", things))}
+    code = node.get("code") or f"{MODULES}.{name}"
+    try:
+        laid_out = import_module(code).layout(**numbers, **node["layout"])
+    except TypeError as error:
+        raise ArgumentError(f"layout: {error}") from error
+    called = f"{name}_{numbers['arms']}x{numbers['things']}"
+    title = f"{node['title']} {numbers['arms']} x {numbers['things']}"
+    rest = {key: value for key, value in node.items() if key not in ("arms", "things", "layout")}
+    return called, {**rest, **laid_out, "name": called, "title": title, "code": code}
+
+
+def parsed(name: str) -> tuple[str, int, int] | None:
+    """Family, arms and things of the name of such a task; None for any other name."""
+    found = _MEMBER.fullmatch(name)
+    return (found["family"], int(found["arms"]), int(found["things"])) if found else None
+
+
+def families(folder: Path) -> dict[str, Path]:
+    """The families of a folder of tasks, by their names."""
+    return {path.stem: path for path in sorted((folder / FOLDER).glob("*.yaml"))}
