@@ -1,0 +1,164 @@
+"""How planning, success and schedules grow with the number of arms: the families ring, tower, chain and lift.
+
+    python benchmarks/arms.py [--families ring,tower] [--arms 1,2,4,8] [--things 1,2] [--seeds 20] [--out outputs/arms]
+
+Seeds 0, 1, .. of each family with each number of arms and of things, undisturbed, without pictures. A row a seed in
+OUT/rows.jsonl, which is gone on with; a cell has a process of its own. Seconds are of the processor: of motion,
+schedule (with its diagrams), checks, the simulator's steps, and the whole episode. The last line is JSON: of
+each cell the mean of these, its successes, contacts, makespan against the proven bound, and peak memory; of each
+family the exponent with which planning grows with the number of arms, from 2 on.
+"""
+
+import argparse
+import json
+import resource
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from rf_exp.constraints import RoboChecker
+from rf_exp.datagen import EpisodeMaker, Settings, Trace, planning
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.sim import Limited, Simulator
+from rf_exp.tasks import CONFIGURED, Task, named_task
+from rf_exp.types import ConstraintSet
+
+FAMILIES = tuple(sorted(path.stem for path in (CONFIGURED / "family").glob("*.yaml")))
+SPENT = ("motion_s", "schedule_s", "checks_s", "physics_s", "episode_s")
+Row = dict[str, Any]
+
+
+@contextmanager
+def timed(spent: dict[str, float]) -> Iterator[None]:
+    """Adds up what the parts of an episode take."""
+    with (
+        patch.object(planning, "plan_motion", _clocked(planning.plan_motion, spent, "motion_s")),
+        patch.object(RoboChecker, "schedule", _clocked(RoboChecker.schedule, spent, "schedule_s")),
+        patch.object(RoboChecker, "check", _clocked(RoboChecker.check, spent, "checks_s")),
+        patch.object(Simulator, "step", _clocked(Simulator.step, spent, "physics_s")),
+    ):
+        yield
+
+
+def _clocked(work: Callable[..., Any], spent: dict[str, float], key: str) -> Callable[..., Any]:
+    def clocked(*arguments: Any, **keywords: Any) -> Any:
+        began = time.process_time()
+        try:
+            return work(*arguments, **keywords)
+        finally:
+            spent[key] += time.process_time() - began
+
+    return clocked
+
+
+def one(world: Simulator, task: Task, seed: int) -> Row:
+    """One episode of a seed."""
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+    spent, trace = dict.fromkeys(SPENT, 0.0), Trace()
+    began = time.process_time()
+    with timed(spent):
+        outcome = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), trace).make(seed)
+    spent["episode_s"] = time.process_time() - began
+    plans = [plan.schedule for plan, _ in trace.executions()]
+    found = {"seed": seed, "success": outcome.success, "steps": outcome.steps, "attempts": outcome.attempts}
+    found |= {"contacts": outcome.contacts, "makespan": sum(map(len, plans))}
+    found |= {"bound": sum(plan.makespan_bound for plan in plans)}
+    found |= {key: round(value, 3) for key, value in spent.items()}
+    return found if outcome.success else {**found, "reason": outcome.reason}
+
+
+def cell(name: str, seeds: list[int], path: str) -> None:
+    """The seeds of a task that lack, each written as it comes; the first is run before, to fill caches."""
+    task = named_task(name)
+    assert task is not None
+    with Simulator(task, render=False) as world, Path(path).open("a", encoding="utf-8") as rows:
+        one(world, task, seeds[0])
+        for seed in seeds:
+            row = {"task": name, **one(world, task, seed)}
+            row["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+            print(json.dumps(row), file=rows, flush=True)
+
+
+def summary(rows: list[Row]) -> Row:
+    """Means over the seeds of a cell."""
+    bound = sum(row["bound"] for row in rows)
+    return {
+        "seeds": len(rows),
+        "success": sum(row["success"] for row in rows),
+        "first": sum(row["success"] and row["attempts"] == 1 for row in rows),
+        "contacts": sum(row["contacts"] for row in rows),
+        "steps": round(float(np.mean([row["steps"] for row in rows])), 1),
+        "over_bound": round(sum(row["makespan"] for row in rows) / bound - 1, 4) if bound else None,
+        **{key: round(float(np.mean([row[key] for row in rows])), 3) for key in SPENT},
+        "peak_mb": max(row["peak_mb"] for row in rows),
+    }
+
+
+def exponent(cells: dict[int, Row]) -> float | None:
+    """Of the power of the number of arms that planning (motion, schedule, checks) follows, from two arms on."""
+    arms = [count for count in cells if count > 1]
+    if len(arms) < 2:
+        return None
+    plan_s = [sum(cells[count][key] for key in ("motion_s", "schedule_s", "checks_s")) for count in arms]
+    return round(float(np.polyfit(np.log(arms), np.log(plan_s), 1)[0]), 2)
+
+
+def read(path: Path) -> dict[str, list[Row]]:
+    """Task -> its rows."""
+    found: dict[str, list[Row]] = defaultdict(list)
+    for line in path.read_text("utf-8").splitlines() if path.exists() else ():
+        row = json.loads(line)
+        found[row["task"]].append(row)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--families", default=",".join(FAMILIES))
+    parser.add_argument("--arms", default="1,2,3,4,5,6,7,8")
+    parser.add_argument("--things", default="1", help="for each arm, or through the hands of all")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--out", type=Path, default=Path("outputs/arms"))
+    given = parser.parse_args()
+    counts = [[int(each) for each in said.split(",")] for said in (given.arms, given.things)]
+    for family in given.families.split(","):
+        if family not in FAMILIES:
+            parser.error(str(choices("family", family, FAMILIES)))
+    given.out.mkdir(parents=True, exist_ok=True)
+    path, found = given.out / "rows.jsonl", {}
+    for family in given.families.split(","):
+        for things in counts[1]:
+            cells: dict[int, Row] = {}
+            for arms in counts[0]:
+                name = f"{family}_{arms}x{things}"
+                try:
+                    named_task(name)
+                except ArgumentError as error:  # a tower may be too high, and a frame is one
+                    print(f"{name:12s} {error}")
+                    continue
+                there = {row["seed"] for row in read(path)[name]}
+                if lacking := [seed for seed in range(given.seeds) if seed not in there]:
+                    with ProcessPoolExecutor(1, get_context("spawn")) as process:
+                        process.submit(cell, name, lacking, str(path)).result()
+                rows = [row for row in read(path)[name] if row["seed"] < given.seeds]
+                cells[arms] = found[name] = summary(rows)
+                print(f"{name:12s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()), flush=True)
+            if cells:
+                found[f"{family} x {things}: exponent"] = exponent(cells)
+                print(f"{family} x {things}: planning grows with arms ** {exponent(cells)}")
+    print(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()
