@@ -1,12 +1,12 @@
-"""How planning, success and schedules grow with the number of arms: the families ring, tower, chain and lift.
+"""How planning, success and schedules grow with the number of arms: ring, tower, chain and lift.
 
-    python benchmarks/arms.py [--families ring,tower] [--arms 1,2,4,8] [--things 1,2] [--seeds 20] [--out outputs/arms]
+    python benchmarks/arms.py [--families ring,tower] [--arms 1,8] [--things 1,2] [--seeds 20] [--out FOLDER]
 
-Seeds 0, 1, .. of each family with each number of arms and of things, undisturbed, without pictures. A row a seed in
-OUT/rows.jsonl, which is gone on with; a cell has a process of its own. Seconds are of the processor: of motion,
-schedule (with its diagrams), checks, the simulator's steps, and the whole episode. The last line is JSON: of
-each cell the mean of these, its successes, contacts, makespan against the proven bound, and peak memory; of each
-family the exponent with which planning grows with the number of arms, from 2 on.
+Seeds 0, 1, .. of each family with each number of arms and of things, undisturbed, without pictures. A row a
+seed in FOLDER/rows.jsonl, which is gone on with; a cell has a process of its own. Seconds are of the
+processor: of motion, schedule (with its diagrams), checks, the simulator's steps, and the whole episode. The
+last line is JSON: of each cell the mean of these, its successes, contacts, makespan against the proven bound,
+and peak memory; of each family the exponent with which planning grows with the number of arms, from 2 on.
 """
 
 import argparse
@@ -104,7 +104,7 @@ def summary(rows: list[Row]) -> Row:
 
 
 def exponent(cells: dict[int, Row]) -> float | None:
-    """Of the power of the number of arms that planning (motion, schedule, checks) follows, from two arms on."""
+    """With which planning (motion, schedule, checks) grows with the number of arms, from two on."""
     arms = [count for count in cells if count > 1]
     if len(arms) < 2:
         return None
@@ -153,7 +153,10 @@ def main() -> None:
                         process.submit(cell, name, lacking, str(path)).result()
                 rows = [row for row in read(path)[name] if row["seed"] < given.seeds]
                 cells[arms] = found[name] = summary(rows)
-                print(f"{name:12s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()), flush=True)
+                print(
+                    f"{name:12s} " + "  ".join(f"{key} {value}" for key, value in found[name].items()),
+                    flush=True,
+                )
             if cells:
                 found[f"{family} x {things}: exponent"] = exponent(cells)
                 print(f"{family} x {things}: planning grows with arms ** {exponent(cells)}")

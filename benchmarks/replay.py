@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import overlapping, pressing
+from rf_exp.geometry import Separation
 from rf_exp.processes import in_order
 from rf_exp.sim import shared_simulator
 from rf_exp.store import Store
@@ -41,10 +42,8 @@ class Played(NamedTuple):
 def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.float32]) -> Played:
     """Plays an episode with states (T, N, 9) and actions (T, N, 8)."""
     world = shared_simulator(task, NO_PICTURES)
-    pairs, may_touch = (
-        tuple(combinations(task.agents, 2)),
-        dict.fromkeys(task.agents, frozenset(task.objects)),
-    )
+    pairs, things = tuple(combinations(task.agents, 2)), frozenset(task.objects)
+    separation = Separation(task)
     scene = world.reset(seed)
     judge, same, pressed, depth_m = SuccessEvaluator(task, scene), True, False, 0.0
     verdict = judge(scene)
@@ -53,7 +52,7 @@ def replay(task: Task, seed: int, qpos: NDArray[np.float32], action: NDArray[np.
         scene = world.step(command)
         verdict = judge(scene)
         pressed |= pressing(scene, pairs) is not None
-        found = overlapping(task, scene, pairs, may_touch)
+        found = overlapping(separation, scene, pairs, lambda agent: things)
         depth_m = max(depth_m, 0.0 if found is None else -found.value)
     return Played(verdict.success, same, pressed, depth_m > 0, 1000 * depth_m)
 

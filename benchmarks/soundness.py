@@ -33,7 +33,17 @@ from scipy.optimize import brentq
 
 from rf_exp.ablation import wilson
 from rf_exp.constraints import AvoidAgentsCheck, Paths, Plan, touching
-from rf_exp.geometry import AGENT_MARGIN_M, VOXEL_M, PlanningScene, Swept, folded, nearest, shared, voxels
+from rf_exp.geometry import (
+    AGENT_MARGIN_M,
+    VOXEL_M,
+    PlanningScene,
+    Separation,
+    Swept,
+    folded,
+    nearest,
+    shared,
+    voxels,
+)
 from rf_exp.processes import in_order
 from rf_exp.robots import DEFAULT
 from rf_exp.tasks import ObjectSpec, Task, load_task
@@ -147,6 +157,12 @@ def _cameras(task: Task) -> dict:
     return {name: task.cameras[name] for name in ("global", "agent1")}
 
 
+def touches(state: State) -> bool:
+    """What the monitor says of the measured state, which it has never seen before."""
+    separation = Separation(state.task)
+    return touching(separation, state.scene(), state.pairs(), lambda agent: frozenset()) is not None
+
+
 def near_contact(state: State, target_m: float) -> State | None:
     """The team drawn back towards rest until its gap is the target's; None where that does not happen."""
     rest = state.qpos.copy()
@@ -158,7 +174,7 @@ def near_contact(state: State, target_m: float) -> State | None:
     def beyond_m(fraction: float) -> float:
         return gap_m(drawn_back(fraction)) - target_m
 
-    collided = touching(state.task, state.scene(), state.pairs()) is not None
+    collided = touches(state)
     if not collided or beyond_m(0.0) > 0 or beyond_m(1.0) < 0:
         return None
     found = drawn_back(float(brentq(beyond_m, 0.0, 1.0, xtol=XTOL, full_output=False)))  # pyright: ignore
@@ -253,7 +269,7 @@ MODELS: dict[str, Callable[[State], bool]] = {
     "volume, 5 cm": of_volume(VOXEL_M),
     "volume, 2.5 cm": of_volume(FINE_M),
     "volume, 5 cm, then exact": twice,
-    "default, measured (touching)": lambda s: touching(s.task, s.scene(), s.pairs()) is not None,
+    "default, measured (touching)": touches,
     "default, planned (AvoidAgents, 10 mm)": planned_too_close,
     "exact, all pairs of hulls": collides,
 }

@@ -19,7 +19,7 @@ from rf_exp.constraints.checks.together import TogetherCheck
 from rf_exp.constraints.plan import Paths, Plan
 from rf_exp.coordination import Delays, Rule, schedule, sequential
 from rf_exp.findings import About, Cause, CheckName, Finding, Violation
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
+from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Separation, Touches
 from rf_exp.statements import Proposal, Statement
 from rf_exp.tasks import Task
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Scene, Schedule, Subgoal, Trajectory, arm_of
@@ -137,12 +137,12 @@ class PolicyMonitor:
     """
 
     def __init__(self, task: Task) -> None:
-        self._task = task
-        self._pairs = tuple(combinations(task.agents, 2))
-        self._may_touch = dict.fromkeys(task.agents, frozenset(task.objects))
+        self._separation = Separation(task)
+        self._pairs, things = tuple(combinations(task.agents, 2)), frozenset(task.objects)
+        self._may_touch: Touches = lambda agent: things
 
     def __call__(self, scene: Scene) -> Violation | None:
-        found = touching(self._task, scene, self._pairs, self._may_touch)
+        found = touching(self._separation, scene, self._pairs, self._may_touch)
         if found is None:
             return None
         return violation(AvoidAgentsCheck(found.agents), found)

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.findings import Doing
-from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, Mask, PlanningScene, Swept, closer_than
+from rf_exp.geometry import (
+    AGENT_MARGIN_M,
+    OBJECT_MARGIN_M,
+    Mask,
+    PlanningScene,
+    Separation,
+    Swept,
+    closer_than,
+)
 from rf_exp.perception import Seen, together
 from rf_exp.robots import Arm
 from rf_exp.tasks import Task
@@ -116,6 +124,11 @@ class Plan:
 
     paths: Paths
     schedule: Schedule
+
+    @cached_property
+    def separation(self) -> Separation:
+        """Of the arms while the plan is carried out."""
+        return Separation(self.task)
 
     @property
     def task(self) -> Task:

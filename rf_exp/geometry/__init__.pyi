@@ -14,6 +14,9 @@ from .planning_scene import AGENT_MARGIN_M as AGENT_MARGIN_M
 from .planning_scene import OBJECT_MARGIN_M as OBJECT_MARGIN_M
 from .planning_scene import TABLE_MARGIN_M as TABLE_MARGIN_M
 from .planning_scene import PlanningScene as PlanningScene
+from .separation import Separation as Separation
+from .separation import Touches as Touches
+from .separation import measured_pair as measured_pair
 from .swept import Mask as Mask
 from .swept import Piece as Piece
 from .swept import Swept as Swept

@@ -105,6 +105,12 @@ def _handed_over(one: Swept, other: Swept, name: str) -> list[tuple[Mask, Mask]]
     return []
 
 
+def apart_now(a: Swept, b: Swept) -> Callable[[str, str], bool]:
+    """Whether a link or object of one body must keep apart from one of the other at first."""
+    apart = _apart(a, b)
+    return lambda x, y: any(rows[0] and columns[0] for rows, columns in apart(x, y))
+
+
 def look(x: Blocks, y: Blocks, todo: Indices, i: Indices, j: Indices) -> tuple[Floats, Floats, Floats]:
     """In the middles of blocks: (M,) exact distances, (M, 3) directions from a to b, nearest points of a."""
     distances, normals, points = (np.empty((len(todo), *side), np.float32) for side in ((), (3,), (3,)))
@@ -157,7 +163,7 @@ def _nearest(a: Swept, b: Swept, at: Indices, apart_m: NDArray[np.float64]) -> N
         i, j = (int(index) for index in np.unravel_index(least.argmin(), least.shape))
         cell = int(apart_m[i, j].argmin())
         row, column = at[cell].tolist()
-        distance_m = _distance(a, b, row, column, i, j)
+        distance_m = exact_m(a, b, row, column, i, j)
         if best is None or distance_m < best.distance_m:
             best = Nearest(distance_m, a.labels[i], b.labels[j], (row, column))
         moved_m = np.abs(moved_a[i] - moved_a[i, cell]) + np.abs(moved_b[j] - moved_b[j, cell])
@@ -174,7 +180,7 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
     """
     gaps = cdist(a.centres[0], b.centres[0]) - a.radii_m[:, None] - b.radii_m
     near = np.argwhere(gaps <= 0)  # of a mark on the table, which has no pieces, there is nothing to touch
-    apart = _apart(a, b)
+    apart = apart_now(a, b)
     best: Nearest | None = None
     deepest = 0.0
     for k in np.argsort(gaps[*near.T], kind="stable"):
@@ -182,8 +188,8 @@ def overlap(a: Swept, b: Swept) -> Nearest | None:
         if best is not None and gaps[i, j] >= deepest:
             break
         x, y = a.labels[i], b.labels[j]
-        if any(rows[0] and columns[0] for rows, columns in apart(x, y)):
-            distance = _distance(a, b, 0, 0, i, j)
+        if apart(x, y):
+            distance = exact_m(a, b, 0, 0, i, j)
             if distance <= 0 and (best is None or distance < deepest):
                 best, deepest = Nearest(distance, x, y), distance
     return best
@@ -196,11 +202,12 @@ def folded(body: Swept, pairs: Sequence[tuple[int, int]]) -> Mask:
     near = gaps < body.radii_m[first] + body.radii_m[second]
     hit = np.zeros(len(body), dtype=bool)
     for row, k in np.argwhere(near).tolist():
-        hit[row] |= not hit[row] and _distance(body, body, row, row, *pairs[k]) < 0
+        hit[row] |= not hit[row] and exact_m(body, body, row, row, *pairs[k]) < 0
     return hit
 
 
-def _distance(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
+def exact_m(a: Swept, b: Swept, row: int, column: int, i: int, j: int) -> float:
+    """The exact distance of piece i of one body and piece j of another at positions; below 0: depth."""
     _RESULT.clear()
     return coal.distance(
         a.pieces[i].shape, a.placed(row, i), b.pieces[j].shape, b.placed(column, j), _REQUEST, _RESULT

@@ -71,7 +71,7 @@ class PlanningScene:
     ) -> Swept:
         """An arm as it stands in the scene (P = 1); an object that is `attached` is where it was measured."""
         moved = {} if attached is None else {attached: self.scene.poses[attached][None]}
-        return self._holding(agent, self._links[agent - 1][None], moved, touches)
+        return self._holding(agent, self.links[agent - 1][None], moved, touches)
 
     def along(self, trajectory: Trajectory) -> Swept:
         """An agent along its trajectory, with every object it moves.
@@ -155,7 +155,7 @@ class PlanningScene:
         return self.task.asset(name)
 
     @cached_property
-    def _links(self) -> Sequence[NDArray[np.float64]]:
+    def links(self) -> Sequence[NDArray[np.float64]]:
         """World poses (L, 4, 4) of the links of each arm in the scene."""
         first, *others = self.arms
         if any(arm.robot != first.robot for arm in others):

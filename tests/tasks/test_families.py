@@ -81,14 +81,19 @@ def test_seeds_differ_and_repeat() -> None:
 
 def test_numbers_are_keys_of_the_command() -> None:
     assert [task.name for task in experiment("task=ring", "arms=6", "things=2").tasks] == ["ring_6x2"]
-    assert [task.name for task in experiment("task=[ring,tower]", "arms=3").tasks] == ["ring_3x1", "tower_3x1"]
+    assert [task.name for task in experiment("task=[ring,tower]", "arms=3").tasks] == [
+        "ring_3x1",
+        "tower_3x1",
+    ]
     assert [task.name for task in experiment("task=lift").tasks] == ["lift_4x1"]
     assert experiment("task=ring", "task.ring.success.goal_m=0.01").tasks[0].success["goal_m"] == 0.01
 
 
 def test_all_tasks_are_those_of_files_alone() -> None:
     names = [task.name for task in experiment("task=all").tasks]
-    assert "lift_barrier" in names and not [name for name in names if name.split("_")[0] in FAMILIES and "x" in name]
+    assert "lift_barrier" in names and not [
+        name for name in names if name.split("_")[0] in FAMILIES and "x" in name
+    ]
 
 
 def test_a_store_finds_its_member_again() -> None:
@@ -115,11 +120,13 @@ def test_an_environment_is_made_by_name() -> None:
         (("task=lift", "things=2"), "task 'lift': things is 2; expected 1"),
         (
             ("task=tower", "arms=4", "things=3"),
-            "task 'tower': a tower of 4 x 3 cubes is higher than the arms can build; expected at most 8 in all",
+            "task 'tower': a tower of 4 x 3 cubes is higher than the arms can build; expected at most 8 in "
+            "all",
         ),
         (
             ("task=lift_barrier", "arms=3"),
-            "task 'lift_barrier' has numbers of its own; arms and things are keys of chain, lift, ring, tower",
+            "task 'lift_barrier' has numbers of its own; arms and things are keys of chain, lift, ring, "
+            "tower",
         ),
     ],
 )
@@ -132,7 +139,7 @@ def test_numbers_that_do_not_fit(overrides: tuple[str, ...], message: str) -> No
 def test_a_layout_with_a_key_too_many(tmp_path: Path) -> None:
     node: Any = OmegaConf.to_container(OmegaConf.load(FAMILIES["lift"]))
     node["lift"]["layout"]["radius"] = 1.0
-    with pytest.raises(ArgumentError, match="task 'lift': layout: .* unexpected keyword argument 'radius'"):
+    with pytest.raises(ArgumentError, match=r"task 'lift': layout: .* unexpected keyword argument 'radius'"):
         load_task("lift", node["lift"])
 
 

@@ -5,7 +5,6 @@ pieces, which are as safe as voxels filled from volume (`occupancy`, what people
 cheaper. What it flags is measured exactly (coal), so a false alarm stops nobody.
 """
 
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -22,10 +21,12 @@ from rf_exp.geometry import (
     OBJECT_MARGIN_M,
     TABLE_MARGIN_M,
     PlanningScene,
+    Separation,
     Swept,
+    Touches,
     lowest_m,
+    measured_pair,
     nearest,
-    overlap,
 )
 from rf_exp.statements import AvoidAgents, AvoidObjects
 from rf_exp.tasks import Task
@@ -71,8 +72,8 @@ class AvoidAgentsCheck(Check):
         return least
 
     def measured(self, scene: Scene, plan: Plan) -> Evidence | None:
-        may_touch = {agent: may_touch_now(plan, agent, scene) for agent in plan.task.agents}
-        return touching(plan.task, scene, self.pairs(plan.task), may_touch)
+        may_touch = cache(lambda agent: may_touch_now(plan, agent, scene))
+        return touching(plan.separation, scene, self.pairs(plan.task), may_touch)
 
     def stl(self, task: Task) -> Specification:
         pairs = self.pairs(task)
@@ -86,9 +87,10 @@ class AvoidAgentsCheck(Check):
 
 def apart_m(plan: Plan, scene: Scene, pair: Pair) -> float:
     """The distance of two measured arms as `AvoidAgentsCheck` takes it; negative: penetration depth."""
-    may_touch = {agent: may_touch_now(plan, agent, scene) for agent in pair}
-    (bodies,) = measured_arms(plan.task, scene, (pair,), may_touch)
-    gap = nearest(*bodies)
+    one, other = measured_pair(
+        PlanningScene(plan.task, scene), pair, lambda agent: may_touch_now(plan, agent, scene)
+    )
+    gap = nearest(one, other)
     assert gap is not None  # links must always keep apart
     return gap.distance_m
 
@@ -123,10 +125,10 @@ def _force(pair: Pair) -> Signal:
 
 
 def touching(
-    task: Task, scene: Scene, pairs: tuple[Pair, ...], may_touch: Mapping[int, frozenset[str]] | None = None
+    separation: Separation, scene: Scene, pairs: tuple[Pair, ...], may_touch: Touches
 ) -> Evidence | None:
     """The first pair of arms that touch: contact force from the simulator, or overlapping volume."""
-    return pressing(scene, pairs) or overlapping(task, scene, pairs, may_touch)
+    return pressing(scene, pairs) or overlapping(separation, scene, pairs, may_touch)
 
 
 def pressing(scene: Scene, pairs: tuple[Pair, ...]) -> Evidence | None:
@@ -144,36 +146,20 @@ def protective_stop(scene: Scene) -> bool:
 
 
 def overlapping(
-    task: Task, scene: Scene, pairs: tuple[Pair, ...], may_touch: Mapping[int, frozenset[str]] | None = None
+    separation: Separation, scene: Scene, pairs: tuple[Pair, ...], may_touch: Touches
 ) -> Evidence | None:
     """The first pair of arms whose exact volumes overlap, whatever the simulator says.
 
-    What an arm holds is part of it, where it was measured. `may_touch` (agent -> objects) names what the
-    gripper of an agent, and what it holds, may touch in the hands of another one.
+    What an arm holds is part of it, where it was measured. `may_touch` (of an agent) names what the
+    gripper of an agent, and what it holds, may touch in the hands of another one. `separation` is that of the
+    scenes before, or a new one.
     """
-    for (a, b), bodies in zip(pairs, measured_arms(task, scene, pairs, may_touch or {}), strict=True):
-        gap = overlap(*bodies)
+    for pair in pairs:
+        gap = separation.overlap(scene, pair, may_touch)
         if gap is not None:
-            facts: About = {"measured": True, "agents": (a, b), "parts": (gap.a, gap.b)}
+            facts: About = {"measured": True, "agents": pair, "parts": (gap.a, gap.b)}
             return Evidence(Finding.OVERLAPPING, gap.distance_m, ok=False, time_s=scene.time_s, **facts)
     return None
-
-
-def measured_arms(
-    task: Task, scene: Scene, pairs: tuple[Pair, ...], may_touch: Mapping[int, frozenset[str]]
-) -> Iterator[tuple[Swept, Swept]]:
-    """Pairs of measured arms, each with what it holds."""
-    planning_scene = PlanningScene(task, scene)
-
-    @cache
-    def body(agent: int, load: str | None) -> Swept:
-        return planning_scene.measured(agent, attached=load, touches=may_touch.get(agent, frozenset()))
-
-    for a, b in pairs:
-        loads = scene.held[a - 1], scene.held[b - 1]
-        if loads[0] == loads[1]:  # what two hold together is no obstacle between them
-            loads = None, None
-        yield body(a, loads[0]), body(b, loads[1])
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A frame that several arms lift: a ring of bars that lies on the table, gripped from above at equal angles."""
+"""A frame that several arms lift: a ring of bars on the table, gripped from above at equal angles."""
 
 import numpy as np
 

@@ -26,11 +26,16 @@ def layout(
     goal_m: Mapping[str, float],
     step_limit: Mapping[str, int],
 ) -> dict[str, Any]:
-    """Bases `across_m` from the strip x = 0, by turns on its sides; things at the first arm, goals at the last."""
+    """Bases by turns on both sides of the strip x = 0, things at the first arm, goals at the last."""
     side = [(-1) ** arm for arm in range(1, arms + 1)]
     along = [(arm - (arms + 1) / 2) * along_m for arm in range(1, arms + 1)]
     robots = [
-        {"x_m": each * across_m, "y_m": y_m, "yaw_deg": 0.0 if each < 0 else 180.0, "rest_rad": circle.REST_RAD}
+        {
+            "x_m": each * across_m,
+            "y_m": y_m,
+            "yaw_deg": 0.0 if each < 0 else 180.0,
+            "rest_rad": circle.REST_RAD,
+        }
         for each, y_m in zip(side, along, strict=True)
     ]
     objects: dict[str, Any] = {}
@@ -39,7 +44,11 @@ def layout(
         goal = {"asset": "goal", "options": {"radius_m": goal_m["radius"]}}
         objects[f"goal{k + 1}"] = {**goal, "x_m": side[-1] * (across_m - goal_m["forward"]), "y_m": y_m}
     for k in range(things):
-        x_m, y_m, by_m = side[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"], start_m["jitter"]
+        x_m, y_m, by_m = (
+            side[0] * (across_m - start_m["forward"]),
+            along[0] - k * start_m["apart"],
+            start_m["jitter"],
+        )
         objects[f"cube{k + 1}"] = {
             "asset": "cube",
             "options": {"colour": circle.COLOURS[k % len(circle.COLOURS)]},
@@ -47,11 +56,12 @@ def layout(
             "y_m": [y_m - by_m, y_m + by_m],
             "yaw_deg": [-180.0, 180.0],
         }
-    eye_m = [1.0 + 0.11 * arms, 0.0, 1.1 + 0.1 * arms]  # the longer the row, the farther off
-    seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": 60.0}}
+    # The longer the row, the farther off and the wider.
+    eye_m, fov_deg = [0.4, 0.0, 1.3 + 0.12 * arms], 38.0 + 2.0 * arms
+    seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": fov_deg}}
     for agent, (each, y_m) in enumerate(zip(side, along, strict=True), start=1):
-        eye_m, target_m = [-0.3 * each, y_m, 1.0], [0.14 * each, y_m, 0.1]
-        seen[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 52.0}
+        eye_m, target_m = [-0.42 * each, y_m, 0.66], [0.06 * each, y_m, 0.08]
+        seen[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 58.0}
     limit = step_limit["first"] + arms * step_limit["each_arm"] + things * step_limit["each_thing"]
     return {"robots": robots, "objects": objects, "cameras": seen, "step_limit": limit}
 
@@ -72,7 +82,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """From where each thing is now; the next one is laid at a stop once the last one has left it."""
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
-    under_way = [each for each in _things(task) if not _there(scene, task, *each) or not released(scene, each)]
+    under_way = [
+        each for each in _things(task) if not _there(scene, task, *each) or not released(scene, each)
+    ]
     chains = {cube: remaining(scene, task, cube, task.agents) for cube, _ in under_way}
     for cube, goal in under_way:
         steps, stated = deliver(cube, chains[cube], goal)
@@ -94,7 +106,10 @@ def _there(scene: Scene, task: Task, cube: str, goal: str) -> Condition:
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each thing is on its goal, upright, let go and at rest."""
     there = every(_there(scene, task, *each) for each in _things(task))
-    return {"things on their goals": there, **set_down(scene, [cube for cube, _ in _things(task)], task.success)}
+    return {
+        "things on their goals": there,
+        **set_down(scene, [cube for cube, _ in _things(task)], task.success),
+    }
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:

@@ -1,6 +1,5 @@
 """Lift: the arms of a circle grasp one frame all round and lift it level."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from rf_exp.statements import Proposal, SameHeight, Together, grasping, keep_clear
@@ -22,7 +21,11 @@ def layout(
 ) -> dict[str, Any]:
     """A frame with a grip for each arm, in the middle of all."""
     y_m = 0.0 if arms > 1 else -NEARER_M
-    ranges = {"x_m": [-jitter_m, jitter_m], "y_m": [y_m - jitter_m, y_m + jitter_m], "yaw_deg": [-jitter_deg, jitter_deg]}
+    ranges = {
+        "x_m": [-jitter_m, jitter_m],
+        "y_m": [y_m - jitter_m, y_m + jitter_m],
+        "yaw_deg": [-jitter_deg, jitter_deg],
+    }
     frame = {"asset": "frame", "options": {"grips": arms}, **ranges}
     seen = circle.cameras(arms, radius_m)
     return {

@@ -1,4 +1,4 @@
-"""Ring: each arm of a circle brings things of its own to spots in the middle, beside those of its neighbours."""
+"""Ring: each arm of a circle brings its own things to spots in the middle, beside its neighbours'."""
 
 from collections.abc import Mapping
 from itertools import product

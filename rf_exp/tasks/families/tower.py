@@ -24,7 +24,7 @@ def layout(
     most_cubes: int,
     step_limit: Mapping[str, int],
 ) -> dict[str, Any]:
-    """Cubes side by side before each arm, and a goal in the middle. Raises ArgumentError for too high a tower."""
+    """Cubes side by side before each arm, a goal in the middle. Raises ArgumentError for a tower too high."""
     if arms * things > most_cubes:
         raise ArgumentError(
             f"a tower of {arms} x {things} cubes is higher than the arms can build; expected at most "

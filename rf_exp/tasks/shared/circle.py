@@ -13,7 +13,7 @@ from rf_exp.transforms import planar
 # Folded, so that no two of eight hands are in one another's way: the tool centre point 0.33 m before the base
 # and 0.42 m above the table, looking down.
 REST_RAD = (0.0, -0.75, 0.0, -2.5, 0.0, 1.75, 0.785)
-GLOBAL = {"out_m": 1.45, "up_m": 1.35, "fov_deg": 58.0}  # of the camera that sees all, between two arms
+GLOBAL = {"out_m": 0.8, "up_m": 1.75, "fov_deg": 52.0}  # of the camera that sees all, between two arms
 EYE_M, TARGET_M, FOV_DEG = (1.02, 0.16, 0.82), (0.5, 0.0, 0.1), 52.0  # of each arm's, in its base's frame
 
 COLOURS = ("blue", "red", "green")
@@ -53,11 +53,20 @@ def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
 
 
 def cube(
-    arm: int, arms: int, k: int, things: int, radius_m: float, forward_m: float, apart_m: float, jitter_m: float
+    arm: int,
+    arms: int,
+    k: int,
+    things: int,
+    radius_m: float,
+    forward_m: float,
+    apart_m: float,
+    jitter_m: float,
 ) -> dict[str, Any]:
-    """The k-th of the cubes that lie side by side before an arm; where each starts varies by up to `jitter_m`."""
+    """The k-th of the cubes that lie side by side before an arm; each starts up to `jitter_m` off."""
     placed = before(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
-    ranges = {axis: [placed[axis] - jitter_m / things, placed[axis] + jitter_m / things] for axis in ("x_m", "y_m")}
+    ranges = {
+        axis: [placed[axis] - jitter_m / things, placed[axis] + jitter_m / things] for axis in ("x_m", "y_m")
+    }
     colour = COLOURS[(arm + k - 1) % len(COLOURS)]
     return {"asset": "cube", "options": {"colour": colour}, **ranges, "yaw_deg": [-180.0, 180.0]}
 

@@ -1,4 +1,4 @@
-"""A thing that goes through the hands of several arms: shared by Long Pipeline Delivery and the family *chain*.
+"""A thing that goes through the hands of several arms: for Long Pipeline Delivery and the family *chain*.
 
 The task has a place `stop<k>` where agent k lays things for the next one of the chain.
 """

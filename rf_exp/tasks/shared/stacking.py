@@ -1,4 +1,4 @@
-"""A tower of cubes on a goal, built by several arms: shared by Three Robots Stack Cube and the family *tower*.
+"""A tower of cubes on a goal, built by several arms: for Three Robots Stack Cube and the family *tower*.
 
 A stack names the agents and their cubes from the bottom up; the task has an object `goal`.
 """

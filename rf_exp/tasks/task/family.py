@@ -1,8 +1,8 @@
 """Families: tasks whose number of arms, and of things for each, are keys: `task=ring arms=6 things=2`.
 
-A family is `conf/task/family/<name>.yaml`, which has ranges `arms` and `things` and lengths of a `layout` in place of
-robots, objects and cameras, and a module with `layout(arms, things, ...)` that makes those of them, beside
-what the module of any task has (`task.py`). Its tasks are called `<name>_<arms>x<things>`.
+A family is `conf/task/family/<name>.yaml`, which has ranges `arms` and `things` and lengths of a `layout` in
+place of robots, objects and cameras, and a module with `layout(arms, things, ...)` that makes those of them,
+beside what the module of any task has (`task.py`). Its tasks are called `<name>_<arms>x<things>`.
 """
 
 import re
