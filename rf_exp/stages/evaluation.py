@@ -125,7 +125,7 @@ def evaluate_policies(cell: Cell) -> None:
             scene = scene_of(cell, policies)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-            for tried, (seed, answer) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
+            for tried, (seed, answer) in enumerate(zip(missing, results, strict=True), start=len(seen) + 1):
                 if isinstance(answer, Timeout):
                     lost = Account(ended=str(answer))
                     answer = Rollout(seed, False, False, 0, 0, 0, account=lost), answer.limit_s
