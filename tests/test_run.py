@@ -9,13 +9,17 @@ from pathlib import Path
 import pytest
 
 from rf_exp.store import Store
+from tests.offline_runs import runs
 
 ROOT = Path(__file__).parents[1]
 
 TINY = (
+    "episodes=2",  # of which none fails; without it a third one is begun, in a process that is ended with it
     "demos=2",
-    "scenes=1",
+    "scenes=2",
     "recordings=1",
+    "films=1",
+    "train_seed=7",
     "workers=1",
     "wandb=offline",
     "picture={width: 64, height: 48}",
@@ -238,28 +242,67 @@ def test_more_episodes_continue_where_fewer_stopped(command, generated, tmp_path
     assert resumed.digest() == whole.digest()
 
 
+ARCHS = ("shared_global", "shared_local", "separate_global", "separate_local")
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    """A whole experiment at a tiny size: where it lies, how it was asked for, what it printed."""
+    out = tmp_path_factory.mktemp("tiny")
+    arguments = (*TINY, "arch=all", f"out={out}")
+    return out, arguments, run(*arguments)
+
+
 @pytest.mark.render
 @pytest.mark.slow
-def test_the_whole_experiment_at_a_tiny_size(command, tmp_path):
-    arguments = (*TINY, "arch=all", f"out={tmp_path}")
-    result = run(*arguments)
+def test_the_whole_experiment_at_a_tiny_size(command, tiny):
+    out, arguments, result = tiny
     assert result.returncode == 0, result.stdout + result.stderr
     assert "report:" in result.stdout and "rerun " in result.stdout
-    for arch in ("shared_global", "shared_local", "separate_global", "separate_local"):
-        policies = list(
-            (tmp_path / "policies/lift_barrier/full" / arch / "fast-2-0").glob("*/model.safetensors")
-        )
+    for arch in ARCHS:
+        policies = list((out / "policies/lift_barrier/full" / arch / "fast-2-7").glob("*/model.safetensors"))
         assert len(policies) == (1 if arch.startswith("shared") else 2)
-        line = (tmp_path / f"results/evaluate/lift_barrier/{arch}/full-fast-2.jsonl").read_text()
-        assert json.loads(line)["scene_seed"] == 1_000_000
-        assert (
-            tmp_path / f"recordings/lift_barrier/full/evaluate-{arch}-fast-2-1000000.rrd"
-        ).stat().st_size > 50_000
-        film = f"recordings/lift_barrier/full/evaluate-{arch}-fast-2-1000000.mp4"
-        assert (tmp_path / film).exists() and f'src="{film}"' in (tmp_path / "report.html").read_text()
-    assert (tmp_path / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
-    assert (tmp_path / "report.html").stat().st_size > 10_000
+        lines = (out / f"results/evaluate/lift_barrier/{arch}/full-fast-2.jsonl").read_text().splitlines()
+        assert [json.loads(line)["scene_seed"] for line in lines] == [1_000_000, 1_000_001]
+        shown = f"recordings/lift_barrier/full/evaluate-{arch}-fast-2-t7-1000000"
+        assert (out / f"{shown}.rrd").stat().st_size > 50_000
+        assert (out / f"{shown}.mp4").exists()
+        assert f'src="{shown}.mp4"' in (out / "report.html").read_text()
+    assert (out / "recordings/lift_barrier/full/generate-0.rrd").stat().st_size > 50_000
+    assert (out / "report.html").stat().st_size > 10_000
     for name in ("tasks", "comparison", "benchmark", "architectures", "ablation_success", "ablation_length"):
-        assert {path.suffix for path in (tmp_path / "tables").glob(f"{name}.*")} == {".md", ".csv", ".tex"}
+        assert {path.suffix for path in (out / "tables").glob(f"{name}.*")} == {".md", ".csv", ".tex"}
     again = command(*arguments)
     assert again.returncode == 0 and "nothing to do" in again.stdout
+
+
+@pytest.mark.render
+@pytest.mark.slow
+def test_training_and_evaluation_say_what_they_are_about(tiny):
+    """To Weights & Biases, of which nothing is said on the terminal."""
+    out, _, result = tiny
+    assert "wandb" not in (result.stdout + result.stderr).lower()
+    found, counted = runs(out), "fast, 2 demos, train seed 7"
+    assert "generate lift_barrier/full, 2 episodes, seed 0" in found
+    for arch in ARCHS:
+        place = f"lift_barrier/full/{arch}"
+        ours = {name: told for name, told in found.items() if f" {place}" in name}
+        joint = {"shared_global": ["joint"], "shared_local": ["shared"]}
+        trained = [f"train {place}/{view}, {counted}" for view in joint.get(arch, ["agent1", "agent2"])]
+        assert set(ours) == {*trained, f"evaluate {place}, {counted}"}
+        for name, told in ours.items():
+            assert told["group"] == f"{place}, {counted}"
+            assert set(told["tags"]) == {"lift_barrier", "full", arch, "fast", "2 demos", "train seed 7"}
+            config = told["config"]
+            shared = arch.startswith("shared")
+            assert config["arch"]["name"] == arch and config["arch"]["shared_policy"] == shared
+            assert (config["task"], config["constraints"], config["demos"]) == ("lift_barrier", "full", 2)
+            assert (config["train_seed"], config["first_scene_seed"]) == (7, 1_000_000)
+            assert config["training"]["steps"] == 3 and config["policy"]["width"] == 64
+            if told["stage"] == "train":
+                assert config["view"] in name
+                assert all("loss" in entry for entry in told["history"])
+        rows = ours[f"evaluate {place}, {counted}"]["history"]
+        assert [entry["_step"] for entry in rows] == [1, 2]
+        assert {"success", "success_paper", "success_without_violation", "with_violation"} <= set(rows[-1])
+    assert len(found) == 1 + 1 + 1 + 2 + 2 + len(ARCHS)

@@ -56,6 +56,30 @@ def test_help_and_wrong_arguments_import_nothing_heavy(arguments, code, message,
     assert not (HEAVY | also_spared) & set(json.loads(modules.read_text()))
 
 
+SPARED = """
+import json, sys
+from rf_exp import stages
+
+def there(*wanted):
+    return [getattr(stages, name) for name in wanted] and sorted({heavy} & set(sys.modules))
+
+print(json.dumps([there("check_cameras", "say_how_long", "generate_data"), there("train_policies")]))
+"""
+
+
+@pytest.mark.slow
+def test_who_only_starts_processes_at_work_does_without_what_they_need() -> None:
+    """Simulator and networks are imported where somebody simulates and learns: that takes seconds."""
+    ran = subprocess.run(
+        [sys.executable, "-c", SPARED.replace("{heavy}", repr(HEAVY))],
+        **{"cwd": ROOT, "capture_output": True, "text": True, "check": True},
+    )
+    generating, learning = json.loads(ran.stdout)
+    simulator = {"mani_skill", "sapien", "toppra", "matplotlib"}
+    assert not simulator & {*generating, *learning}
+    assert "torch" not in generating and "diffusers" not in learning
+
+
 @pytest.fixture
 def script(tmp_path) -> Path:
     """The console script as pip writes it, from what pyproject.toml says of it."""

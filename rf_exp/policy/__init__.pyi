@@ -8,6 +8,7 @@ from .acting.shield import Shield as Shield
 from .bounds import bounded as bounded
 from .bounds import one_of as one_of
 from .config import LEARNER as LEARNER
+from .config import MODEL as MODEL
 from .config import EncoderConfig as EncoderConfig
 from .config import HeadConfig as HeadConfig
 from .config import PolicyConfig as PolicyConfig
@@ -30,7 +31,6 @@ from .inputs.view import Stream as Stream
 from .inputs.view import View as View
 from .inputs.view import views as views
 from .learning.checkpoint import CURVES as CURVES
-from .learning.checkpoint import MODEL as MODEL
 from .learning.checkpoint import device_of as device_of
 from .learning.checkpoint import expect_policy as expect_policy
 from .learning.checkpoint import load_policy as load_policy

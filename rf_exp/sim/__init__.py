@@ -1,29 +1,12 @@
-"""The one simulation: ManiSkill behind arrays and frozen values. Only this package imports it."""
+"""The one simulation: ManiSkill behind arrays and frozen values. Only this package imports it.
 
-from rf_exp.sim.vulkan import COSTS, render_probe, select_driver
+What is asked for is imported then: who starts processes that simulate does without ManiSkill.
+"""
 
-select_driver()  # before SAPIEN is imported, or it would not know the software driver
+import lazy_loader
 
-from rf_exp.sim.environment import FAR_M  # noqa: E402
-from rf_exp.sim.simulator import (  # noqa: E402
-    Limited,
-    Simulator,
-    close_shared_simulator,
-    depth_and_segmentation,
-    shared_simulator,
-)
-from rf_exp.sim.stock import Arm, Stepped, Stock  # noqa: E402
+import rf_exp.sim.vulkan as vulkan
 
-__all__ = [
-    "COSTS",
-    "FAR_M",
-    "Arm",
-    "Limited",
-    "Simulator",
-    "Stepped",
-    "Stock",
-    "close_shared_simulator",
-    "depth_and_segmentation",
-    "render_probe",
-    "shared_simulator",
-]
+vulkan.select_driver()  # before SAPIEN is imported, or it would not know the software driver
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

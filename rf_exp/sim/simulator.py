@@ -1,6 +1,6 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cache
 from typing import Any, TypeVar
 
@@ -14,9 +14,9 @@ from rf_exp.sim.devices import Devices
 from rf_exp.sim.environment import PHYSICS_HZ, TableEnv
 from rf_exp.sim.objects import matrix_of
 from rf_exp.sim.vulkan import require_rendering
-from rf_exp.tasks import Task, labelled
+from rf_exp.tasks import Task
 from rf_exp.transforms import Matrix
-from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, CameraModel, Extras, Pictures, Scene, joints_of
+from rf_exp.types import CONTROL_HZ, GRIPPER_OPEN, CameraModel, Scene, joints_of
 
 LARGEST_SEED = 2**32 - 1  # ManiSkill seeds legacy numpy generators
 GEOMETRY = "PositionSegmentation"  # position in millimetres in camera axes, number of the body
@@ -251,58 +251,6 @@ class Simulator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class Limited:
-    """A simulator of which only some cameras, or none, take pictures, but depth when it is asked for."""
-
-    def __init__(self, world: Simulator, cameras: Sequence[str] = ()) -> None:
-        self._world, self.cameras = world, tuple(cameras)
-        self.reset, self.step = world.reset, world.step
-        self.depth, self.camera_models = world.depth, world.camera_models
-
-    def images(self, cameras: Iterable[str] | None = None) -> dict[str, NDArray[np.uint8]]:
-        """Camera -> (H, W, 3) RGB of the present step: of these cameras, or of all there are."""
-        return self._world.images(self.cameras if cameras is None else cameras)
-
-
-def depth_and_segmentation(world: Simulator, cameras: Iterable[str], extras: Extras) -> dict[str, NDArray]:
-    """What `extras` asks for, at the present step.
-
-    `depth_<camera>` (H, W) u16 is millimetres along the viewing direction, 0 is nothing;
-    `segmentation_<camera>` (H, W) u8 is an index of `labels`, alike in all scenes of a task.
-    """
-    found: dict[str, NDArray] = {}
-    if extras.depth:
-        for name, image in world.depth(cameras).items():
-            found[f"depth_{name}"] = np.rint(image * 1000).astype(np.uint16)
-    if extras.segmentation:
-        images = labelled(world.task, world.segmentation(cameras), world.bodies())
-        found |= {f"segmentation_{name}": image for name, image in images.items()}
-    return found
-
-
-# One simulator a process, kept between episodes: building the renderer costs seconds.
-_simulator: tuple[tuple[str, Pictures], Simulator] | None = None
-
-
-def shared_simulator(task: Task, pictures: Pictures) -> Simulator:
-    """This process's simulator for a task and picture size; an earlier one is closed."""
-    global _simulator
-    key = (repr(task), pictures)
-    if _simulator is None or _simulator[0] != key:
-        close_shared_simulator()
-        size = {"width_px": pictures.width, "height_px": pictures.height}
-        _simulator = key, Simulator(task, **size, render=pictures.render)
-    return _simulator[1]
-
-
-def close_shared_simulator() -> None:
-    """Gives the memory of this process's simulator back."""
-    global _simulator
-    if _simulator is not None:
-        _simulator[1].close()
-        _simulator = None
 
 
 _require_rendering_once = cache(require_rendering)

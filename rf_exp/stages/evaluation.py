@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -41,11 +41,14 @@ from rf_exp.policy import (
 )
 from rf_exp.processes import Timeout, in_order
 from rf_exp.progress import Progress, console
-from rf_exp.sim import Simulator, shared_simulator
+from rf_exp.sim import shared_simulator
 from rf_exp.stages.cell import Cell, known_rows, owned, same_configuration
 from rf_exp.stages.logs import rate_log
 from rf_exp.tasks import SuccessEvaluator, Task, drawn_of
 from rf_exp.types import CONTROL_DT_S, Pictures, Rollout, RolloutStep
+
+if TYPE_CHECKING:
+    from rf_exp.sim import Simulator
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ def evaluate_policies(cell: Cell) -> None:
             scene = scene_of(cell, policies)
             jobs = (partial(scene, seed) for seed in missing)
             results = in_order(jobs, experiment.workers, experiment.seed_limit_s)
-            for tried, (seed, answer) in enumerate(zip(missing, results, strict=False), start=len(seen) + 1):
+            for tried, (seed, answer) in enumerate(zip(missing, results, strict=True), start=len(seen) + 1):
                 if isinstance(answer, Timeout):
                     lost = Account(ended=str(answer))
                     answer = Rollout(seed, False, False, 0, 0, 0, account=lost), answer.limit_s
@@ -227,7 +230,7 @@ def evaluate_scene(
 
 
 def _observers(
-    stack: ExitStack, world: Simulator, seed: int, record: Path | None, film: Path | None
+    stack: ExitStack, world: "Simulator", seed: int, record: Path | None, film: Path | None
 ) -> "list[recording.RolloutRecorder | recording.RolloutFilm]":
     task, observers = world.task, []
     if record is not None:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from rf_exp import sim  # few trainings redraw anything, and the others do without ManiSkill
 from rf_exp.artifacts import plain
 from rf_exp.errors import ArgumentError
 from rf_exp.progress import Progress
-from rf_exp.sim import Simulator
 from rf_exp.stages.cell import continued, owned
 from rf_exp.store import Store
 from rf_exp.tasks import PHYSICAL, Task, Variation, scene_certificate
@@ -45,7 +45,7 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
             size = {"width_px": source.attrs["width"], "height_px": source.attrs["height"]}
             title, done = f"redraw {path.name}", missing.start
             with (
-                Simulator(task, **size) as world,
+                sim.Simulator(task, **size) as world,
                 Progress(title, missing.stop, "episodes", done) as progress,
             ):
                 for number in missing:
@@ -56,7 +56,7 @@ def redraw(source: Store, path: Path, task: Task, variation: Variation, copies: 
     return path
 
 
-def copied(world: Simulator, episode: Episode, task: Task, copy: int) -> Episode:
+def copied(world: "sim.Simulator", episode: Episode, task: Task, copy: int) -> Episode:
     """The episode with other pictures."""
     world.reset(episode.seed, copy)
     images = {name: np.empty_like(pictures) for name, pictures in episode.images.items()}

@@ -23,6 +23,7 @@ from rf_exp.policy import (
     views,
 )
 from rf_exp.policy.inputs.observation_spec import proprioception
+from rf_exp.policy.networks.heads import DiffusionHead
 from rf_exp.types import Rollout, RolloutStep, Scene, Verdict
 from tests.conftest import read_task
 from tests.policy.conftest import ARCHS, HEIGHT, REST, WIDTH, block_position, picture, shown, varied
@@ -81,10 +82,13 @@ def make_runner(policy_config: PolicyConfig):
 
 @cache
 def random_policy(config: PolicyConfig, view: View, seed: int) -> Policy:
-    """Acting changes no weight, and a policy traces its network once: runners of several tests share it."""
+    """Acting changes no weight: runners of several tests share a policy."""
     torch.manual_seed(seed)
     policy = Policy(config, view)
     policy.normaliser.fastest.fill_(FASTEST_RAD)
+    # Traced, which takes a while for each policy, it computes the same to the last bit: test_networks.py.
+    assert isinstance(policy.head, DiffusionHead)
+    policy.head.unet.quick = lambda *_: None  # pyright: ignore[reportAttributeAccessIssue]
     return policy
 
 

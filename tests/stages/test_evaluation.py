@@ -39,6 +39,7 @@ def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "-m",
         "rf_exp.run",
         *ARGUMENTS,
+        "episodes=2",  # both succeed, and no process is ended because it has begun a third one
         "stages=[generate,train,evaluate]",
         f"out={out}",
     ]

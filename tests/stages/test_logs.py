@@ -1,60 +1,20 @@
-"""What Weights & Biases is told: offline runs, read back from their files."""
+"""What Weights & Biases is told of generations. Of training and evaluation: tests/test_run.py."""
 
-import json
 import os
-import struct
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
-from wandb.proto import wandb_internal_pb2
 
 from rf_exp.ablation import GenerationRow, read_rows
-from rf_exp.stages.logs import Rates
+from rf_exp.stages import cells
+from rf_exp.stages.logs import Rates, identity
 from tests.ablation.conftest import generation as rows_of
+from tests.conftest import experiment
+from tests.offline_runs import runs
 
 ROOT = Path(__file__).parents[2]
-BLOCK, HEADER = 32768, 7  # bytes; LevelDB's log format: blocks of records (CRC, length, kind)
-
-
-def records(path: Path) -> Iterator[Any]:
-    """The records of an offline run."""
-    content, at, begun = path.read_bytes(), HEADER, b""  # the file begins with a header of the same size
-    while at + HEADER <= len(content):
-        if BLOCK - at % BLOCK < HEADER:  # no room for a record: the rest of a block is padding
-            at += BLOCK - at % BLOCK
-            continue
-        _, length, kind = struct.unpack("<IHB", content[at : at + HEADER])
-        begun += content[at + HEADER : at + HEADER + length]
-        at += HEADER + length
-        if kind in (1, 4):  # whole, or the last part of one
-            record = wandb_internal_pb2.Record()  # pyright: ignore[reportAttributeAccessIssue]
-            record.ParseFromString(begun)
-            begun = b""
-            yield record
-
-
-def runs(out: Path) -> dict[str, dict[str, Any]]:
-    """Every offline run below `out`, by its name."""
-    found = {}
-    for path in sorted(out.glob("wandb/offline-run-*/run-*.wandb")):
-        run: dict[str, Any] = {"history": [], "config": {}}
-        for record in records(path):
-            if record.HasField("run"):
-                told = record.run
-                run |= {"name": told.display_name, "group": told.run_group, "tags": list(told.tags)}
-                run |= {"stage": told.job_type}
-                run["config"] = {item.key: json.loads(item.value_json) for item in told.config.update}
-            elif record.HasField("history"):
-                items = record.history.item
-                run["history"].append(
-                    {item.key or ".".join(item.nested_key): json.loads(item.value_json) for item in items}
-                )
-        found[run["name"]] = run
-    return found
 
 
 def command(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -117,50 +77,11 @@ def test_the_output_does_not_speak_of_the_service(generation):
         assert "wandb" not in text.lower() and "weights" not in text.lower()
 
 
-@pytest.mark.render
-@pytest.mark.slow
-def test_training_and_evaluation_say_what_they_are_about(tmp_path):
-    sizes = (
-        "demos=2",
-        "scenes=2",
-        "films=0",
-        "task.lift_barrier.step_limit=20",
-        "picture={width: 64, height: 48}",
-        "training.steps=3",
-        "policy.encoder.keypoints.steps=2",
-        "policy.head.refined.regression_steps=2",
-        "train_seed=7",
-    )
-    done = command(*sizes, "arch=separate_local", "training.batch_size=8", f"out={tmp_path}")
-    assert done.returncode == 0, done.stderr
-    assert "wandb" not in (done.stdout + done.stderr).lower()
-    found = runs(tmp_path)
-    place, counted = "lift_barrier/full/separate_local", "fast, 2 demos, train seed 7"
-    assert set(found) == {
-        "generate lift_barrier/full, 2 demos, seed 0",
-        f"train {place}/agent1, {counted}",
-        f"train {place}/agent2, {counted}",
-        f"evaluate {place}, {counted}",
-    }
-    for name, run in found.items():
-        if run["stage"] == "generate":
-            continue
-        assert run["group"] == f"{place}, {counted}"
-        assert set(run["tags"]) == {
-            *("lift_barrier", "full", "separate_local"),
-            *("fast", "2 demos", "train seed 7"),
-        }
-        config = run["config"]
-        assert config["arch"]["name"] == "separate_local" and not config["arch"]["shared_policy"]
-        assert (config["task"], config["constraints"], config["demos"]) == ("lift_barrier", "full", 2)
-        assert (config["train_seed"], config["first_scene_seed"]) == (7, 1_000_000)
-        assert config["training"]["steps"] == 3 and config["policy"]["width"] == 64
-        if run["stage"] == "train":
-            assert config["view"] in name
-            assert all("loss" in entry for entry in run["history"])
-    rows = found[f"evaluate {place}, {counted}"]["history"]
-    assert [entry["_step"] for entry in rows] == [1, 2]
-    assert {"success", "success_paper", "success_without_violation", "with_violation"} <= set(rows[-1])
+def test_a_generation_of_so_many_demonstrations_says_how_many() -> None:
+    (cell,) = cells(experiment("task=lift_barrier", "demos=2"))
+    said = identity(cell, "generate")
+    assert said["name"] == "generate lift_barrier/full, 2 demos, seed 0"
+    assert said["tags"] == ["lift_barrier", "full", "2 demos", "seed 0"]
 
 
 def test_rates_count_every_row_and_lengths_only_successes():

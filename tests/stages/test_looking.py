@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from rf_exp import processes
 from rf_exp.ablation import EvaluationRow, append_row, read_rows
 from rf_exp.errors import ArgumentError
 from rf_exp.experiment import Experiment
@@ -143,13 +144,14 @@ def test_a_rollout_that_ends_otherwise_than_its_row_is_told(trained: Experiment,
 @pytest.mark.render
 @pytest.mark.slow
 def test_a_shielded_evaluation_is_another_one(trained: Experiment, tmp_path) -> None:
-    """With rows, recordings and films of its own, which tell of the shield."""
+    """With rows, recordings and films of its own, which tell of the shield. One process makes all of them."""
     shielded = replace(trained, shield=True, out=tmp_path / "out")
     shutil.copytree(trained.out, shielded.out, ignore=shutil.ignore_patterns("recordings"))
     task, plain = shielded.tasks[0], cell_of(replace(shielded, shield=False)).evaluation_path
     before = plain.read_bytes()
     shown = "evaluate-shared_local-test-1-shield-1000000"
     assert evaluate(shielded, recordings=1, films=1) == {f"{shown}{suffix}" for suffix in (RRD, MP4, PNG)}
+    assert len(processes._idle) == 1  # who was there for the rows made the rest as well
     path = cell_of(shielded).evaluation_path
     assert path.name == "full-test-1-shield.jsonl" and plain.read_bytes() == before
     assert [(each.shield, each.steps) for each in read_rows(path, EvaluationRow)] == [(True, STEPS)] * 3

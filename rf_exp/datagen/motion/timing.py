@@ -1,19 +1,20 @@
 """From a joint path to joint targets on the control grid, within velocity and acceleration limits."""
 
+import logging
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import toppra
-import toppra.algorithm
-import toppra.constraint
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from rf_exp.errors import StageError
 from rf_exp.types import CONTROL_DT_S, JointLimits
 
-toppra.setup_logging("ERROR")
+if TYPE_CHECKING:
+    from toppra.constraint import Constraint
+
+logging.getLogger("toppra").setLevel(logging.ERROR)
 
 CORNER_RAD = 0.1  # radius at which a corner that `blend` has rounded would be passed as fast
 SPACING_RAD = 0.01  # of path points, largest joint; fine against every corner we blend
@@ -89,12 +90,16 @@ def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np
     duration is rounded up to whole control steps. Uses TOPP-RA (Pham and Pham 2018, `toppra`).
     Raises StageError when no parameterisation exists.
     """
+    # Imported where a path is timed: it brings Matplotlib, and not all that import this module plan.
+    from toppra import SplineInterpolator
+    from toppra.algorithm import TOPPRA
+
     points = densify(points)
     if len(points) < 2:
         return np.empty((0, points.shape[1]))
     s = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(points, axis=0)).max(axis=1))])
-    path = toppra.SplineInterpolator(s, points)
-    problem = toppra.algorithm.TOPPRA(
+    path = SplineInterpolator(s, points)
+    problem = TOPPRA(
         _within(limits, points.shape[1]),
         path,
         gridpoints=np.linspace(0.0, s[-1], int(np.clip(len(points), 101, 301))),
@@ -117,12 +122,14 @@ def parameterise(points: NDArray[np.float64], limits: JointLimits) -> NDArray[np
 
 
 @cache
-def _within(limits: JointLimits, dimensions: int) -> list[toppra.constraint.Constraint]:
+def _within(limits: JointLimits, dimensions: int) -> "list[Constraint]":
     """The limits of so many joints, as toppra takes them; it checks them at length."""
+    from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+
     bound = np.ones((dimensions, 1)) * np.array([[-1.0, 1.0]])
     return [
-        toppra.constraint.JointVelocityConstraint(limits.velocity_rad_s * bound),
-        toppra.constraint.JointAccelerationConstraint(limits.acceleration_rad_s2 * bound),
+        JointVelocityConstraint(limits.velocity_rad_s * bound),
+        JointAccelerationConstraint(limits.acceleration_rad_s2 * bound),
     ]
 
 

@@ -36,13 +36,13 @@ from rf_exp.artifacts import (
     write_json,
 )
 from rf_exp.errors import ArgumentError, StageError
-from rf_exp.policy.config import LEARNER, PolicyConfig
+from rf_exp.policy.config import LEARNER, MODEL, PolicyConfig
 from rf_exp.policy.inputs.observation_spec import ObservationSpec
 from rf_exp.policy.inputs.view import View
 from rf_exp.policy.networks.policy import Policy
 from rf_exp.texts import printable
 
-CONFIG, MODEL, CURVES, STATE = "config.json", "model.safetensors", "curves.csv", "state.safetensors"
+CONFIG, CURVES, STATE = "config.json", "curves.csv", "state.safetensors"
 SAID = "rf_exp"  # the one key of a file's metadata, as the order of several would be left to chance
 CHECKSUM = "sha256"
 MATRIX = 1024  # numbers in a tensor from which on halves will do: scales and lenses have fewer

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from diffusers.training_utils import EMAModel
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -45,6 +44,8 @@ from rf_exp.policy.networks.interfaces import Draw
 from rf_exp.policy.networks.policy import Policy
 
 if TYPE_CHECKING:
+    from diffusers.training_utils import EMAModel
+
     from rf_exp.store import Store
 
 ORDER, CROPS, NOISE = range(3)  # streams of random numbers of a training
@@ -202,7 +203,8 @@ class Training:
             fused=True,
         )
         self._average = self._ema(self._parameters)
-        self._learned: tuple[EMAModel, list[nn.Parameter]] | None = None  # now, and an average of that alone
+        # What is learned now, and an average of that alone.
+        self._learned: tuple[EMAModel, list[nn.Parameter]] | None = None
         self._order: Sequence[NDArray[np.int64]] = ()  # of the windows of this epoch, in batches
         self._loss = torch.zeros((), device=self._device)  # sum since the last curve
         self._samples, self._since = 0, time.perf_counter()  # the same of windows, and when that was
@@ -276,8 +278,10 @@ class Training:
         if self._current == 1 and self.first_fit is not None and not self.first_fit.exists():
             self._write(self.first_fit, self.fits[0].parts[0].state_dict())
 
-    def _ema(self, parameters: Sequence[nn.Parameter]) -> EMAModel:
+    def _ema(self, parameters: Sequence[nn.Parameter]) -> "EMAModel":
         """An average over time of parameters, from now on."""
+        from diffusers.training_utils import EMAModel  # slow to import: for who learns, not who looks on
+
         decay, power = self._config.ema_max_decay, self._config.ema_power
         return EMAModel(parameters, decay=decay, use_ema_warmup=True, power=power, foreach=True)
 

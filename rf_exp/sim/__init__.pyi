@@ -1,0 +1,11 @@
+from .environment import FAR_M as FAR_M
+from .seen import Limited as Limited
+from .seen import depth_and_segmentation as depth_and_segmentation
+from .shared import close_shared_simulator as close_shared_simulator
+from .shared import shared_simulator as shared_simulator
+from .simulator import Simulator as Simulator
+from .stock import Arm as Arm
+from .stock import Stepped as Stepped
+from .stock import Stock as Stock
+from .vulkan import COSTS as COSTS
+from .vulkan import render_probe as render_probe

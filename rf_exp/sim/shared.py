@@ -1,0 +1,33 @@
+"""Shared simulator: the one of a process, for whoever makes episodes in it. ManiSkill is imported with it."""
+
+from typing import TYPE_CHECKING
+
+from rf_exp.tasks import Task
+from rf_exp.types import Pictures
+
+if TYPE_CHECKING:
+    from rf_exp.sim.simulator import Simulator
+
+# One simulator a process, kept between episodes: building the renderer costs seconds.
+_simulator: "tuple[tuple[str, Pictures], Simulator] | None" = None
+
+
+def shared_simulator(task: Task, pictures: Pictures) -> "Simulator":
+    """This process's simulator for a task and picture size; an earlier one is closed."""
+    global _simulator
+    from rf_exp.sim.simulator import Simulator  # not by those who only start processes that simulate
+
+    key = (repr(task), pictures)
+    if _simulator is None or _simulator[0] != key:
+        close_shared_simulator()
+        size = {"width_px": pictures.width, "height_px": pictures.height}
+        _simulator = key, Simulator(task, **size, render=pictures.render)
+    return _simulator[1]
+
+
+def close_shared_simulator() -> None:
+    """Gives the memory of this process's simulator back."""
+    global _simulator
+    if _simulator is not None:
+        _simulator[1].close()
+        _simulator = None
