@@ -89,7 +89,10 @@ class Separation:
         if known is not None and (known.loads, known.may) == (loads, may):
             if self._of_both(pair) < known.until_m:
                 return None
-            a, b = (self._of(*each) - was for *each, was in zip(pair, loads, known.moved_m, strict=True))
+            a, b = (
+                self._of(agent, load) - was
+                for agent, load, was in zip(pair, loads, known.moved_m, strict=True)
+            )
             if (known.bounds_m - a[:, None] - b).min() > 0:
                 return None
         self._looked.pop(pair, None)

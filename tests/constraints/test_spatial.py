@@ -10,7 +10,7 @@ from rf_exp.constraints.checks.avoidance import AvoidObjectsCheck
 from rf_exp.constraints.checks.keep_out import KeepOutCheck
 from rf_exp.constraints.checks.share_space import ShareSpaceCheck
 from rf_exp.coordination import schedule
-from rf_exp.geometry import PlanningScene, nearest
+from rf_exp.geometry import PlanningScene, Separation, nearest
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import CONTROL_DT_S, ConstraintSet, Schedule, Subgoal
 from tests.constraints.robots import REACHING, REST, Hand, idle, real, scene_of, team, walk
@@ -178,6 +178,12 @@ def test_the_monitor_of_policies_sees_force_and_overlap():
     )
 
 
+def touch(task, scene, may_touch=None):
+    """What the monitor says of the two arms in a scene that it sees for the first time."""
+    touches = (may_touch or dict.fromkeys(task.agents, frozenset())).__getitem__
+    return touching(Separation(task), scene, ((1, 2),), touches)
+
+
 def test_touching_agrees_with_the_exact_distance():
     rng = np.random.default_rng(0)
     outcomes = set()
@@ -186,7 +192,7 @@ def test_touching_agrees_with_the_exact_distance():
         qpos[:, :7] = REACHING + rng.normal(0, 0.25, (2, 7))
         scene = scene_of(BAR, qpos=qpos)
         exact = PlanningScene(BAR, scene).between(1, 2).distance_m
-        found = touching(BAR, scene, ((1, 2),))
+        found = touch(BAR, scene)
         outcomes.add(found is None)
         assert (found is None) == (exact > 0)
     assert outcomes == {True, False}
@@ -207,7 +213,7 @@ def test_what_an_arm_holds_is_part_of_it():
         exact, bare = nearest(loaded, planning_scene.arm(2, qpos[1])), planning_scene.arm(1, qpos[0])
         alone = nearest(bare, planning_scene.arm(2, qpos[1]))
         assert exact is not None and alone is not None
-        found = touching(FOOD, scene, ((1, 2),))
+        found = touch(FOOD, scene)
         assert (found is None) == (exact.distance_m > 0)
         if found is not None and alone.distance_m > 0:
             blamed.add("steak" if "(steak with panda_" in found.sentence else found.sentence)
@@ -226,10 +232,10 @@ def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
     arm, rest = planning_scene.arms[1], scene_of(FOOD).qpos
     in_fingers = measured_with(FOOD, "steak", arm.links(rest[1])[-1], ("steak", None))
     in_elbow = measured_with(FOOD, "steak", arm.links(rest[1])[5], ("steak", None))
-    about = {2: frozenset({"steak"})}
-    assert touching(FOOD, in_fingers, ((1, 2),)) is not None
-    assert touching(FOOD, in_fingers, ((1, 2),), about) is None
-    assert touching(FOOD, in_elbow, ((1, 2),), about) is not None
+    about = {1: frozenset(), 2: frozenset({"steak"})}
+    assert touch(FOOD, in_fingers) is not None
+    assert touch(FOOD, in_fingers, about) is None
+    assert touch(FOOD, in_elbow, about) is not None
     monitor = PolicyMonitor(FOOD)
     assert monitor(in_fingers) is None
     hit = monitor(in_elbow)
@@ -239,8 +245,8 @@ def test_a_gripper_may_touch_in_other_hands_what_it_is_about():
 def test_what_two_hold_together_is_no_obstacle_between_them():
     arm = PlanningScene(BAR, scene_of(BAR)).arms[1]
     pose = arm.links(scene_of(BAR).qpos[1])[5]
-    assert touching(BAR, measured_with(BAR, "barrier", pose, ("barrier", None)), ((1, 2),)) is not None
-    assert touching(BAR, measured_with(BAR, "barrier", pose, ("barrier", "barrier")), ((1, 2),)) is None
+    assert touch(BAR, measured_with(BAR, "barrier", pose, ("barrier", None))) is not None
+    assert touch(BAR, measured_with(BAR, "barrier", pose, ("barrier", "barrier"))) is None
 
 
 def test_the_plan_says_what_a_gripper_is_about():

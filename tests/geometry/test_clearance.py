@@ -151,8 +151,8 @@ def test_nearest_is_the_least_over_cells_and_pieces():
 
 def test_nearest_along_smooth_paths_looks_at_few_cells_and_misses_none(monkeypatch: pytest.MonkeyPatch):
     looked = []
-    exactly = clearance._distance
-    monkeypatch.setattr(clearance, "_distance", lambda *where: looked.append(where) or exactly(*where))
+    exactly = clearance.exact_m
+    monkeypatch.setattr(clearance, "exact_m", lambda *where: looked.append(where) or exactly(*where))
     planning_scene = PlanningScene(TWO, scene_of(TWO))
     rng, cells = np.random.default_rng(6), np.stack([np.arange(80)] * 2, axis=1)
     for _ in range(6):

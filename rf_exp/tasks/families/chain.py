@@ -10,7 +10,7 @@ from rf_exp.tasks.predicates import below, every, height_m, near, released, set_
 from rf_exp.tasks.shared import circle
 from rf_exp.tasks.shared.relay import deliver, remaining
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Scene, Subgoal
+from rf_exp.types import Condition, Measured, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -98,7 +98,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
 
 
-def _there(scene: Scene, task: Task, cube: str, goal: str) -> Condition:
+def _there(scene: Scene, task: Task, cube: str, goal: str) -> Measured:
     down = below(height_m(scene, cube), task.success["above_m"], "m")
     return every((near(scene, cube, goal, task.success["goal_m"]), down))
 

@@ -9,7 +9,7 @@ from rf_exp.tasks import Task
 from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
 from rf_exp.tasks.shared import circle
 from rf_exp.tasks.shared.placing import fetch
-from rf_exp.types import Condition, Scene, Subgoal
+from rf_exp.types import Condition, Measured, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -53,7 +53,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*grasping(subgoals), *keep_clear(task.agents)) if subgoals else ())
 
 
-def _there(scene: Scene, task: Task, cube: str, goal: str) -> Condition:
+def _there(scene: Scene, task: Task, cube: str, goal: str) -> Measured:
     down = below(height_m(scene, cube), task.success["above_m"], "m")
     return every((near(scene, cube, goal, task.success["goal_m"]), down))
 

@@ -47,8 +47,8 @@ def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
     seen: dict[str, Any] = {"global": _camera(eye_m, (0.0, 0.0, 0.1), GLOBAL["fov_deg"])}
     for arm in range(1, arms + 1):
         eye, target = (before(arm, arms, radius_m, *at[:2]) for at in (EYE_M, TARGET_M))
-        ends = [(end["x_m"], end["y_m"], at[2]) for end, at in ((eye, EYE_M), (target, TARGET_M))]
-        seen[f"agent{arm}"] = _camera(*ends, FOV_DEG)
+        eye_m, target_m = (eye["x_m"], eye["y_m"], EYE_M[2]), (target["x_m"], target["y_m"], TARGET_M[2])
+        seen[f"agent{arm}"] = _camera(eye_m, target_m, FOV_DEG)
     return seen
 
 
