@@ -62,12 +62,14 @@ class Reach:
         *,
         down: bool = False,
         rise: bool = False,
+        round_it: bool = False,
         look_ahead: LookAhead = _NOTHING,
     ) -> Points:
         """Timed points (T, dof) to the first goal in reach: one motion with rounded corners.
 
         It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis, or
-        from as far above straight `down`. With `rise` it begins straight up. Raises Unreachable.
+        from as far above straight `down`. With `rise` it begins straight up. With `round_it` a rounded detour
+        keeps clear of what the gripper may touch in the end. Raises Unreachable.
         """
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
@@ -84,7 +86,7 @@ class Reach:
             for radius_rad in BLEND_RAD:
                 points = blend(corners, radius_rad)
                 obstacle = None
-                if not down and len(path) > 2:  # a rounded detour must not lead through what it goes round
+                if round_it and len(path) > 2:
                     detour = points[: _before(corners, line[0], radius_rad)]
                     obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
                 obstacle = obstacle or self.blocked(agent, points, state, touches, between=True)

@@ -59,6 +59,7 @@ def grasp(request: Request, state: State) -> Motion:
         state,
         touches,
         f"grasp {name} at {request.subgoal.point}",
+        round_it=point.around > 1,
         look_ahead=once_grasped(request, name, state),
     )
     approach, state = request.segment("approach", points, state, touches)
