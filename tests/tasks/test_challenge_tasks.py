@@ -117,7 +117,7 @@ def test_a_cup_may_stand_but_not_lie() -> None:
 def test_not_held_is_asked_of_all_four_arms(cube: str, agent: int) -> None:
     """The release asks it of two: of the arms that it has pass and place that cube."""
     task, start, scene = solved("four_robots_stack_cube")
-    hands = [None] * 4
+    hands: list[str | None] = [None] * 4
     hands[agent] = cube
     found = verdict(task, start, held(scene, *hands))
     assert not found.success and not found.evidence["released"]
