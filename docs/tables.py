@@ -46,8 +46,8 @@ def policies() -> str:
 
 def experts() -> str:
     """How often a demonstration comes out of a seed, and how long it is."""
-    lines = []
-    for task, agents in paper().levels.items():
+    lines, tasks = [], {name: task.agents for name, task in configured().items()}
+    for task, agents in {**paper().levels, **dict(sorted(tasks.items(), key=lambda each: each[1]))}.items():
         rows = read_rows(ROOT / "results" / "expert" / f"{task}{PUBLISHED}", GenerationRow)
         found = wilson(sum(row.success for row in rows), len(rows))
         lines.append(

@@ -30,6 +30,10 @@ beside it. Next to it stand the violations: for policies the share of rollouts i
 other and the mean number of control steps in which they did; for generation the share of seeds with a
 proposal that ended in a violation and the mean number of such proposals. Where it differs, the strict rate
 without any violation is given as well.
+
+The tasks behind the paper's are official ones of the MARS challenge (NeurIPS 2025), with their scenes. Of
+these "the paper's criterion" means that of the challenge's release, and the tables of the paper leave them
+out or have them last.
 """
 
 
@@ -53,11 +57,12 @@ def section(task: Task) -> str:
     arms = "one arm" if len(task.agents) == 1 else f"{len(task.agents)} arms"
     config = f"[configuration](../conf/task/{task.name}.yaml)"
     module = f"[module](../rf_exp/tasks/{task.name}.py)"
+    asked = "The paper's target condition" if task.name in paper().levels else "Target condition"
     strict = f"- Strict: {'; '.join(conditions(task))}; for {task.success['hold_steps']:g} steps."
     lines = [
         f"`{task.name}`, {arms}, criteria version {task.version}: {config}, {module}.",
         task.description,
-        f"- The paper's target condition: {task.target_condition}",
+        f"- {asked}: {task.target_condition}",
         strict,
     ]
     filled = [textwrap.fill(line, 108, subsequent_indent="  " * line.startswith("- ")) for line in lines]

@@ -4,6 +4,7 @@ Positions in metres, angles in radians unless a name says `_deg`, quaternions wx
 """
 
 from collections.abc import Sequence
+from functools import cache
 from math import atan2, hypot
 
 import numpy as np
@@ -31,6 +32,13 @@ def planar(x_m: float, y_m: float, yaw_rad: float, z_m: float = 0.0) -> Matrix:
 def rotated(turn_rad: ArrayLike) -> Matrix:
     """A turn by a rotation vector (3,), in rad."""
     return transform(rotation=Rotation.from_rotvec(turn_rad))
+
+
+@cache
+def equal_turns(count: int) -> tuple[Matrix, ...]:
+    """So many equal turns about the z axis, from none on."""
+    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    return tuple(transform(rotation=Rotation.from_euler("z", angle)) for angle in angles)
 
 
 def from_axes(position_m: ArrayLike, *, z: ArrayLike, y: ArrayLike) -> Matrix:

@@ -20,7 +20,8 @@ from rf_exp.datagen.obstacles import placed_at
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import Mask, Swept, closer_than, nearest
 from rf_exp.robots import Arm
-from rf_exp.transforms import Matrix
+from rf_exp.tasks import Task
+from rf_exp.transforms import Matrix, apply, inverse
 from rf_exp.types import CONTROL_DT_S, JointLimits, Scene, Schedule, Segment, Trajectory, arm_of
 
 PERTURBATION_STEPS = (10, 25)  # how long a perturbation lasts, shortest and longest
@@ -265,7 +266,18 @@ class ObjectMotionWatch:
             segment = self._plan.segment_at(agent, position) if position > 0 else None
             if segment is not None and segment.primitive != "approach":
                 found |= segment.touches
-        return found
+        return found | {
+            name for name in scene.poses for into in found if _lies_in(self._plan.task, scene, name, into)
+        }
+
+
+def _lies_in(task: Task, scene: Scene, name: str, into: str) -> bool:
+    """Whether a thing is within one that things are put into: it goes where that goes."""
+    asset = task.asset(into)
+    if not any(point.kind == "drop" for point in asset.points.values()):
+        return False
+    here = apply(inverse(scene.poses[into]), scene.poses[name][:3, 3])
+    return name != into and bool(((asset.bounds_m[0] < here) & (here < asset.bounds_m[1])).all())
 
 
 def _moved(scene: Scene, finding: Finding, name: str, moved_m: float) -> Violation:

@@ -73,9 +73,14 @@ def say_how_long(experiment: Experiment) -> None:
 
 
 def foretold(experiment: Experiment) -> str:
-    """The hours of each stage in a sentence; empty where nobody has measured, or where little is left."""
+    """The hours of each stage in a sentence; empty where nobody has measured, or where little is left.
+
+    Tasks of which nobody has measured it are not counted, and named.
+    """
     known: dict[str, Any] = yaml.safe_load(COSTS.read_text()).get(experiment.recipe, {})
-    if any(task.name not in known.get("tasks", {}) for task in experiment.tasks):
+    measured = known.get("tasks", {})
+    unknown = [task.name for task in experiment.tasks if task.name not in measured]
+    if len(unknown) == len(experiment.tasks):
         return ""
     learning_s: dict[str, float] = known["learning_s"]
     policy_s = learning_s["once"]
@@ -83,7 +88,9 @@ def foretold(experiment: Experiment) -> str:
     policy_s += sum(step_s * (said.get(key) or 0) for key, step_s in learning_s.items())
     left_s = {"generate": 0.0, "train": 0.0, "evaluate": 0.0}
     for cell in cells(experiment):
-        cost, tried = known["tasks"][cell.task.name], known_rows(cell.generation_path, GenerationRow)
+        if cell.task.name in unknown:
+            continue
+        cost, tried = measured[cell.task.name], known_rows(cell.generation_path, GenerationRow)
         seeds, demos = experiment.episodes, experiment.demos
         left = demos - sum(each.success for each in tried) if seeds is None else seeds - len(tried)
         left_s["generate"] += cost["demonstration_s"] * max(0, left)
@@ -103,7 +110,8 @@ def foretold(experiment: Experiment) -> str:
         return ""
     parts = ", ".join(f"{stage} {_time(each)}" for stage, each in left_s.items())
     workers = f"{experiment.workers} worker{'s' * (experiment.workers > 1)}"
-    return f"about {_time(total_s / experiment.workers)} with {workers} ({parts} of one core)"
+    beside = f", beside what is not known: {', '.join(unknown)}" if unknown else ""
+    return f"about {_time(total_s / experiment.workers)} with {workers} ({parts} of one core){beside}"
 
 
 def _time(seconds: float) -> str:

@@ -308,3 +308,20 @@ def test_only_what_nobody_handles_is_watched() -> None:
     moved_by = watch.unintended(moved(2, 2 * MOVED_M))
     assert moved_by is not None and moved_by.sentence == f"a disturbed arm has moved {blue} by 10 mm"
     assert watch.unintended(moved(5, 4 * MOVED_M)) is None  # the fingers close on it
+
+
+def test_what_lies_in_a_cup_that_is_held_goes_with_it() -> None:
+    task = read_task("place_cube_in_cup")
+    start = shared_simulator(task, NO_PICTURES).reset(0)
+    inside = start.poses["cup"] @ transform((0.005, 0.0, 0.105))
+    filled = replace(start, poses={**start.poses, "cube": inside}, held=("cup", None))
+    idle = tuple(Trajectory(agent, np.zeros(7), 1.0, ()) for agent in task.agents)
+    plan = Plan(Paths(task, FULL, filled, idle), Schedule(np.zeros((1, 2), int), 0))
+    watch = ObjectMotionWatch(plan, objects=True)
+    along = {name: transform((0.0, 2 * MOVED_M, 0.0)) @ filled.poses[name] for name in ("cup", "cube")}
+    assert watch.unintended(replace(filled, step=1, poses={**filled.poses, **along})) is None
+    beside = transform((0.2, 0.0, -0.1)) @ along["cube"]
+    moved = watch.unintended(
+        replace(filled, step=2, poses={**filled.poses, "cup": along["cup"], "cube": beside})
+    )
+    assert moved is not None and moved.object == "cube"

@@ -11,11 +11,13 @@ from rf_exp.datagen.motion.reach import find_path
 from rf_exp.datagen.motion.verbs import GRIPPER_STEPS
 from rf_exp.datagen.obstacles import Obstacles
 from rf_exp.datagen.yielding import Yielding, ways
+from rf_exp.geometry import PlanningScene, nearest
 from rf_exp.robots import DEFAULT, Arm
 from rf_exp.statements import Proposal
 from rf_exp.tasks import default_of
-from rf_exp.transforms import planar
+from rf_exp.transforms import equal_turns, planar
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, ConstraintSet, JointLimits, Subgoal
+from tests.conftest import read_task
 from tests.scenes import start_scene
 
 LIMITS = JointLimits(**default_of("limits"))
@@ -188,3 +190,35 @@ def test_rrt_goes_round_a_wall():
 
 def test_arms_turned_to_the_table_reach_it():
     assert Arm(DEFAULT, planar(0.0, -0.75, np.pi / 2)).tcp(np.array(DEFAULT.rest_rad))[1, 3] > -0.2
+
+
+def test_something_round_is_grasped_from_whichever_side_is_soonest():
+    """Also where it is turned about its own axis, which changes nothing."""
+    task = read_task("place_cube_in_cup")
+    scene = start_scene(task, 1)
+    subgoals = tuple(each for each in task.module.plan(scene, task).subgoals if each.agent == 1)
+    found = []
+    for turn in (0, 5):
+        cup = scene.poses["cup"] @ equal_turns(12)[turn]
+        trajectories, _ = plan(
+            task, Proposal(subgoals, ()), replace(scene, poses={**scene.poses, "cup": cup})
+        )
+        found.append(trajectories[0])
+    hands = [task.arms[1].tcp(each.segments[0].qpos[-1]) for each in found]
+    np.testing.assert_allclose(hands[0], hands[1], atol=1e-6)
+    comes = hands[0][:3, :3] @ (0.0, 0.0, 1.0)
+    assert comes @ (scene.poses["cup"][:3, 3] - task.arms[1].world_from_base[:3, 3]) > 0  # not from behind it
+    assert abs(len(found[0]) - len(found[1])) <= 1
+
+
+@pytest.mark.slow
+def test_a_rounded_detour_keeps_clear_of_what_it_goes_round():
+    """The way to the stem leads round the bowl: of seed 0 its corners once cut through it."""
+    task = read_task("place_cube_in_cup")
+    scene = start_scene(task, 0)
+    trajectories, _ = plan(task, task.module.plan(scene, task), scene)
+    planning_scene = PlanningScene(task, scene)
+    cup = replace(planning_scene.standing(["cup"]), objects=frozenset())
+    approach = trajectories[0].segments[0].qpos
+    gap = nearest(planning_scene.arm(1, approach), cup)
+    assert gap is not None and gap.distance_m > 0

@@ -53,3 +53,13 @@ def test_nothing_is_said_where_nobody_has_measured_or_nothing_is_left(
     tmp_path: Path, overrides: tuple[str, ...]
 ) -> None:
     assert foretold(fast(tmp_path, *overrides)) == ""
+
+
+@pytest.mark.slow
+def test_what_nobody_has_measured_is_named(tmp_path: Path) -> None:
+    asked = "profile=laptop", "workers=1"
+    said = foretold(fast(tmp_path, *asked, "task=all"))
+    assert said.endswith(
+        "beside what is not known: four_robots_stack_cube, place_cube_in_cup, strike_cube_hard"
+    )
+    assert foretold(fast(tmp_path, *asked, "task=place_cube_in_cup")) == ""

@@ -1,5 +1,6 @@
 """Laws of the procedural assets, and how the hand of a Panda fits them."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import coal
@@ -14,7 +15,7 @@ from rf_exp.geometry.swept import asset_pieces
 from rf_exp.robots import DEFAULT
 from rf_exp.sim import Simulator
 from rf_exp.tasks import CameraSpec, ObjectSpec, Randomisation, RobotSpec, Task, assets, default_of
-from rf_exp.tasks.assets import Asset, InteractionPoint, camera, lid, pot, steak
+from rf_exp.tasks.assets import Asset, InteractionPoint, camera, cup, lid, pot, steak
 from rf_exp.tasks.predicates import tilt_deg
 from rf_exp.transforms import Matrix, apply, inverse, transform
 from tests.conftest import read_task
@@ -266,6 +267,34 @@ def test_the_steak_fits_the_pot_in_the_hand() -> None:
     assert place.kind == "drop"
     assert place.object_from_tcp[2, 3] + held + PALM_M > pot.HEIGHT_M + CLEAR_M
     assert place.object_from_tcp[2, 3] < pot.HEIGHT_M - steak.HEIGHT_M / 2
+
+
+def test_the_stem_of_a_cup_is_held_from_all_sides_and_a_cube_falls_in() -> None:
+    asset = assets.load("cup")
+    stem = asset.points["stem"]
+    assert len(stem.alike) == stem.around == cup.AROUND
+    np.testing.assert_allclose(stem.alike[0], stem.object_from_tcp)
+    towards = np.array([pose[:3, 2] for pose in stem.alike])
+    np.testing.assert_allclose(towards[:, 2], 0, atol=1e-12)
+    directions = np.unwrap(np.arctan2(towards[:, 1], towards[:, 0]))
+    np.testing.assert_allclose(np.diff(directions), 2 * np.pi / cup.AROUND)
+    for pose in stem.alike:
+        hand = gripper(pose, SPAN_M / 2)
+        assert gaps_m(hand, asset, np.eye(4)).min() > MARGIN_M
+        assert min(apply(at, piece.vertices)[:, 2].min() for piece, at in hand) > MARGIN_M
+    cube = assets.load("cube").vertices(np.eye(4))
+    largest_m, smallest_m = 1.15 * np.hypot(*cube[:, :2].T).max(), 0.85 * cup.INNER_M
+    assert largest_m + 0.004 < smallest_m * np.cos(np.pi / cup.WALLS)  # of all sizes that are drawn
+    tips_m = assets.load("cube").points["center"].object_from_tcp[2, 3] - TIP_M
+    assert asset.points["inside"].object_from_tcp[2, 3] + tips_m > cup.RIM_M + 2 * CLEAR_M
+
+
+def test_what_has_no_symmetry_is_what_it_was() -> None:
+    """The digest of an asset tells of turns about its own axis only where there are some."""
+    plain = assets.load("cube")
+    assert all(len(point.alike) == 1 for point in plain.points.values())
+    points = {name: replace(point, around=4) for name, point in plain.points.items()}
+    assert replace(plain, points=points).content != plain.content
 
 
 def test_an_unknown_asset_names_those_that_exist() -> None:

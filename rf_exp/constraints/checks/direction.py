@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rf_exp.constraints.check import Evidence, Plans
-from rf_exp.constraints.checks.interaction import Contact, ContactCheck, offset_m
+from rf_exp.constraints.checks.interaction import Contact, ContactCheck, nearest_pose, offset_m
 from rf_exp.constraints.phases import span
 from rf_exp.constraints.plan import Plan
 from rf_exp.constraints.stl import Specification, named
@@ -105,7 +105,7 @@ class DirectionCheck(ContactCheck):
             return points[named]
         tcp, pose = contact.tcp(plan), contact.object_pose(plan, self.object)
         met = [point for point in points.values() if point.kind in ("grasp", "press")]
-        return min(met, key=lambda point: offset_m(tcp, pose @ point.object_from_tcp), default=None)
+        return min(met, key=lambda point: offset_m(tcp, nearest_pose(tcp, pose, point)), default=None)
 
     def _turned(self, off_rad: float, time_s: float, measured: bool = False) -> Evidence:
         about: About = {"measured": measured, "object": self.object, "aspect": ORIENTATIONS[self.orientation]}
@@ -121,13 +121,15 @@ class DirectionCheck(ContactCheck):
             return abs(np.pi / 2 - angle_between_rad(fingers, UP))
         if point is None:  # nothing annotated: down onto its top
             return np.pi - angle_between_rad(approach, pose[:3, 2])
-        annotated = pose @ point.object_from_tcp
-        across = min(
-            angle_between_rad(fingers, annotated[:3, :2] @ (-np.sin(turn), np.cos(turn)))
-            for turn in np.linspace(0.0, 2 * np.pi, point.turns, endpoint=False)
-        )
-        tilt = angle_between_rad(approach, annotated[:3, 2])
-        return max(tilt - np.deg2rad(point.tip_deg), across, 0.0)
+        found = []
+        for annotated in (pose @ alike for alike in point.alike):
+            across = min(
+                angle_between_rad(fingers, annotated[:3, :2] @ (-np.sin(turn), np.cos(turn)))
+                for turn in np.linspace(0.0, 2 * np.pi, point.turns, endpoint=False)
+            )
+            tilt = angle_between_rad(approach, annotated[:3, 2])
+            found.append(max(tilt - np.deg2rad(point.tip_deg), across, 0.0))
+        return min(found)
 
     def stl(self, task: Task) -> Specification:
         phase = (self.phase.verb or "all",) if self.phase else ()

@@ -14,6 +14,7 @@ from rf_exp.constraints.stl import Execution, Signal, Specification, always, con
 from rf_exp.findings import About, CheckName, Finding, agent_name
 from rf_exp.statements import ContactAt, PlaceAt
 from rf_exp.tasks import Task
+from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix
 from rf_exp.types import Scene, Segment
 
@@ -43,12 +44,18 @@ class Contact:
                 poses.append(plan.carried(carrying[-1], carrying[-1].qpos[-1]))
         tcp = self.tcp(plan)
         point = plan.task.asset(name).points.get(self.segment.subgoal.point or "")
-        at = np.eye(4) if point is None else point.object_from_tcp
-        return min(poses, key=lambda pose: offset_m(tcp, pose @ at))
+        if point is None:
+            return min(poses, key=lambda pose: offset_m(tcp, pose))
+        return min(poses, key=lambda pose: offset_m(tcp, nearest_pose(tcp, pose, point)))
 
 
 def offset_m(a: Matrix, b: Matrix) -> float:
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
+
+
+def nearest_pose(tcp: Matrix, world_from_object: Matrix, point: InteractionPoint) -> Matrix:
+    """world_from_tcp at a point of an object: of those that are alike the nearest to a gripper."""
+    return min((world_from_object @ alike for alike in point.alike), key=lambda pose: offset_m(tcp, pose))
 
 
 @dataclass(frozen=True)
@@ -109,8 +116,10 @@ class ContactAtCheck(ContactCheck):
     def planned(self, plan: Plan) -> Evidence:
         contact = self.contact(plan)
         if contact is None:
-            point_m = self._goal(plan, plan.scene.poses[self.object])[:3, 3]
-            nearest_m = float(np.linalg.norm(plan.paths.grippers_m(self.agent) - point_m, axis=1).min())
+            point = plan.task.asset(self.object).points[self.point]
+            met_m = np.stack([(plan.scene.poses[self.object] @ alike)[:3, 3] for alike in point.alike])
+            grippers_m = plan.paths.grippers_m(self.agent)[:, None]
+            nearest_m = float(np.linalg.norm(grippers_m - met_m, axis=-1).min())
             return self.no_contact(plan, Finding.NO_CONTACT, self.point, nearest_m)
         pose, time_s = contact.object_pose(plan, self.object), plan.time_s(self.agent, contact.end)
         return self._beside(plan, contact.tcp(plan), pose, time_s)
@@ -124,12 +133,9 @@ class ContactAtCheck(ContactCheck):
     def _beside(
         self, plan: Plan, tcp: Matrix, pose: Matrix, time_s: float, measured: bool = False
     ) -> Evidence:
-        value = offset_m(tcp, self._goal(plan, pose))
+        point = plan.task.asset(self.object).points[self.point]
+        value = offset_m(tcp, nearest_pose(tcp, pose, point))
         return self.judged(value, time_s, measured=measured, object=self.object, aspect=self.point)
-
-    def _goal(self, plan: Plan, pose: Matrix) -> Matrix:
-        """world_from_tcp at the point of the object at a pose."""
-        return pose @ plan.task.asset(self.object).points[self.point].object_from_tcp
 
     def stl(self, task: Task) -> Specification:
         about, who = (self.agent, self.object, self.point), agent_name(self.agent)

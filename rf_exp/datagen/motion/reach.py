@@ -6,14 +6,14 @@ from functools import cache
 from heapq import heapify, heappop, heappush
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rf_exp.datagen.motion.branches import Approaches, Arrivals, leaving_s, straight
 from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
-from rf_exp.datagen.motion.timing import blend, densify, duration_s, parameterise
+from rf_exp.datagen.motion.timing import SPACING_RAD, blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
 from rf_exp.robots import Arm
-from rf_exp.transforms import Matrix, transform
+from rf_exp.tasks.assets import InteractionPoint
+from rf_exp.transforms import Matrix, equal_turns, transform
 from rf_exp.types import JointLimits
 
 BLEND_RAD = (0.15, 0.06, 0.02)  # corners are rounded over this; less where that runs into something
@@ -62,12 +62,14 @@ class Reach:
         *,
         down: bool = False,
         rise: bool = False,
+        round_it: bool = False,
         look_ahead: LookAhead = _NOTHING,
     ) -> Points:
         """Timed points (T, dof) to the first goal in reach: one motion with rounded corners.
 
         It ends with a straight approach from a pre-grasp pose, `standoff_m` back along the tool's z axis, or
-        from as far above straight `down`. With `rise` it begins straight up. Raises Unreachable.
+        from as far above straight `down`. With `rise` it begins straight up. With `round_it` a rounded detour
+        keeps clear of what the gripper may touch in the end. Raises Unreachable.
         """
         obstacles: dict[int | str, Blockage] = {}  # what was in the way, in the order in which it was found
         no_path = False
@@ -83,7 +85,11 @@ class Reach:
             corners = densify(np.concatenate([up, path, line]))
             for radius_rad in BLEND_RAD:
                 points = blend(corners, radius_rad)
-                obstacle = self.blocked(agent, points, state, touches, between=True)
+                obstacle = None
+                if round_it and len(path) > 2:
+                    detour = points[: _before(corners, line[0], radius_rad)]
+                    obstacle = self.blocked(agent, detour, state, state.in_hand(agent), between=True)
+                obstacle = obstacle or self.blocked(agent, points, state, touches, between=True)
                 if obstacle is None:
                     return parameterise(points, self.limits)
                 if radius_rad == BLEND_RAD[-1]:
@@ -186,6 +192,12 @@ class Reach:
         return duration_s(corners, self.limits)
 
 
+def _before(corners: Points, joints: Points, radius_rad: float) -> int:
+    """How many of dense points (M, dof) come before those near joints (dof,) that rounding moves."""
+    at = int(np.abs(corners - joints).max(axis=1).argmin())
+    return max(1, at - int(1.5 * radius_rad / SPACING_RAD))
+
+
 def above(poses: Floats, height_m: float) -> Floats:
     """Poses (..., 4, 4), so much higher."""
     raised = poses.copy()
@@ -195,13 +207,12 @@ def above(poses: Floats, height_m: float) -> Floats:
 
 def turned(goal: Matrix, turns: int) -> list[Matrix]:
     """The pose and those that equal turns about its z axis give."""
-    return [goal @ turn for turn in _turns(turns)]
+    return [goal @ turn for turn in equal_turns(turns)]
 
 
-@cache
-def _turns(count: int) -> tuple[Matrix, ...]:
-    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
-    return tuple(transform(rotation=Rotation.from_euler("z", angle)) for angle in angles)
+def contacts(world_from_object: Matrix, point: InteractionPoint) -> list[Matrix]:
+    """TCP poses in which a gripper meets an object at a point: all that serve equally."""
+    return [hand for alike in point.alike for hand in turned(world_from_object @ alike, point.turns)]
 
 
 def edge_free(a: Points, b: Points, free: Free) -> bool:

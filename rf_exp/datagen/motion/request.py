@@ -11,7 +11,7 @@ from itertools import takewhile
 import numpy as np
 
 from rf_exp.datagen.motion.branches import Arrivals
-from rf_exp.datagen.motion.reach import LookAhead, Reach, Tiers, above, turned
+from rf_exp.datagen.motion.reach import LookAhead, Reach, Tiers, above, contacts, turned
 from rf_exp.datagen.motion.state import Floats, Points, State, Unreachable
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.findings import Cause, Finding
@@ -203,7 +203,7 @@ def _taken_s(request: Request, taker: Subgoal, poses: Floats, state: State) -> F
     """(G,) s in which an agent grasps a thing at world_from_object (G, 4, 4); infinite: it cannot."""
     name = taker.object or ""
     point = request.task.asset(name).points[taker.point or ""]
-    hands = turned(point.object_from_tcp, point.turns)
+    hands = contacts(np.eye(4), point)
     goals = np.stack([pose @ hand for pose in poses for hand in hands])
     pregrasps = goals @ transform((0.0, 0.0, -point.standoff_m))
     found = Arrivals(request.reach.arms[taker.agent], pregrasps, goals).nearest(state.qpos[taker.agent])

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.reach import CLEARANCE_M, above, turned
+from rf_exp.datagen.motion.reach import CLEARANCE_M, above, contacts
 from rf_exp.datagen.motion.request import Request, ends, once_grasped, once_placed, support
 from rf_exp.datagen.motion.state import Blockage, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
@@ -51,7 +51,7 @@ def grasp(request: Request, state: State) -> Motion:
         raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
     point = request.task.asset(name).points[_required(request.subgoal.point)]
     touches = frozenset({name})
-    goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
+    goals = contacts(state.poses[name], point)
     points = request.reach.timed(
         agent,
         [[goal @ tip for goal in goals] for tip in _tips(point.tip_deg)],
@@ -59,6 +59,7 @@ def grasp(request: Request, state: State) -> Motion:
         state,
         touches,
         f"grasp {name} at {request.subgoal.point}",
+        round_it=point.around > 1,
         look_ahead=once_grasped(request, name, state),
     )
     approach, state = request.segment("approach", points, state, touches)
@@ -111,7 +112,7 @@ def release(request: Request, state: State) -> Motion:
 def press(request: Request, state: State) -> Motion:
     name = _required(request.subgoal.object)
     point = request.task.asset(name).points[_required(request.subgoal.point)]
-    goals = turned(state.poses[name] @ point.object_from_tcp, point.turns)
+    goals = contacts(state.poses[name], point)
     touches = frozenset({name})
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
     what = f"press {name} at {request.subgoal.point}"

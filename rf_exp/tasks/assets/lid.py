@@ -8,6 +8,7 @@ import numpy as np
 
 from rf_exp.tasks.assets import pot
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.rings import circle
 from rf_exp.transforms import transform
 
 PLUG_M = 0.008  # how deep the lid reaches into the pot
@@ -25,9 +26,9 @@ def build() -> Asset:
     angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     # Within the disc: where edges of plug and rim are at one height, PhysX makes up contacts 10 cm deep.
     plug_top_m = PLUG_M + DISC_M / 2
-    plug = np.concatenate([_circle(PLUG_BOTTOM_M, 0.0, angles), _circle(PLUG_TOP_M, plug_top_m, angles)])
+    plug = np.concatenate([circle(PLUG_BOTTOM_M, 0.0, angles), circle(PLUG_TOP_M, plug_top_m, angles)])
     top = PLUG_M + DISC_M
-    disc = np.concatenate([_circle(pot.OUTER_M, PLUG_M, angles), _circle(pot.OUTER_M - 0.004, top, angles)])
+    disc = np.concatenate([circle(pot.OUTER_M, PLUG_M, angles), circle(pot.OUTER_M - 0.004, top, angles)])
     half = KNOB_M / 2
     knob = Part.box((half, half, KNOB_HEIGHT_M / 2), transform((0, 0, top + KNOB_HEIGHT_M / 2)), BLACK)
     return Asset(
@@ -41,7 +42,3 @@ def build() -> Asset:
         mass_kg=0.08,
         friction=1.2,
     )
-
-
-def _circle(radius_m: float, z_m: float, angles: np.ndarray) -> np.ndarray:
-    return np.column_stack([radius_m * np.cos(angles), radius_m * np.sin(angles), np.full(len(angles), z_m)])

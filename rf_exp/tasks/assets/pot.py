@@ -1,11 +1,7 @@
 """An open stewing pot: a ring of convex wall pieces on a floor, two small handles along x."""
 
-from itertools import pairwise
-
-import numpy as np
-from numpy.typing import NDArray
-
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
+from rf_exp.tasks.assets.asset.rings import ring
 from rf_exp.transforms import transform
 
 INNER_M, OUTER_M = 0.085, 0.100  # radii at the corners of the wall pieces
@@ -24,31 +20,17 @@ def build() -> Asset:
     put in ends up upright over the middle of the pot, and half a turn serves as well.
     """
     floor = Part.cylinder(INNER_M, FLOOR_M, transform((0, 0, FLOOR_M / 2)), ENAMEL, roughness=0.3)
-    walls = [Part.hull(piece, ENAMEL, roughness=0.3) for piece in _ring(INNER_M, OUTER_M, 0.0, HEIGHT_M)]
+    walls = [
+        Part.hull(piece, ENAMEL, roughness=0.3) for piece in ring(INNER_M, OUTER_M, 0.0, HEIGHT_M, WALLS)
+    ]
     handles = [
         Part.box((0.017, 0.028, 0.006), transform((side * (OUTER_M + 0.014), 0, 0.07)), IRON)
         for side in (-1, 1)
     ]
     # Only seen: a bright rim, a little proud of the wall it stands in.
-    band = _ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M)
+    band = ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M, WALLS)
     rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
     inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, turns=8, slack_m=0.03)
     return Asset(
         "pot", parts=(floor, *walls, *handles, *rim), points={"inside": inside}, mass_kg=0.8, friction=1.2
     )
-
-
-def _ring(inner_m: float, outer_m: float, low_m: float, high_m: float) -> list[NDArray[np.float64]]:
-    """Corners (8, 3) of the convex pieces that together are a tube about z between two heights."""
-    angles = np.linspace(0, 2 * np.pi, WALLS + 1)
-    return [
-        np.array(
-            [
-                (radius * np.cos(angle), radius * np.sin(angle), z)
-                for angle in edges
-                for radius in (inner_m, outer_m)
-                for z in (low_m, high_m)
-            ]
-        )
-        for edges in pairwise(angles)
-    ]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.artifacts import digest
-from rf_exp.transforms import Matrix, apply, from_axes
+from rf_exp.transforms import Matrix, apply, equal_turns, from_axes
 
 if TYPE_CHECKING:
     import trimesh  # slow to import: where a part is made, after the command line is understood
@@ -85,6 +85,7 @@ class InteractionPoint:
     standoff_m: float = 0.08  # where a straight approach begins
     width_m: float = 0.04  # between the fingers when closed on it (grasp)
     turns: int = 2  # so many equal turns about z serve as well: two fingers 2, a square 4
+    around: int = 1  # so many equal turns of the hand about the asset's own z axis as well (grasp, press)
     tip_deg: float = 0.0  # the gripper may be tipped so far about the axis it closes along (grasp)
     slack_m: float = 0.0  # how far off, on the level, a thing may be placed (place, drop)
 
@@ -92,6 +93,11 @@ class InteractionPoint:
     def from_above(position_m, kind: str = "grasp", **keywords) -> "InteractionPoint":
         """Straight from above at a position (3,), the fingers closing along y."""
         return InteractionPoint(from_axes(position_m, z=(0, 0, -1), y=(0, 1, 0)), kind, **keywords)
+
+    @property
+    def alike(self) -> tuple[Matrix, ...]:
+        """`object_from_tcp` itself, and where equal turns about the asset's z axis bring it."""
+        return tuple(turn @ self.object_from_tcp for turn in equal_turns(self.around))
 
     def scaled(self, size: float) -> "InteractionPoint":
         """Of a thing that is `size` times as large: the hand that comes to it is not."""
@@ -135,6 +141,9 @@ class Asset:
             name: {**vars(point), "object_from_tcp": _rounded(point.object_from_tcp)}
             for name, point in self.points.items()
         }
+        for said in points.values():
+            if said["around"] == 1:  # contents are as they were before there was such a symmetry
+                del said["around"]
         rest = ("mass_kg", "heaviest_kg", "friction", "static", "ghost")
         return digest({"parts": parts, "points": points, **{name: getattr(self, name) for name in rest}})
 

@@ -34,7 +34,8 @@ COMES_ALONG: Mapping[str, Vector | None] = {  # kind -> z axis of its frame unle
     "drop": (0.0, 0.0, 1.0),
 }
 DIGITS = 6  # of what is written
-OF_POINTS = ("kind", "standoff_m", "width_m", "turns", "tip_deg", "slack_m")  # alike in an InteractionPoint
+# alike in an InteractionPoint
+OF_POINTS = ("kind", "standoff_m", "width_m", "turns", "around", "tip_deg", "slack_m")
 OF_BODIES = ("mass_kg", "heaviest_kg", "friction", "static")  # alike in an Asset
 FORMATS = (".glb", ".obj", ".ply", ".stl")
 LINEAR = (".glb",)  # formats whose colours are linear, but for textures; elsewhere all is sRGB
@@ -62,6 +63,7 @@ class Point:
     standoff_m: float = InteractionPoint.standoff_m
     width_m: float = InteractionPoint.width_m
     turns: int = InteractionPoint.turns
+    around: int = InteractionPoint.around
     tip_deg: float = InteractionPoint.tip_deg
     slack_m: float = InteractionPoint.slack_m
 

@@ -1,0 +1,29 @@
+"""Corners of round things, which are made of convex pieces."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def circle(radius_m: float, z_m: float, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (K, 3) on a circle about z, at angles (K,) rad."""
+    return np.column_stack([radius_m * np.cos(angles), radius_m * np.sin(angles), np.full(len(angles), z_m)])
+
+
+def ring(
+    inner_m: float, outer_m: float, low_m: float, high_m: float, count: int
+) -> list[NDArray[np.float64]]:
+    """Corners (8, 3) of the convex pieces that together are a tube about z between two heights."""
+    angles = np.linspace(0, 2 * np.pi, count + 1)
+    return [
+        np.array(
+            [
+                (radius * np.cos(angle), radius * np.sin(angle), z)
+                for angle in edges
+                for radius in (inner_m, outer_m)
+                for z in (low_m, high_m)
+            ]
+        )
+        for edges in pairwise(angles)
+    ]

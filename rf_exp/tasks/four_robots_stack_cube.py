@@ -1,0 +1,73 @@
+"""Four Robots Stack Cube: two arms pass a cube each to two others, which stack them on the goal."""
+
+from math import dist
+
+from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import below, every, height_m, holders, near, on, released, set_down
+from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.transforms import Matrix, planar
+from rf_exp.types import Condition, Scene, Subgoal
+
+VERSION = "1"
+PLAN_VERSION = "1"
+
+LANES = {"blue": (1, 3), "red": (2, 4)}  # cube -> agents, the giver and the taker
+STOP_M = (0.35, 0.5)  # where a cube changes hands, on the side of its arms
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """Where cubes change hands: `stop1` is where agent 1 lays the blue one for agent 3."""
+    x_m, y_m = STOP_M
+    return {"stop1": planar(x_m, y_m, 0.0), "stop2": planar(-x_m, y_m, 0.0)}
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Both cubes are passed on; the red one comes down once the blue one lies on the goal."""
+    subgoals: list[Subgoal] = []
+    constraints: list[Statement] = []
+    for (cube, agents), there in zip(LANES.items(), _stacked(scene, task), strict=True):
+        if there and released(scene, [cube]) and not subgoals:
+            continue
+        giver, taker = agents
+        if _with_giver(scene, task, cube):
+            subgoals += fetch(giver, cube, f"stop{giver}")
+            constraints += in_turn(Step(giver, "place", cube), Step(taker, "grasp", cube))
+        subgoals += fetch(taker, cube, *(("goal", "middle") if cube == "blue" else ("blue", "top")))
+    takers = {agent for _, agent in LANES.values()}
+    if takers <= {subgoal.agent for subgoal in subgoals}:
+        constraints += in_turn(*(Step(taker, "place", cube) for cube, (_, taker) in LANES.items()))
+    return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
+
+
+def _with_giver(scene: Scene, task: Task, cube: str) -> bool:
+    """Whether its giver holds the cube, or nobody does and it is nearer to the giver than to the taker."""
+    held, (giver, taker) = holders(scene, cube), LANES[cube]
+    if held:
+        return giver in held
+    here = scene.poses[cube][:2, 3].tolist()
+    bases = [(task.robots[agent - 1].x_m, task.robots[agent - 1].y_m) for agent in (giver, taker)]
+    return dist(here, bases[0]) < dist(here, bases[1])
+
+
+def _stacked(scene: Scene, task: Task) -> tuple[Condition, Condition]:
+    """Whether the blue cube lies on the goal, and the red one on it."""
+    limits = task.success
+    down = below(height_m(scene, "blue"), limits["above_m"], "m")
+    on_goal = every((near(scene, "blue", "goal", limits["goal_m"]), down))
+    return on_goal, on(scene, task, "red", "blue", limits["beside_m"])
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """Blue on the goal, red on blue, both level, let go by everybody and at rest."""
+    on_goal, on_blue = _stacked(scene, task)
+    return {"blue on the goal": on_goal, "red on blue": on_blue, **set_down(scene, LANES, task.success)}
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: red above blue, blue near the goal, neither held by an arm of its lane."""
+    limits = task.success
+    if any(agent in holders(scene, cube) for cube, agents in LANES.items() for agent in agents):
+        return False
+    above = on(scene, task, "red", "blue", limits["paper_beside_m"])
+    return bool(above) and bool(near(scene, "blue", "goal", limits["paper_goal_m"]))

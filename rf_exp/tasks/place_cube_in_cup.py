@@ -1,0 +1,87 @@
+"""Place Cube in Cup: one arm holds the cup out by its stem, the other drops the cube in."""
+
+from math import hypot
+
+from rf_exp.statements import ContactAt, Direction, Proposal, Statement, Step, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import (
+    above,
+    below,
+    distance_xy_m,
+    every,
+    height_m,
+    holders,
+    near,
+    released,
+    still,
+    tilt_deg,
+    upright,
+)
+from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.transforms import Matrix, inverse, planar
+from rf_exp.types import Condition, Scene, Subgoal
+
+VERSION = "1"
+PLAN_VERSION = "1"
+
+HOLDER, GIVER = 1, 2  # the agents: one holds the cup, the other drops the cube in
+BETWEEN_M = (0.1, -0.05)  # where both reach the cup
+LIFT_M = 0.03
+
+
+def places(scene: Scene, task: Task) -> dict[str, Matrix]:
+    """Named places on the table: world_from_object (4, 4) of what is put there."""
+    return {"between": planar(*BETWEEN_M, 0.0)}
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """The cup is held out while the cube is fetched, which is dropped in once the cup is there."""
+    if _inside(scene, task) and not holders(scene, "cube"):
+        return Proposal((), ())
+    subgoals: list[Subgoal] = []
+    constraints: list[Statement] = []
+    if not (holders(scene, "cup") == (HOLDER,) and _between(scene, task)):
+        hold_out = Subgoal(HOLDER, "carry", "cup", target="between", height_m=LIFT_M)
+        subgoals += [Subgoal(HOLDER, "grasp", "cup", "stem"), hold_out]
+        constraints += [ContactAt(HOLDER, "grasp", "cup", "stem"), Direction(HOLDER, "cup")]
+        constraints += in_turn(Step(HOLDER, "carry", "cup"), Step(GIVER, "place", "cube"))
+    subgoals += fetch(GIVER, "cube", "cup", "inside")
+    constraints += [ContactAt(GIVER, "grasp", "cube", "center"), Direction(GIVER, "cube")]
+    return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)))
+
+
+def _between(scene: Scene, task: Task) -> Condition:
+    off_m = distance_xy_m(scene.poses["cup"], task.places(scene)["between"])
+    return below(off_m, task.success["between_m"], "m")
+
+
+def _inside(scene: Scene, task: Task) -> Condition:
+    """Whether the middle of the cube is within the walls of the cup, between its floor and its rim."""
+    cup, size = task.asset("cup"), task.objects["cup"].size
+    top_m = task.points["cube"]["top"][2, 3]
+    cube = scene.poses["cube"].dot((0.0, 0.0, top_m / 2, 1.0))
+    x_m, y_m, z_m, _ = inverse(scene.poses["cup"]).dot(cube).tolist()
+    within = below(hypot(x_m, y_m), size * task.success["inside_m"], "m")
+    return every((within, above(z_m, 0.0, "m"), below(z_m, float(cup.bounds_m[1, 2]), "m")))
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """The cube lies in the upright cup, which the one arm holds or which stands; nothing moves."""
+    limits, held = task.success, holders(scene, "cup")
+    stands = below(height_m(scene, "cup"), limits["stands_m"], "m")
+    return {
+        "cube inside the cup": _inside(scene, task),
+        "cup held or standing": held == (HOLDER,) or (not held and stands),
+        "cup upright": upright(scene, "cup", limits["upright_deg"]),
+        "cube released": released(scene, ["cube"]),
+        "at rest": every(still(scene, name, limits["still_m_s"]) for name in task.objects),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the cube is low over a cup that has not been turned over."""
+    limits, size = task.success, task.objects["cup"].size
+    over_m = height_m(scene, "cube") - height_m(scene, "cup")
+    low = size * limits["paper_least_m"] < over_m < size * limits["paper_most_m"]
+    turned_over = tilt_deg(scene.poses["cup"]) >= limits["paper_tilt_deg"]
+    return low and not turned_over and bool(near(scene, "cube", "cup", limits["paper_distance_m"]))

@@ -1,0 +1,45 @@
+"""Strike Cube Hard: one arm brings the cube to the goal, the other strikes it there with the hammer."""
+
+from rf_exp.statements import Proposal, Step, grasping, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
+from rf_exp.tasks.shared import striking
+from rf_exp.tasks.shared.placing import fetch, in_turn
+from rf_exp.types import Condition, Scene, Subgoal
+
+VERSION = "1"
+PLAN_VERSION = "1"
+
+SMITH, HELPER = 1, 2  # the agents: one strikes, the other brings the cube
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """The hammer is taken while the cube is fetched; it comes down once the cube lies on the goal."""
+    subgoals: list[Subgoal] = []
+    brought = _on_goal(scene, task) and released(scene, ["cube"])
+    if brought and striking.struck(scene, task, SMITH):
+        return Proposal((), ())
+    if not brought:
+        subgoals += fetch(HELPER, "cube", "goal", "middle")
+    subgoals += striking.take_and_strike(scene, SMITH)
+    order = [] if brought else in_turn(Step(HELPER, "place", "cube"), Step(SMITH, "strike", "hammer"))
+    return Proposal(tuple(subgoals), (*grasping(subgoals), *order, *keep_clear(task.agents)))
+
+
+def _on_goal(scene: Scene, task: Task) -> Condition:
+    down = below(height_m(scene, "cube"), task.success["above_m"], "m")
+    return every((near(scene, "cube", "goal", task.success["goal_m"]), down))
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """The cube lies on the goal, let go and at rest; the held hammer stands on it with its face down."""
+    return {
+        **striking.conditions(scene, task, SMITH),
+        "cube on the goal": _on_goal(scene, task),
+        **set_down(scene, ["cube"], task.success),
+    }
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The release's criterion: the hammer's head is near the top of the cube, which is near the goal."""
+    return striking.paper(scene, task) and bool(near(scene, "cube", "goal", task.success["paper_goal_m"]))
