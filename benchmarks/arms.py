@@ -63,7 +63,8 @@ def _clocked(work: Callable[..., Any], spent: dict[str, float], key: str) -> Cal
 def one(world: Simulator, task: Task, seed: int) -> Row:
     """One episode of a seed."""
     settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
-    spent, trace = dict.fromkeys(SPENT, 0.0), Trace()
+    spent: dict[str, float] = dict.fromkeys(SPENT, 0.0)
+    trace = Trace()
     began = time.process_time()
     with timed(spent):
         outcome = EpisodeMaker(settings, Limited(world), settings.make_brain(seed), trace).make(seed)

@@ -66,7 +66,7 @@ class Separation:
 
     def __init__(self, task: Task) -> None:
         self._task = task
-        self._scene: Scene | None = None
+        self._now: PlanningScene | None = None
         self._looked: dict[tuple[int, int], _Looked] = {}
         arms = [np.stack([piece.corners for piece in arm_pieces(arm.robot)]) for arm in task.arms.values()]
         self._names = [name for name in task.objects if asset_pieces(task.asset(name))]
@@ -108,19 +108,21 @@ class Separation:
 
     def _seen(self, scene: Scene) -> PlanningScene:
         """Notes how far everything has moved since the last scene."""
-        if scene is not self._scene:
-            self._planning_scene = PlanningScene(self._task, scene)
-            things = np.array([scene.poses[name] for name in self._names]).reshape(-1, 4, 4)
-            body = np.concatenate([*self._planning_scene.links, things])
-            corners = self._boxes @ body[:, :3, :3].swapaxes(1, 2) + body[:, None, :3, 3]
-            if self._scene is not None:
-                moved_m = np.sqrt(((corners - self._corners) ** 2).sum(axis=-1).max(axis=-1))
-                self._moved_m += moved_m
-                for k, (rows, held) in enumerate(zip(self._rows, scene.held, strict=True)):
-                    load_m = moved_m[self._objects[held]] if held in self._objects else 0.0
-                    self._farthest_m[k] += max(float(moved_m[rows].max()), float(load_m))
-            self._scene, self._corners = scene, corners
-        return self._planning_scene
+        before = self._now
+        if before is not None and before.scene is scene:
+            return before
+        now = PlanningScene(self._task, scene)
+        things = np.array([scene.poses[name] for name in self._names]).reshape(-1, 4, 4)
+        body = np.concatenate([*now.links, things])
+        corners = self._boxes @ body[:, :3, :3].swapaxes(1, 2) + body[:, None, :3, 3]
+        if before is not None:
+            moved_m = np.sqrt(((corners - self._corners) ** 2).sum(axis=-1).max(axis=-1))
+            self._moved_m += moved_m
+            for k, (rows, held) in enumerate(zip(self._rows, scene.held, strict=True)):
+                load_m = moved_m[self._objects[held]] if held in self._objects else 0.0
+                self._farthest_m[k] += max(float(moved_m[rows].max()), float(load_m))
+        self._now, self._corners = now, corners
+        return now
 
     def _of_both(self, pair: tuple[int, int]) -> float:
         return self._farthest_m[pair[0] - 1] + self._farthest_m[pair[1] - 1]
