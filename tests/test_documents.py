@@ -49,7 +49,12 @@ ROOT = Path(__file__).parents[1]
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 OTHERS = ("rerun", "dask", "ray")
 PROGRAMS = ("python", "make", "pip", "rf-exp", "mkdocs", "export", "ssh", "eval", *OTHERS)
-HYDRA = {"rf_exp.run": "config", "rf_exp.gallery": "config", "rf_exp.demonstration": "demonstration"}
+HYDRA = {
+    "rf_exp.run": "config",
+    "rf_exp.gallery": "config",
+    "rf_exp.laws": "config",
+    "rf_exp.demonstration": "demonstration",
+}
 pytestmark = pytest.mark.slow
 
 FENCED = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -1,6 +1,6 @@
 """The simulator as the rest of the suite sees it: arrays and frozen values, nothing of ManiSkill."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar
 
@@ -163,6 +163,13 @@ class Simulator:
         """
         self._loaded.place(qpos, poses)
 
+    def fling(self, name: str, velocity_m_s: Sequence[float]) -> None:
+        """Give a loose object a velocity (3,) in the world, as if somebody had thrown it."""
+        body = self._loaded.bodies[name].find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+        if body is None:
+            raise ArgumentError(f"{name!r} is fixed to the table and cannot be flung")
+        body.set_linear_velocity(list(velocity_m_s))
+
     def _load(self, seed: int, copy: int = 0) -> LoadedScene:
         if not 0 <= seed <= LARGEST_SEED:
             raise ArgumentError(f"seed {seed}: expected a whole number from 0 to {LARGEST_SEED}")
@@ -223,6 +230,12 @@ class Simulator:
         for agent, robot in zip(self.task.agents, self._loaded.robots, strict=True):
             numbers[f"agent{agent}"] = tuple(link.entity.per_scene_id for link in robot.links)
         return numbers
+
+    def gripper(self, agent: int) -> tuple[int, ...]:
+        """Numbers that `segmentation` uses of the links with which an agent grasps."""
+        names = self.task.robots[agent - 1].model.gripper
+        links = self._loaded.robots[agent - 1].links
+        return tuple(link.entity.per_scene_id for link in links if link.name.endswith(tuple(names)))
 
     def camera_models(self) -> dict[str, CameraModel]:
         """Camera -> its model at the present step; one that is eye in hand moves with it."""

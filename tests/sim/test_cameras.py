@@ -7,21 +7,16 @@ import numpy as np
 import pytest
 from mani_skill.agents.robots.panda import Panda as StockPanda
 
-from rf_exp.datagen import EpisodeMaker, NullObserver, Settings
-from rf_exp.datagen.brain import ScriptedBrain, ScriptedSpec
-from rf_exp.gallery.performance import play
+from rf_exp.laws import LAWS, Law
 from rf_exp.robots import DEFAULT, Arm
-from rf_exp.sim import Limited, Simulator, robots
+from rf_exp.sim import Simulator, robots
+from rf_exp.sim.objects import FLOOR_Z_M
 from rf_exp.tasks import TABLE_CENTRE_M, CameraSpec, Task
 from rf_exp.transforms import apply, inverse
-from rf_exp.types import ConstraintSet
 from tests.conftest import TASKS, read_task
 from tests.sim.test_simulator import digest, digest_elsewhere, random_walk
 
 pytestmark = pytest.mark.render
-THING_PX, ARM_PX = 30, 800  # seen at least at the start
-DIFFERENT_LEVELS = 5  # of 255, between two views
-GRIPPER_PX, OBJECT_PX = 150, 40  # seen at least by an agent that works, of 320 x 240
 TOP_M = 1.2  # so far from its middle the table is all table; behind it are floor and walls
 MEAN_LEVELS, SHARE_OF_PIXELS = 1.3, 0.01  # of 255; pixels that differ by more than 40
 
@@ -32,17 +27,18 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
         yield simulator
 
 
-def test_every_camera_gives_a_picture_of_its_own(simulator: Simulator) -> None:
+def test_every_camera_gives_a_picture(simulator: Simulator) -> None:
     simulator.reset(0)
     pictures = simulator.images()
     assert tuple(pictures) == simulator.cameras == tuple(simulator.task.cameras)
-    for name, picture in pictures.items():
+    for picture in pictures.values():
         assert picture.shape == (240, 320, 3) and picture.dtype == np.uint8
-        assert picture.std() > 20, f"{name} sees next to nothing"
-    names = list(pictures)
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
-            assert np.abs(pictures[one].astype(int) - pictures[other]).mean() > DIFFERENT_LEVELS, (one, other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [law for law in LAWS if law.pictures], ids=str)
+def test_a_law(simulator: Simulator, law: Law) -> None:
+    assert not list(law.broken(simulator)), law.says
 
 
 @pytest.mark.slow
@@ -63,73 +59,6 @@ def test_other_seeds_give_other_pictures(simulator: Simulator) -> None:
     assert len(seen) == 5 * len(simulator.cameras)
 
 
-@pytest.mark.slow
-def test_objects_and_arms_are_seen_at_the_start(simulator: Simulator) -> None:
-    for seed in range(4):
-        simulator.reset(seed)
-        bodies = simulator.bodies()
-        pixels = {
-            camera: {name: int(np.isin(image, numbers).sum()) for name, numbers in bodies.items()}
-            for camera, image in simulator.segmentation().items()
-        }
-        for name in simulator.task.objects:
-            assert pixels["global"][name] > THING_PX, (seed, name)
-        for k in simulator.task.agents:
-            assert pixels["global"][f"agent{k}"] > ARM_PX, (seed, k)
-            assert pixels[f"agent{k}"][f"agent{k}"] > ARM_PX, (seed, k)
-        assert all(seen["table"] > 10_000 for seen in pixels.values())
-
-
-class Moments(NullObserver):
-    """Notes when each agent has just closed its fingers, presses, strikes, or is about to let go."""
-
-    def __init__(self) -> None:
-        self.actions: list[np.ndarray] = []
-        self.found: dict[int, set[tuple[int, str]]] = {}  # step -> agents at work, each with its object
-
-    def planned(self, plan) -> None:
-        for trajectory in plan.trajectories:
-            positions = plan.schedule.positions[:, trajectory.agent - 1]
-            for segment, begin, end in zip(
-                trajectory.segments, trajectory.knots[:-1], trajectory.knots[1:], strict=True
-            ):
-                at = {"close": end, "press": end, "strike": end, "open": begin}.get(segment.primitive)
-                if at is not None and segment.subgoal.object is not None:
-                    step = len(self.actions) + int(np.searchsorted(positions, at))
-                    self.found.setdefault(step, set()).add((trajectory.agent, segment.subgoal.object))
-
-    def stepped(self, scene, action, pictures) -> None:
-        self.actions.append(action)
-
-
-@pytest.mark.slow
-def test_an_agent_sees_its_gripper_and_its_object_whenever_it_matters(simulator: Simulator) -> None:
-    for seed in range(5):
-        moments = Moments()
-        settings = Settings.configured(simulator.task, ConstraintSet("full"), ScriptedSpec())
-        if EpisodeMaker(settings, Limited(simulator), ScriptedBrain(), moments).make(seed).success:
-            break
-    else:
-        pytest.fail("no expert episode to look at")
-    actions = np.stack(moments.actions)
-    reached = {step for step in moments.found if step <= len(actions)}
-    assert {agent for step in reached for agent, _ in moments.found[step]} == set(simulator.task.agents)
-    fingers = [
-        [link.entity.per_scene_id for link in robot.links if link.name.endswith(tuple(DEFAULT.gripper))]
-        for robot in simulator._loaded.robots
-    ]
-    assert all(len(links) == len(DEFAULT.gripper) for links in fingers)
-    hidden = []
-    for step, _ in play(simulator, seed, actions, reached):
-        images, bodies = simulator.segmentation(), simulator.bodies()
-        for k, name in sorted(moments.found[step]):
-            image = images[f"agent{k}"]
-            gripper, thing = (int(np.isin(image, ids).sum()) for ids in (fingers[k - 1], bodies[name]))
-            if gripper < GRIPPER_PX or thing < OBJECT_PX:
-                hidden.append(f"step {step}, agent {k}: gripper {gripper} px, {name} {thing} px")
-    assert not hidden
-
-
 def test_camera_models_agree_with_the_pictures(simulator: Simulator) -> None:
     simulator.reset(2)
     depths, images, bodies = simulator.depth(), simulator.segmentation(), simulator.bodies()
@@ -139,7 +68,8 @@ def test_camera_models_agree_with_the_pictures(simulator: Simulator) -> None:
         pixels = np.stack([columns + 0.5, rows + 0.5, np.ones(len(rows))])
         rays = np.linalg.inv(model.intrinsics) @ pixels  # depth 1
         points = apply(model.world_from_camera, (rays * depth).T)
-        top = np.abs(points[:, :2] - TABLE_CENTRE_M).max(axis=1) < TOP_M
+        floor = np.abs(points[:, 2] - FLOOR_Z_M) < 0.01  # that a camera beside the table sees below its edge
+        top = (np.abs(points[:, :2] - TABLE_CENTRE_M).max(axis=1) < TOP_M) & ~floor
         height = points[top, 2]
         assert len(height) > 1000
         assert np.abs(np.median(height)) < 2e-3 and np.quantile(np.abs(height), 0.95) < 5e-3, name

@@ -5,35 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rf_exp.constraints import RoboChecker
 from rf_exp.tasks import SuccessEvaluator
 from rf_exp.tasks.predicates import once
 from rf_exp.transforms import planar
-from rf_exp.types import ConstraintSet
 from tests.scenes import start_scene
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
-def test_nothing_has_succeeded_at_the_start(task, seed):
-    scene = start_scene(task, seed)
-    verdict = SuccessEvaluator(task, scene)(scene)
-    assert not verdict.success and not verdict.success_paper
-    assert not all(verdict.evidence.values())
-
-
-@pytest.mark.slow
-def test_the_plan_names_only_what_exists_and_every_constraint_is_understood(task):
-    scene = start_scene(task, 3)
-    proposal = task.module.plan(scene, task)
-    places = task.places(scene)
-    for subgoal in proposal.subgoals:
-        assert subgoal.agent in task.agents
-        assert subgoal.object in task.objects
-        assert subgoal.point is None or subgoal.point in task.asset(subgoal.object).points
-        assert subgoal.target is None or subgoal.target in {*task.objects, *places}
-    code = RoboChecker(task, proposal, ConstraintSet("full")).code
-    assert len(code.checks) == len(proposal.constraints)
 
 
 def judged(task, start, scene, steps):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M
+from rf_exp.laws import LAWS
 from rf_exp.robots import DEFAULT
 from rf_exp.stages import Cell
 from rf_exp.store import Store
@@ -44,6 +45,27 @@ def test_a_task_outside_of_the_package_is_generated(tmp_path: Path) -> None:
     store = Store.open(tmp_path / "data/push_button/full/fast.zarr")
     assert len(store) == 5 and store.steps == sum(row["steps"] for row in rows)
     assert "Push Button" in (tmp_path / "tables/tasks.md").read_text()
+
+
+@pytest.mark.slow
+def test_the_laws_are_held_to_a_task_outside_of_the_package(tmp_path: Path) -> None:
+    """One is broken, as the document says."""
+    run = subprocess.run(
+        [
+            *(sys.executable, "-m", "rf_exp.laws", f"hydra.searchpath=[file://{HERE / 'conf'}]"),
+            *("task=push_button", "render=false", f"out={tmp_path}"),
+        ],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    said = [line for line in run.stdout.splitlines() if line.startswith("push_button: ")]
+    assert len(said) == sum(not law.pictures for law in LAWS), run.stdout + run.stderr
+    (broken,) = (line.split(": ", 2)[2] for line in said if not line.endswith(": holds"))
+    assert run.returncode == 1
+    text = (ROOT / "docs/adding_a_task.md").read_text("utf-8")
+    assert f'"{broken}"' in " ".join(text.split())
 
 
 def test_the_document_shows_the_files_as_they_are() -> None:

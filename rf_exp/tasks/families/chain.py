@@ -60,8 +60,8 @@ def layout(
     eye_m, fov_deg = [0.4, 0.0, 1.3 + 0.12 * arms], 38.0 + 2.0 * arms
     seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": fov_deg}}
     for agent, (each, y_m) in enumerate(zip(side, along, strict=True), start=1):
-        eye_m, target_m = [-0.42 * each, y_m, 0.66], [0.06 * each, y_m, 0.08]
-        seen[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 58.0}
+        eye_m, target_m = [-0.42 * each, y_m, 0.68], [0.2 * each, y_m, 0.1]
+        seen[f"agent{agent}"] = {"eye_m": eye_m, "target_m": target_m, "fov_deg": 66.0}
     limit = step_limit["first"] + arms * step_limit["each_arm"] + things * step_limit["each_thing"]
     return {"robots": robots, "objects": objects, "cameras": seen, "step_limit": limit}
 
