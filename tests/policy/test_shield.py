@@ -315,7 +315,7 @@ def wild(task: Task, agent: int) -> Predict:
         goal = None
         while goal is None:
             tcp = hands[agent - 1].copy()
-            part = rng.uniform(0, 0.7)
+            part = rng.uniform(0, 0.9)
             tcp[:2, 3] += part * (others[rng.integers(len(others))] - tcp[:3, 3])[:2]
             tcp[2, 3] = rng.uniform(0.2, 0.35)
             goal = arm.solve(tcp, rest)
