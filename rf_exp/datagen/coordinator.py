@@ -22,9 +22,11 @@ from rf_exp.robots import Arm
 from rf_exp.transforms import placed
 from rf_exp.types import PLANNING, Scene, Subgoal, gripper_of, what_of
 
-COORDINATOR_VERSION = 6  # of what it decides
+COORDINATOR_VERSION = 7  # of what it decides
 AHEAD_STEPS = 30  # of its path that an arm may get on with at once: policies cut corners
 REACHED_STEPS, REACHED_M = 3, 0.005  # this near to the end of a segment an arm has come to its end
+STOOD_STEPS, STOOD_M = 10, 0.02  # or to one where it has to wait, once it has stood still for so long
+STILL_M = 5e-4  # that the hand of an arm that stands still moves in a control step
 SLACK_STEPS = 5  # that others may lack of where the plan has them
 AGAIN_STEPS = 20  # until RoboBrain is asked again when it had no plan
 NEAREST_M = 5e-4  # positions of a path this much farther than the nearest one are as near
@@ -51,6 +53,8 @@ class Coordinator:
         self._knots: list[NDArray[np.int64]] = []
         self._numbers = [np.zeros(1, np.int64) for _ in settings.task.agents]
         self._asked_at, self._at = scene.step, np.zeros(len(settings.task.agents), int)  # path positions
+        self._were = [hand(arm, qpos) for arm, qpos in zip(self._arms, scene.qpos, strict=True)]  # the hands
+        self._stood = [0] * len(self._arms)  # control steps
         self._next(scene)
 
     def _next(self, scene: Scene) -> None:
@@ -96,20 +100,27 @@ class Coordinator:
     def _followed(self, k: int, qpos: NDArray[np.float64], gripper: float) -> int:
         """Where on its path an agent is now."""
         at, path, knots = int(self._at[k]), self._paths[k], self._knots[k]
+        now = hand(self._arms[k], qpos)
+        moved_m = np.linalg.norm(now - self._were[k], axis=-1).mean()
+        self._were[k], self._stood[k] = now, self._stood[k] + 1 if moved_m < STILL_M else 0
         ahead = path[at : at + AHEAD_STEPS + 1]
         alike = (gripper_of(ahead) > 0) == (gripper > 0)
         if not alike[0]:  # told earlier, or later, than the plan has it
             return at + int(np.argmax(alike))
         if not alike.all():  # a gripper has to change before its arm gets on with what is behind that
             ahead = ahead[: int(np.argmin(alike))]
-        away = self._hands[k][at : at + len(ahead)] - hand(self._arms[k], qpos)
+        away = self._hands[k][at : at + len(ahead)] - now
         off_m = np.linalg.norm(away, axis=-1).mean(axis=-1)
         near = at + int(np.flatnonzero(off_m <= off_m.min() + NEAREST_M)[-1])
         end = int(knots[np.searchsorted(knots, near)])
         if end >= at + len(ahead):
             return near
         # A motion ends slowly: who hangs back by millimetres under a load lacks more than a few steps.
-        return end if end - near <= REACHED_STEPS or off_m[end - at] <= REACHED_M else near
+        if end - near <= REACHED_STEPS or off_m[end - at] <= REACHED_M:
+            return end
+        # One that is disturbed waits a little beside where it has to.
+        waits = np.count_nonzero(self._positions[:, k] == end) > 1 and self._stood[k] >= STOOD_STEPS
+        return end if waits and off_m[end - at] <= STOOD_M else near
 
     def _free(self, k: int) -> bool:
         """Whether an agent that stands between two segments may begin the next."""

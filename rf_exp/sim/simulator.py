@@ -166,7 +166,7 @@ class Simulator:
     def fling(self, name: str, velocity_m_s: Sequence[float]) -> None:
         """Give a loose object a velocity (3,) in the world, as if somebody had thrown it."""
         body = self._loaded.bodies[name].find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
-        if body is None:
+        if not isinstance(body, sapien.physx.PhysxRigidDynamicComponent):
             raise ArgumentError(f"{name!r} is fixed to the table and cannot be flung")
         body.set_linear_velocity(list(velocity_m_s))
 
