@@ -25,6 +25,7 @@ from rf_exp.tasks import (
     Task,
     Variation,
     drawn_of,
+    families,
     labels,
     named_task,
     read_task,
@@ -240,7 +241,9 @@ def find_task(task: str | Path | Task) -> Task:
         return found
     path = Path(task)
     if path.suffix != ".yaml":
-        raise choices("task", str(task), (*configured(), "the path of a task's YAML file"))
+        raise choices(
+            "task", str(task), (*configured(), *families(CONFIGURED), "the path of a task's YAML file")
+        )
     if not path.is_file():
         raise ArgumentError(f"task {str(task)!r}: there is no such file")
     return read_task(path)

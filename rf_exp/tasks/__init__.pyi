@@ -9,6 +9,7 @@ from .task.configuration import read_task as read_task
 from .task.configuration import read_variation as read_variation
 from .task.configuration import stored_task as stored_task
 from .task.family import COUNTED as COUNTED
+from .task.family import families as families
 from .task.family import is_family as is_family
 from .task.family import parsed as parsed
 from .task.specs import TABLE_CENTRE_M as TABLE_CENTRE_M

@@ -122,6 +122,8 @@ def test_an_episode_is_cut_off_after_the_step_limit() -> None:
     assert CentralEnv("pick_meat").task.step_limit == read_task("pick_meat").step_limit == 144
     several = parallel_env("lift_barrier", step_limit=1)
     several.reset(seed=0)
+    for agent in several.agents:
+        several.action_space(agent).seed(0)
     actions = {agent: several.action_space(agent).sample() for agent in several.agents}
     _, _, ended, cut_off, _ = several.step(actions)
     assert not several.agents and not any(ended.values()) and all(cut_off.values())

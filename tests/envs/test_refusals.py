@@ -20,7 +20,11 @@ from rf_exp.errors import ArgumentError
         (lambda: Observations(width=5), "picture.width is 5; possible are 16 to 2048 pixels"),
         (lambda: Observations(state="none"), "nothing is observed; expected state, pictures, depth"),
         (lambda: Observations(calibration=True), "calibration is observed, and no camera is"),
-        (lambda: CentralEnv("lift_barier"), "unknown task 'lift_barier'; available: camera_alignment, lift"),
+        (
+            lambda: CentralEnv("lift_barier"),
+            "unknown task 'lift_barier'; available: camera_alignment, chain, ",
+        ),
+        (lambda: CentralEnv("ring_9x1"), "task 'ring': arms is 9; expected 1 to 8"),
         (lambda: register("no/such.yaml"), "task 'no/such.yaml': there is no such file"),
         (lambda: CentralEnv("pick_meat", step_limit=0), "step_limit is 0; expected at least 1 control step"),
         (
