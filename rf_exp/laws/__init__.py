@@ -1,37 +1,27 @@
-"""The laws of the suite, held to tasks: a line a law, that it holds or where it is broken.
+"""The laws of the suite: what has to hold of every task in simulation, and where it is broken.
 
-python -m rf_exp.laws task=lift_barrier
-python -m rf_exp.laws task=ring arms=6
-python -m rf_exp.laws "hydra.searchpath=[file://$PWD/tests/tutorial/conf]" task=push_button
-
-Takes the keys of `python -m rf_exp.run`. With render=false the laws of pictures are left out. A law that is
-broken ends the command with code 1. The tests hold every task in `conf/task/` to the same laws.
+The command holds tasks to them, the tests every task in `conf/task/`.
 """
 
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from omegaconf import DictConfig
 
-from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.constraints import RoboChecker
 from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
 from rf_exp.datagen.brain import ScriptedSpec
-from rf_exp.errors import ArgumentError, StageError
-from rf_exp.experiment import read_experiment
-from rf_exp.gallery.performance import play
+from rf_exp.errors import ArgumentError
+from rf_exp.gallery import play
 from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swept, nearest
-from rf_exp.progress import console
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
 from rf_exp.types import ConstraintSet, Scene
 
-WIDTH_PX, HEIGHT_PX = 320, 240
+WIDTH_PX, HEIGHT_PX = 320, 240  # of pictures that laws are about
 RESTING_M = 5e-4  # by so much things that lie on one another may overlap at the start
 STILL_STEPS, STILL_M_S, STILL_M = 40, 2e-3, 5e-4
 RANDOM_EPISODES, RANDOM_STEPS = 10, 40
@@ -315,26 +305,3 @@ LAWS = (
         "each agent sees its gripper and its object whenever it matters", agents_see_their_work, pictures=True
     ),
 )
-
-register_all_tasks()
-
-
-@composed("laws")
-def main(config: DictConfig) -> None:
-    """One job: every chosen task, one law after the other."""
-    experiment = read_experiment(settled(config))
-    broken = 0
-    for task in experiment.tasks:
-        for law in LAWS:
-            if law.pictures and not experiment.pictures.render:
-                continue
-            with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
-                found = list(law.broken(world))
-            broken += bool(found)
-            console.print(f"{task.name}: {law.says}: {'holds' if not found else '; '.join(found)}")
-    if broken:
-        raise StageError(f"{broken} laws are broken; where is said above")
-
-
-if __name__ == "__main__":
-    sys.exit(guarded(main))

@@ -1,0 +1,43 @@
+"""The laws of the suite, held to tasks: a line a law, that it holds or where it is broken.
+
+python -m rf_exp.laws task=lift_barrier
+python -m rf_exp.laws task=ring arms=6
+python -m rf_exp.laws "hydra.searchpath=[file://$PWD/tests/tutorial/conf]" task=push_button
+
+Takes the keys of `python -m rf_exp.run`. With render=false the laws of pictures are left out. A law that is
+broken ends the command with code 1.
+"""
+
+import sys
+
+from omegaconf import DictConfig
+
+from rf_exp.command import composed, guarded, register_all_tasks, settled
+from rf_exp.errors import StageError
+from rf_exp.experiment import read_experiment
+from rf_exp.laws import HEIGHT_PX, LAWS, WIDTH_PX
+from rf_exp.progress import console
+from rf_exp.sim import Simulator
+
+register_all_tasks()
+
+
+@composed("laws")
+def main(config: DictConfig) -> None:
+    """One job: every chosen task, one law after the other."""
+    experiment = read_experiment(settled(config))
+    broken = 0
+    for task in experiment.tasks:
+        for law in LAWS:
+            if law.pictures and not experiment.pictures.render:
+                continue
+            with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
+                found = list(law.broken(world))
+            broken += bool(found)
+            console.print(f"{task.name}: {law.says}: {'holds' if not found else '; '.join(found)}")
+    if broken:
+        raise StageError(f"{broken} laws are broken; where is said above")
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))
