@@ -4,7 +4,7 @@ from math import dist
 
 from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import below, every, height_m, holders, near, on, released, set_down
+from rf_exp.tasks.predicates import holders, near, on, on_goal, released, set_down
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.transforms import Matrix, planar
 from rf_exp.types import Condition, Scene, Subgoal
@@ -53,15 +53,13 @@ def _with_giver(scene: Scene, task: Task, cube: str) -> bool:
 def _stacked(scene: Scene, task: Task) -> tuple[Condition, Condition]:
     """Whether the blue cube lies on the goal, and the red one on it."""
     limits = task.success
-    down = below(height_m(scene, "blue"), limits["above_m"], "m")
-    on_goal = every((near(scene, "blue", "goal", limits["goal_m"]), down))
-    return on_goal, on(scene, task, "red", "blue", limits["beside_m"])
+    return on_goal(scene, "blue", "goal", limits), on(scene, task, "red", "blue", limits["beside_m"])
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Blue on the goal, red on blue, both level, let go by everybody and at rest."""
-    on_goal, on_blue = _stacked(scene, task)
-    return {"blue on the goal": on_goal, "red on blue": on_blue, **set_down(scene, LANES, task.success)}
+    there, on_blue = _stacked(scene, task)
+    return {"blue on the goal": there, "red on blue": on_blue, **set_down(scene, LANES, task.success)}
 
 
 def paper(scene: Scene, start: Scene, task: Task) -> bool:

@@ -2,7 +2,7 @@
 
 from rf_exp.statements import ContactAt, Direction, Proposal, SameHeight, Together, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import above, height_m, holders, risen_m, still, upright
+from rf_exp.tasks.predicates import height_m, holders, raised, risen_m
 from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
@@ -35,12 +35,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Both arms hold the barrier, it is up, level and at rest."""
-    limits = task.success
     return {
         "held by both arms": holders(scene, "barrier") == task.agents,
-        "lifted": above(risen_m(scene, start, "barrier"), limits["lift_m"], "m"),
-        "level": upright(scene, "barrier", limits["level_deg"]),
-        "at rest": still(scene, "barrier", limits["still_m_s"]),
+        **raised(scene, start, "barrier", task.success),
     }
 
 

@@ -126,6 +126,27 @@ def set_down(scene: Scene, names: Iterable[str], limits: Mapping[str, float]) ->
     }
 
 
+def raised(scene: Scene, start: Scene, name: str, limits: Mapping[str, float]) -> dict[str, Condition]:
+    """Conditions of a thing that is held up: above where it started, level, at rest.
+
+    Reads `lift_m`, `level_deg` and `still_m_s` of the task's thresholds.
+    """
+    return {
+        "lifted": above(risen_m(scene, start, name), limits["lift_m"], "m"),
+        "level": upright(scene, name, limits["level_deg"]),
+        "at rest": still(scene, name, limits["still_m_s"]),
+    }
+
+
+def on_goal(scene: Scene, name: str, goal: str, limits: Mapping[str, float]) -> Measured:
+    """Whether the object lies on the table at a mark.
+
+    Reads `goal_m` and `above_m` of the task's thresholds.
+    """
+    down = below(height_m(scene, name), limits["above_m"], "m")
+    return every((near(scene, name, goal, limits["goal_m"]), down))
+
+
 def near(scene: Scene, name: str, target: str, within_m: float) -> Measured:
     """Whether the object is that near to another one, seen from above."""
     return below(distance_xy_m(scene.poses[name], scene.poses[target]), within_m, "m")

@@ -2,7 +2,7 @@
 
 from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
+from rf_exp.tasks.predicates import near, on_goal, released, set_down
 from rf_exp.tasks.shared import striking
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Condition, Scene, Subgoal
@@ -27,8 +27,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def _on_goal(scene: Scene, task: Task) -> Condition:
-    down = below(height_m(scene, "cube"), task.success["above_m"], "m")
-    return every((near(scene, "cube", "goal", task.success["goal_m"]), down))
+    return on_goal(scene, "cube", "goal", task.success)
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:

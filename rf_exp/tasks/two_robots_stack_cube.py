@@ -2,7 +2,7 @@
 
 from rf_exp.statements import Proposal, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import below, every, height_m, holders, near, on, released, set_down
+from rf_exp.tasks.predicates import holders, near, on, on_goal, released, set_down
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -26,8 +26,7 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 
 def _on_goal(scene: Scene, task: Task) -> Condition:
-    down = below(height_m(scene, "blue"), task.success["above_m"], "m")
-    return every((near(scene, "blue", "goal", task.success["goal_m"]), down))
+    return on_goal(scene, "blue", "goal", task.success)
 
 
 def _on_blue(scene: Scene, task: Task) -> Condition:

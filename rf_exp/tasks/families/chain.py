@@ -6,11 +6,11 @@ from typing import Any
 
 from rf_exp.statements import Before, Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
+from rf_exp.tasks.predicates import every, on_goal, released, set_down
 from rf_exp.tasks.shared import circle
 from rf_exp.tasks.shared.relay import deliver, remaining
 from rf_exp.transforms import Matrix, planar
-from rf_exp.types import Condition, Measured, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -44,18 +44,8 @@ def layout(
         goal = {"asset": "goal", "options": {"radius_m": goal_m["radius"]}}
         objects[f"goal{k + 1}"] = {**goal, "x_m": side[-1] * (across_m - goal_m["forward"]), "y_m": y_m}
     for k in range(things):
-        x_m, y_m, by_m = (
-            side[0] * (across_m - start_m["forward"]),
-            along[0] - k * start_m["apart"],
-            start_m["jitter"],
-        )
-        objects[f"cube{k + 1}"] = {
-            "asset": "cube",
-            "options": {"colour": circle.COLOURS[k % len(circle.COLOURS)]},
-            "x_m": [x_m - by_m, x_m + by_m],
-            "y_m": [y_m - by_m, y_m + by_m],
-            "yaw_deg": [-180.0, 180.0],
-        }
+        x_m, y_m = side[0] * (across_m - start_m["forward"]), along[0] - k * start_m["apart"]
+        objects[f"cube{k + 1}"] = circle.cube_at(x_m, y_m, start_m["jitter"], k)
     # The longer the row, the farther off and the wider.
     eye_m, fov_deg = [0.4, 0.0, 1.3 + 0.12 * arms], 38.0 + 2.0 * arms
     seen: dict[str, Any] = {"global": {"eye_m": eye_m, "target_m": [0.0, 0.0, 0.1], "fov_deg": fov_deg}}
@@ -83,7 +73,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
     subgoals: list[Subgoal] = []
     constraints: list[Statement] = []
     under_way = [
-        each for each in _things(task) if not _there(scene, task, *each) or not released(scene, each)
+        (cube, goal)
+        for cube, goal in _things(task)
+        if not on_goal(scene, cube, goal, task.success) or not released(scene, [cube])
     ]
     chains = {cube: remaining(scene, task, cube, task.agents) for cube, _ in under_way}
     for cube, goal in under_way:
@@ -98,14 +90,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
     return Proposal(tuple(subgoals), (*grasping(subgoals), *constraints, *keep_clear(task.agents)))
 
 
-def _there(scene: Scene, task: Task, cube: str, goal: str) -> Measured:
-    down = below(height_m(scene, cube), task.success["above_m"], "m")
-    return every((near(scene, cube, goal, task.success["goal_m"]), down))
-
-
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each thing is on its goal, upright, let go and at rest."""
-    there = every(_there(scene, task, *each) for each in _things(task))
+    there = every(on_goal(scene, cube, goal, task.success) for cube, goal in _things(task))
     return {
         "things on their goals": there,
         **set_down(scene, [cube for cube, _ in _things(task)], task.success),

@@ -4,7 +4,7 @@ from typing import Any
 
 from rf_exp.statements import Proposal, SameHeight, Together, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import above, holders, risen_m, still, upright
+from rf_exp.tasks.predicates import holders, raised, risen_m
 from rf_exp.tasks.shared import circle
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -27,13 +27,7 @@ def layout(
         "yaw_deg": [-jitter_deg, jitter_deg],
     }
     frame = {"asset": "frame", "options": {"grips": arms}, **ranges}
-    seen = circle.cameras(arms, radius_m)
-    return {
-        "robots": circle.robots(arms, radius_m),
-        "objects": {"frame": frame},
-        "cameras": seen,
-        "step_limit": step_limit,
-    }
+    return {**circle.around(arms, radius_m), "objects": {"frame": frame}, "step_limit": step_limit}
 
 
 def plan(scene: Scene, task: Task) -> Proposal:
@@ -50,12 +44,9 @@ def plan(scene: Scene, task: Task) -> Proposal:
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """All arms hold the frame, it is up, level and at rest."""
-    limits = task.success
     return {
         "held by all arms": holders(scene, "frame") == task.agents,
-        "lifted": above(risen_m(scene, start, "frame"), limits["lift_m"], "m"),
-        "level": upright(scene, "frame", limits["level_deg"]),
-        "at rest": still(scene, "frame", limits["still_m_s"]),
+        **raised(scene, start, "frame", task.success),
     }
 
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from rf_exp.statements import Proposal, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import below, every, height_m, near, released, set_down
+from rf_exp.tasks.predicates import every, on_goal, released, set_down
 from rf_exp.tasks.shared import circle
 from rf_exp.tasks.shared.placing import fetch
-from rf_exp.types import Condition, Measured, Scene, Subgoal
+from rf_exp.types import Condition, Scene, Subgoal
 
 VERSION = "1"
 PLAN_VERSION = "1"
@@ -33,8 +33,7 @@ def layout(
     for arm, k in product(range(1, arms + 1), range(things)):
         objects[f"cube{arm}_{k + 1}"] = circle.cube(arm, arms, k, things, radius_m, **start)
     limit = step_limit["first"] + things * step_limit["each"]
-    seen = circle.cameras(arms, radius_m)
-    return {"robots": circle.robots(arms, radius_m), "objects": objects, "cameras": seen, "step_limit": limit}
+    return {**circle.around(arms, radius_m), "objects": objects, "step_limit": limit}
 
 
 def _pairs(task: Task) -> list[tuple[int, str, str]]:
@@ -48,20 +47,15 @@ def plan(scene: Scene, task: Task) -> Proposal:
     """Every arm brings its things to their spots, one after the other."""
     subgoals: list[Subgoal] = []
     for agent, cube, goal in _pairs(task):
-        if not _there(scene, task, cube, goal) or not released(scene, [cube]):
+        if not on_goal(scene, cube, goal, task.success) or not released(scene, [cube]):
             subgoals += fetch(agent, cube, goal, "middle")
     return Proposal(tuple(subgoals), (*grasping(subgoals), *keep_clear(task.agents)) if subgoals else ())
 
 
-def _there(scene: Scene, task: Task, cube: str, goal: str) -> Measured:
-    down = below(height_m(scene, cube), task.success["above_m"], "m")
-    return every((near(scene, cube, goal, task.success["goal_m"]), down))
-
-
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
     """Each thing is on its spot, upright, let go and at rest."""
-    pairs = list(_pairs(task))
-    there = every(_there(scene, task, cube, goal) for _, cube, goal in pairs)
+    pairs = _pairs(task)
+    there = every(on_goal(scene, cube, goal, task.success) for _, cube, goal in pairs)
     return {"things on their spots": there, **set_down(scene, [cube for _, cube, _ in pairs], task.success)}
 
 

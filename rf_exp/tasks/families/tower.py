@@ -35,8 +35,7 @@ def layout(
     for k, arm in product(range(things), range(1, arms + 1)):
         objects[f"cube{arm}_{k + 1}"] = circle.cube(arm, arms, k, things, radius_m, **start)
     limit = step_limit["first"] + arms * things * step_limit["each"]
-    seen = circle.cameras(arms, radius_m)
-    return {"robots": circle.robots(arms, radius_m), "objects": objects, "cameras": seen, "step_limit": limit}
+    return {**circle.around(arms, radius_m), "objects": objects, "step_limit": limit}
 
 
 def _stack(task: Task) -> stacking.Stack:

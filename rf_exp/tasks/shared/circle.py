@@ -52,6 +52,11 @@ def cameras(arms: int, radius_m: float) -> Mapping[str, Any]:
     return seen
 
 
+def around(arms: int, radius_m: float) -> dict[str, Any]:
+    """The robots and cameras of a task."""
+    return {"robots": robots(arms, radius_m), "cameras": cameras(arms, radius_m)}
+
+
 def cube(
     arm: int,
     arms: int,
@@ -64,11 +69,15 @@ def cube(
 ) -> dict[str, Any]:
     """The k-th of the cubes that lie side by side before an arm; each starts up to `jitter_m` off."""
     placed = before(arm, arms, radius_m, forward_m, ((things - 1) / 2 - k) * apart_m)
-    ranges = {
-        axis: [placed[axis] - jitter_m / things, placed[axis] + jitter_m / things] for axis in ("x_m", "y_m")
-    }
-    colour = COLOURS[(arm + k - 1) % len(COLOURS)]
-    return {"asset": "cube", "options": {"colour": colour}, **ranges, "yaw_deg": [-180.0, 180.0]}
+    # The more things, the less room each has.
+    return cube_at(placed["x_m"], placed["y_m"], jitter_m / things, arm + k - 1)
+
+
+def cube_at(x_m: float, y_m: float, off_m: float, colour: int) -> dict[str, Any]:
+    """A cube that starts up to `off_m` beside a place, however it is turned."""
+    ranges = {"x_m": [x_m - off_m, x_m + off_m], "y_m": [y_m - off_m, y_m + off_m]}
+    options = {"colour": COLOURS[colour % len(COLOURS)]}
+    return {"asset": "cube", "options": options, **ranges, "yaw_deg": [-180.0, 180.0]}
 
 
 def number(name: str) -> tuple[int, str]:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from rf_exp.statements import Proposal, Statement, Step, grasping, keep_clear
 from rf_exp.tasks import Task
-from rf_exp.tasks.predicates import below, every, height_m, near, on, released, set_down
+from rf_exp.tasks.predicates import on, on_goal, released, set_down
 from rf_exp.tasks.shared.placing import fetch, in_turn
 from rf_exp.types import Condition, Scene, Subgoal
 
@@ -35,8 +35,7 @@ def plan(scene: Scene, task: Task, stack: Stack) -> Proposal:
 def standing(scene: Scene, task: Task, names: Sequence[str]) -> list[Condition]:
     """Which of the cubes lies where it belongs: the first on the goal, the others on the one below."""
     limits = task.success
-    down = below(height_m(scene, names[0]), limits["above_m"], "m")
-    bottom = every((near(scene, names[0], "goal", limits["goal_m"]), down))
+    bottom = on_goal(scene, names[0], "goal", limits)
     return [bottom, *(on(scene, task, top, bearer, limits["beside_m"]) for bearer, top in pairwise(names))]
 
 
