@@ -185,6 +185,7 @@ HELPED = {
     "data": "COMMAND --help",
     "doctor": "what this machine can do",
     "ablation": "folder with results/",
+    "laws": "a line a law for each chosen task",
     "tasks.assets": "one of barrier, camera",
 }
 
