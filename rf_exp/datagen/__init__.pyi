@@ -1,4 +1,5 @@
 from . import brain as brain
+from .allocation import allocated as allocated
 from .coordinator import COORDINATOR_VERSION as COORDINATOR_VERSION
 from .coordinator import Coordinator as Coordinator
 from .driving import as_commanded as as_commanded

@@ -9,6 +9,7 @@ import numpy as np
 
 from rf_exp.constraints import CheckedPlan, Paths, RoboChecker, slowed
 from rf_exp.coordination import Delays
+from rf_exp.datagen.allocation import allocated
 from rf_exp.datagen.brain import BadAnswer, Brain, BrainSpec, Question, from_json
 from rf_exp.datagen.motion.planner import Motions, in_turn, plan_motion
 from rf_exp.datagen.motion.state import Unreachable
@@ -109,8 +110,11 @@ class Planner:
         task, constraint_set = self._settings.task, self._settings.constraint_set
         try:
             proposal = from_json(self._brain.answer(question), task)
+            proposal = allocated(proposal, task, scene, self._settings.limits)
         except BadAnswer as error:
             return _refused(CheckName.BRAIN, scene, error)
+        except Unreachable as error:
+            return _no_motion(scene, error)
         if not proposal.subgoals:
             return None
         # Without a model of time agents take turns as they are listed; with one that must say nothing.
@@ -161,10 +165,8 @@ class Planner:
                 rng=rng,
             )
         except Unreachable as error:
-            about = {"cause": error.cause, "agents": error.agents, **error.facts}
-            if error.blockage is not None:
-                about |= obstacles.how_near(error.blockage)
-            return Violation(check=CheckName.MOTION, time_s=scene.time_s, **about)
+            near = {} if error.blockage is None else obstacles.how_near(error.blockage)
+            return _no_motion(scene, error, **near)
         trajectories = motions.trajectories
         if checker.speeds_m_s:
             trajectories = slowed(trajectories, PlanningScene(settings.task, scene).arms, checker.speeds_m_s)
@@ -205,6 +207,11 @@ def _pauses(
             if rng.random() < PAUSES and knot not in amid:
                 found[trajectory.agent, knot] = int(rng.integers(1, longest + 1))
     return found
+
+
+def _no_motion(scene: Scene, error: Unreachable, **near: Any) -> Violation:
+    about = {"cause": error.cause, "agents": error.agents, **error.facts, **near}
+    return Violation(check=CheckName.MOTION, time_s=scene.time_s, **about)
 
 
 def _refused(check: CheckName, scene: Scene, error: Exception) -> Violation:

@@ -137,6 +137,7 @@ class Finding(StrEnum):
         "move one of them"
     )
     NO_PATH = "finds no free path: {a} cannot {first}: no free path{how_near}"
+    NOBODY = "is in nobody's reach: none of {agents} can {first}: out of reach"
     OUT_OF_REACH = "is out of reach: {a} cannot {first}: out of reach"
     TOO_HIGH = "does not reach that high: {a} cannot {first}: the arm does not reach that high"
     NO_RETREAT = "cannot retreat: {a} cannot retreat after letting go of {object}"
@@ -264,8 +265,8 @@ class Violation(Found):
 
 
 def agent_name(agent: int) -> str:
-    """`Agent_1`, as the paper writes it."""
-    return f"Agent_{agent}"
+    """`Agent_1`, as the paper writes it; `Anybody` where any may do it."""
+    return f"Agent_{agent}" if agent else "Anybody"
 
 
 def names(agents: tuple[int, ...]) -> str:

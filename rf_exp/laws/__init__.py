@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.constraints import RoboChecker
-from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings
+from rf_exp.datagen import EpisodeMaker, NullObserver, Planned, Settings, Unreachable, allocated
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError
 from rf_exp.gallery import play
@@ -19,7 +19,7 @@ from rf_exp.geometry import AGENT_MARGIN_M, OBJECT_MARGIN_M, PlanningScene, Swep
 from rf_exp.sim import Limited, Simulator
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import from_axes
-from rf_exp.types import ConstraintSet, Scene
+from rf_exp.types import ANYBODY, ConstraintSet, Scene
 
 WIDTH_PX, HEIGHT_PX = 320, 240  # of pictures that laws are about
 RESTING_M = 5e-4  # by so much things that lie on one another may overlap at the start
@@ -124,7 +124,7 @@ def plans_name_what_exists(world: Simulator) -> Broken:
     scene = task.start(3).scene
     proposal, places = task.module.plan(scene, task), task.places(scene)
     for subgoal in proposal.subgoals:
-        if subgoal.agent not in task.agents:
+        if subgoal.agent not in (*task.agents, ANYBODY):
             yield f"{subgoal.text}: there is no agent {subgoal.agent}"
         elif subgoal.object is not None and subgoal.object not in task.objects:
             yield f"{subgoal.text}: there is no object {subgoal.object}"
@@ -133,8 +133,9 @@ def plans_name_what_exists(world: Simulator) -> Broken:
         elif subgoal.target is not None and subgoal.target not in {*task.objects, *places}:
             yield f"{subgoal.text}: there is neither an object nor a place {subgoal.target}"
     try:
-        RoboChecker(task, proposal, ConstraintSet("full"))
-    except ArgumentError as error:
+        limits = Settings.configured(task, ConstraintSet("full"), ScriptedSpec()).limits
+        RoboChecker(task, allocated(proposal, task, scene, limits), ConstraintSet("full"))
+    except (ArgumentError, Unreachable) as error:
         yield str(error)
 
 

@@ -23,6 +23,7 @@ from .choices import Texture as Texture
 from .choices import TextureKind as TextureKind
 from .choices import TextureSet as TextureSet
 from .choices import camera_names as camera_names
+from .motion import ANYBODY as ANYBODY
 from .motion import Schedule as Schedule
 from .motion import Segment as Segment
 from .motion import Subgoal as Subgoal

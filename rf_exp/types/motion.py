@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from rf_exp.findings import Doing
 
+ANYBODY = 0  # in the place of the number of an agent
+
 
 @dataclass(frozen=True)
 class Subgoal:
     """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
 
-    agent: int
+    agent: int  # from 1; ANYBODY: who is chosen when it is planned
     verb: str  # grasp lift carry place strike press release home aside hold
     object: str | None = None
     point: str | None = None  # interaction point of `object`

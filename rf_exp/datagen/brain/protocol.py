@@ -32,7 +32,7 @@ from rf_exp.findings import Violation
 from rf_exp.statements import Proposal, Statement, agent_name, read_subgoal, understood
 from rf_exp.tasks import Task
 from rf_exp.texts import printable
-from rf_exp.types import ConstraintSet, Kind, Scene, Subgoal
+from rf_exp.types import ANYBODY, ConstraintSet, Kind, Scene, Subgoal
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _COMMENTS = (  # keys under which a model says why it answers so
@@ -355,7 +355,9 @@ def from_json(text: str, task: Task) -> Proposal:
 
 
 def agent_number(name: str, task: Task) -> int:
-    """`Agent_2` -> 2. Raises BadAnswer for an agent that is not in the task."""
+    """`Agent_2` -> 2, `Anybody` -> 0. Raises BadAnswer for an agent that is not in the task."""
+    if plain(name) == plain(agent_name(ANYBODY)):
+        return ANYBODY
     match = re.fullmatch(r"agent[_ ]?(\d{1,2})", name.strip(), re.IGNORECASE)
     if match is None or int(match[1]) not in task.agents:
         known = ", ".join(map(agent_name, task.agents))

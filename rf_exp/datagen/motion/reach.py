@@ -99,6 +99,40 @@ class Reach:
         cause, finding = (Cause.SPACE, Finding.NO_PATH) if no_path else (Cause.REACH, Finding.OUT_OF_REACH)
         raise Unreachable(cause, finding, (agent,), subgoals=(what,))
 
+    def estimated_s(
+        self, agent: int, tiers: Tiers, standoff_m: float, state: State, look_ahead: LookAhead
+    ) -> float:
+        """About how long the soonest of the goals of `timed` takes, and what comes next; infinite: none can.
+
+        Of the first tier with any that can be reached.
+        """
+        before = state.qpos[agent][None]
+        for tier in tiers:
+            least_s = np.inf
+            approaches, more_s = self._approaches(agent, before, tier, standoff_m, False, look_ahead)
+            for each in sorted(approaches.estimated(look_ahead.rest_rad), key=lambda each: each.takes_s):
+                if each.takes_s >= least_s:
+                    break
+                least_s = min(least_s, each.takes_s + more_s(each.goal, each.points))
+            if np.isfinite(least_s):
+                return least_s
+        return np.inf
+
+    def _approaches(
+        self,
+        agent: int,
+        before: Points,
+        tier: Sequence[Matrix],
+        standoff_m: float,
+        down: bool,
+        look_ahead: LookAhead,
+    ) -> tuple[Approaches, Callable[[int, Points], float]]:
+        """Approaches to the goals of a tier, and what comes after one."""
+        goals = np.stack(tier)
+        pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
+        approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
+        return approaches, look_ahead.after(goals)
+
     def _straight_lines(
         self, agent: int, up: Points, tiers: Tiers, standoff_m: float, down: bool, look_ahead: LookAhead
     ) -> Iterator[Points]:
@@ -109,11 +143,8 @@ class Reach:
         """
         last = []
         for tier in tiers:
-            goals = np.stack(tier)
-            pregrasps = above(goals, standoff_m) if down else goals @ transform((0.0, 0.0, -standoff_m))
             before = up[[0, -1]] if len(up) > 1 else up
-            approaches = Approaches(self.arms[agent], self.limits, pregrasps, goals, before)
-            more_s = look_ahead.after(goals)
+            approaches, more_s = self._approaches(agent, before, tier, standoff_m, down, look_ahead)
             # What comes next is worked out only where the way alone takes no longer than all of another one.
             open_ = [
                 (round(each.takes_s, 6), number, False, each)

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.reach import CLEARANCE_M, above, contacts
+from rf_exp.datagen.motion.reach import CLEARANCE_M, Tiers, above, contacts
 from rf_exp.datagen.motion.request import Request, ends, once_grasped, once_placed, support
 from rf_exp.datagen.motion.state import Blockage, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
@@ -20,11 +20,13 @@ from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
 from rf_exp.statements import VERBS
+from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
 from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment
 
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 RETREAT_M = 0.08
+FAR_M = 0.3  # from the middle of a thing to where it can be met, at most
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
 T = TypeVar("T")
@@ -49,12 +51,11 @@ def grasp(request: Request, state: State) -> Motion:
         if state.held[agent][0] == name:
             return (), state
         raise Unreachable(Cause.GRIP, Finding.HOLDS_OTHER, (agent,), object=state.held[agent][0])
-    point = request.task.asset(name).points[_required(request.subgoal.point)]
+    point, tiers = _met(request, state)
     touches = frozenset({name})
-    goals = contacts(state.poses[name], point)
     points = request.reach.timed(
         agent,
-        [[goal @ tip for goal in goals] for tip in _tips(point.tip_deg)],
+        tiers,
         point.standoff_m,
         state,
         touches,
@@ -111,12 +112,11 @@ def release(request: Request, state: State) -> Motion:
 
 def press(request: Request, state: State) -> Motion:
     name = _required(request.subgoal.object)
-    point = request.task.asset(name).points[_required(request.subgoal.point)]
-    goals = contacts(state.poses[name], point)
+    point, tiers = _met(request, state)
     touches = frozenset({name})
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
     what = f"press {name} at {request.subgoal.point}"
-    points = request.reach.timed(request.agent, [goals], point.standoff_m, state, touches, what)
+    points = request.reach.timed(request.agent, tiers, point.standoff_m, state, touches, what)
     pressing, state = request.segment("press", points, state, touches)
     return (close, pressing), state
 
@@ -155,6 +155,30 @@ def add_primitive(verb: str, primitive: Primitive) -> None:
     if verb in _PRIMITIVES:
         raise ArgumentError(f"verb {verb!r} has a motion primitive already")
     _PRIMITIVES[verb] = primitive
+
+
+def estimated_s(request: Request, state: State) -> float:
+    """About how long it takes to grasp or press a thing and to do with it what comes next.
+
+    Infinite where the agent cannot reach it, or what comes next, or holds another thing.
+    """
+    name = _required(request.subgoal.object)
+    if state.in_hand(request.agent) - {name}:
+        return np.inf
+    arm = request.reach.arms[request.agent]
+    if np.linalg.norm(state.poses[name][:2, 3] - arm.world_from_base[:2, 3]) > arm.robot.reach_m + FAR_M:
+        return np.inf  # sooner known than by kinematics
+    point, tiers = _met(request, state)
+    look_ahead = once_grasped(request, name, state)
+    return request.reach.estimated_s(request.agent, tiers, point.standoff_m, state, look_ahead)
+
+
+def _met(request: Request, state: State) -> tuple[InteractionPoint, Tiers]:
+    """The point at which the gripper meets the thing of a subgoal, and the TCP poses in which it does."""
+    name = _required(request.subgoal.object)
+    point = request.task.asset(name).points[_required(request.subgoal.point)]
+    goals = contacts(state.poses[name], point)
+    return point, [[goal @ tip for goal in goals] for tip in _tips(point.tip_deg)]
 
 
 def lift_line(request: Request, state: State) -> Points:

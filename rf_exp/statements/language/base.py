@@ -10,7 +10,7 @@ from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import agent_name
 from rf_exp.statements.language.notation import AGENT, NUMBER, Quantity, Vector, object_name, quantity
 from rf_exp.statements.language.verbs import VERBS
-from rf_exp.types import Kind, Subgoal
+from rf_exp.types import ANYBODY, Kind, Subgoal
 
 TABLE = "table"  # what named places lie on
 ZONE_LIMIT_M = 10.0  # no zone reaches farther from the origin
@@ -44,8 +44,8 @@ class Vocabulary:
         return _named(name, self.points)
 
     def agent(self, number: int, where: str) -> int:
-        """The agent of that number. Raises ArgumentError that names those there are."""
-        if number not in self.agents:
+        """The agent of that number, or anybody. Raises ArgumentError that names those there are."""
+        if number not in (*self.agents, ANYBODY):
             raise choices(f"agent in {where}:", agent_name(number), map(agent_name, self.agents))
         return number
 

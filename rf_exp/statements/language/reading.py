@@ -18,7 +18,7 @@ from rf_exp.findings import agent_name
 from rf_exp.statements.language.base import Form, Statement, Vocabulary, Words, kinds
 from rf_exp.statements.language.notation import UNITS, alternatives, compiled, found, object_name, quantity
 from rf_exp.statements.language.verbs import PARTS, VERBS
-from rf_exp.types import Kind, Subgoal
+from rf_exp.types import ANYBODY, Kind, Subgoal
 
 MAX_LENGTH = 300  # characters; a constraint is one sentence
 _LONGEST_RUN = 8  # words in the way within a sentence that are looked for together
@@ -32,6 +32,7 @@ _SEVERAL = re.compile(
     rf"(?! ?(?:{alternatives({unit for known in UNITS.values() for unit in known})})(?!\w))"
 )
 _ONE = re.compile(rf"\b(?:the )?(?:{_AGENTS}|robot arm)[ _-]?(\d{{1,3}})\b")
+_ANYBODY = re.compile(r"\b(?:anybody|anyone|any (?:agent|robot arm|robot|arm))\b")
 _SIDE = re.compile(r"\bthe (\w+?)(?:most|-hand)? (?:agent|robot arm|robot|arm)\b")
 # Words that people often use, and that no statement stands for, with what to say instead.
 _ADVICE = {
@@ -114,7 +115,7 @@ def _normal(words: Sequence[str], vocabulary: Vocabulary) -> str:
     for short, long in _SHORT.items():
         sentence = re.sub(rf"\b{short}\b", long, sentence)
     sentence = _SEVERAL.sub(lambda match: re.sub(r"(\d+)", r"agent_\1", match[1]), sentence)
-    sentence = _ONE.sub(r"agent_\1", sentence)
+    sentence = _ANYBODY.sub(f"agent_{ANYBODY}", _ONE.sub(r"agent_\1", sentence))
 
     def named(match: re.Match[str]) -> str:
         agent = vocabulary.sides.get(match[1])

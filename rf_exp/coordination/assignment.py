@@ -1,0 +1,100 @@
+"""Who does what: jobs to agents, so that the one with most to do has as little as can be.
+
+The least largest load of unrelated machines (R || Cmax in the notation of Graham et al. 1979), as a
+mixed-integer program of HiGHS (`scipy.optimize.milp`), which proves its answer or says how far it may be off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csr_array, hstack, kron, vstack
+
+NODES = 500  # of a search, which is counted and not timed: the answer is the same on every machine
+NEAR = 1e-6  # of a load: differences that say nothing
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Jobs that have been given to agents."""
+
+    agents: tuple[int, ...]  # of each job, from 0
+    largest_s: float  # load of the agent that has most to do
+    bound_s: float  # that of no assignment is smaller, proven
+
+    @property
+    def optimal(self) -> bool:
+        """Whether it is proven that none has a smaller largest load."""
+        return self.largest_s <= self.bound_s * (1 + NEAR) + NEAR
+
+
+def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
+    """Agents for all jobs, or None where one can be done by nobody.
+
+    `takes_s` (J, N) is how long each job takes each agent, infinite where it cannot; `has_s` (N,) what each
+    has to do besides, nothing unless given. Of assignments with the least largest load it is one with the
+    least work of all agents together.
+    """
+    jobs, agents = takes_s.shape
+    has_s = np.zeros(agents) if has_s is None else has_s
+    can = np.isfinite(takes_s)
+    if not can.any(axis=1).all():
+        return None
+    if not jobs:
+        return Assignment((), float(has_s.max()), float(has_s.max()))
+    cost = np.where(can, takes_s, 0.0)
+    # Unknowns: whether job j goes to agent n, all n of a job side by side, and the largest load.
+    once = hstack([kron(np.eye(jobs), np.ones((1, agents))), csr_array((jobs, 1))])
+    loads = np.concatenate([np.diag(row) for row in cost], axis=1)  # (N, J * N)
+    rules = LinearConstraint(
+        vstack([once, hstack([csr_array(loads), csr_array(-np.ones((agents, 1)))])]).tocsr(),
+        np.append(np.ones(jobs), np.full(agents, -np.inf)),
+        np.append(np.ones(jobs), -has_s),
+    )
+
+    def searched(weights: Floats, most_s: float) -> tuple[NDArray[np.int64] | None, float]:
+        """The best (J,) agents that were found with loads up to `most_s`, and the proven bound."""
+        found = milp(
+            c=weights,
+            integrality=np.append(np.ones(jobs * agents), 0),
+            bounds=Bounds(np.zeros(jobs * agents + 1), np.append(can.ravel(), most_s)),
+            constraints=rules,
+            # Presolving prints to the terminal at times, and gains nothing here.
+            options={"presolve": False, "node_limit": NODES, "mip_rel_gap": NEAR / 10},
+        )
+        bound = -np.inf if found.mip_dual_bound is None else float(found.mip_dual_bound)
+        return None if found.x is None else found.x[:-1].reshape(jobs, agents).argmax(axis=1), bound
+
+    def largest_s(chosen: NDArray[np.int64]) -> float:
+        return float(load_s(takes_s, chosen, has_s).max())
+
+    chosen = greedy(takes_s, has_s)
+    soonest, bound_s = searched(np.append(np.zeros(jobs * agents), 1.0), np.inf)
+    if soonest is not None and largest_s(soonest) < largest_s(chosen):
+        chosen = soonest
+    most_s = largest_s(chosen) * (1 + NEAR)
+    least, _ = searched(np.append(cost.ravel(), 0.0), most_s)
+    if least is not None and largest_s(least) <= most_s:
+        chosen = least
+    load = largest_s(chosen)
+    simple_s = max(float(has_s.max()), float(takes_s.min(axis=1).max()))
+    return Assignment(tuple(map(int, chosen)), load, min(max(bound_s, simple_s), load))
+
+
+def load_s(takes_s: Floats, chosen: NDArray[np.integer], has_s: Floats) -> Floats:
+    """(N,) what each agent has to do when jobs go to `chosen` (J,)."""
+    loads_s = has_s.copy()
+    np.add.at(loads_s, chosen, takes_s[np.arange(len(chosen)), chosen])
+    return loads_s
+
+
+def greedy(takes_s: Floats, has_s: Floats) -> NDArray[np.int64]:
+    """(J,) agents: the longest job first, each to the one that is then done soonest."""
+    loads_s, chosen = has_s.copy(), np.zeros(len(takes_s), np.int64)
+    for job in np.argsort(-takes_s.min(axis=1), kind="stable"):
+        chosen[job] = int((loads_s + takes_s[job]).argmin())
+        loads_s[chosen[job]] += takes_s[job, chosen[job]]
+    return chosen

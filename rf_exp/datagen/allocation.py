@@ -1,0 +1,139 @@
+"""Who does what nobody was told to: by reach, the time that it takes, and what everybody has to do.
+
+A plan may leave open who does a job: its subgoals are those of `ANYBODY`. A job is what is done with one
+thing in a row, from the grasp on, or one press. How long a job takes an agent is estimated as for
+look-ahead in planning, from where the agent is now, without what may be in the way; `assign` chooses.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import groupby
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rf_exp.coordination import assign
+from rf_exp.datagen.brain import BadAnswer
+from rf_exp.datagen.motion.planner import present_state
+from rf_exp.datagen.motion.reach import Reach
+from rf_exp.datagen.motion.request import Request, destinations
+from rf_exp.datagen.motion.state import State, Unreachable
+from rf_exp.datagen.motion.verbs import estimated_s
+from rf_exp.findings import Cause, Finding
+from rf_exp.statements import VERBS, Before, Proposal, Statement, Step
+from rf_exp.tasks import Task
+from rf_exp.transforms import Matrix
+from rf_exp.types import ANYBODY, JointLimits, Scene, Subgoal
+
+Job = Sequence[Subgoal]  # of one agent, with one thing
+Part = TypeVar("Part", Statement, Step)
+
+
+def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits) -> Proposal:
+    """The proposal with an agent in every place of anybody; itself where there is none.
+
+    Each agent does its jobs in the order in which they are listed. Raises Unreachable for a job that no agent
+    can do, BadAnswer for what cannot be left open.
+    """
+    if all(subgoal.agent != ANYBODY for subgoal in proposal.subgoals):
+        _nothing_open(proposal.constraints)
+        return proposal
+    reach = Reach(task.arms, limits, _free, np.random.default_rng(0))  # no path is looked for, so none drawn
+    state = present_state(task, scene)
+    jobs = list(_jobs(proposal.subgoals))
+    takes_s = np.full((len(jobs), len(task.agents)), np.inf)
+    poses = dict(scene.poses)  # with what jobs before have moved
+    for job, row in zip(jobs, takes_s, strict=True):
+        able = task.agents if job[0].agent == ANYBODY else (job[0].agent,)
+        for agent in able:
+            now = replace(state, poses=poses)
+            row[agent - 1] = _takes_s(task, reach, [replace(each, agent=agent) for each in job], now)
+        if not np.isfinite(row).any() and job[0].agent == ANYBODY:
+            what = (job[0].text,) if len(job) == 1 else (f"{job[0].text} and {job[-1].text}",)
+            raise Unreachable(Cause.REACH, Finding.NOBODY, task.agents, subgoals=what)
+        poses |= _moved(task, job, replace(scene, poses=poses))
+    open_ = [number for number, job in enumerate(jobs) if job[0].agent == ANYBODY]
+    told = np.nan_to_num(np.delete(takes_s, open_, axis=0), posinf=0.0).sum(axis=0)
+    assigned = assign(takes_s[open_], told)
+    assert assigned is not None  # each can be done by somebody
+    chosen = dict(zip(open_, assigned.agents, strict=True))
+    subgoals = tuple(
+        replace(each, agent=chosen[number] + 1) if number in chosen else each
+        for number, job in enumerate(jobs)
+        for each in job
+    )
+    return Proposal(subgoals, tuple(_stated(proposal.constraints, subgoals)))
+
+
+def _free(*_: object, **__: object) -> None:
+    """Nothing is in the way."""
+
+
+def _jobs(subgoals: Sequence[Subgoal]) -> Iterator[Job]:
+    """What is done with one thing by one agent in a row. Raises BadAnswer where nobody could begin so."""
+    for (agent, name), run in groupby(subgoals, key=lambda each: (each.agent, each.object)):
+        job: list[Subgoal] = []
+        for each in run:
+            meets = VERBS[each.verb].meets in ("grasp", "press")
+            if job and meets:
+                yield job
+                job = []
+            if agent == ANYBODY and not job and not meets:
+                raise BadAnswer(
+                    f"anybody cannot {each.text}: what anybody may do begins with grasp or press; say which "
+                    f"agent goes on{f' with {name}' if name else ''}"
+                )
+            job.append(each)
+        yield job
+
+
+def _takes_s(task: Task, reach: Reach, job: Job, state: State) -> float:
+    """About how long a job takes its agent; 0 where that is not known, infinite where it cannot do it."""
+    if VERBS[job[0].verb].meets not in ("grasp", "press"):
+        return 0.0
+    about = frozenset({*task.objects} & {job[0].object})
+    return estimated_s(Request(task, reach, job[0], job[1:]), replace(state, targets=about))
+
+
+def _moved(task: Task, job: Job, scene: Scene) -> Mapping[str, Matrix]:
+    """Where a thing is once it has been put down; how it is turned then is not known yet."""
+    for each in job:
+        if each.verb == "place" and each.object is not None:
+            return {each.object: destinations(task, replace(each, agent=1), scene)[0]}
+    return {}
+
+
+def _stated(constraints: Sequence[Statement], subgoals: Sequence[Subgoal]) -> Iterator[Statement]:
+    """The constraints with those who were chosen. An order that one agent keeps by itself is none."""
+    for each in constraints:
+        known = _known(each, subgoals, each.sentence)
+        one = isinstance(known, Before) and isinstance(known.first, Step) and known != each
+        if not (one and known.first.agent == known.then.agent):
+            yield known
+
+
+def _known(part: Part, subgoals: Sequence[Subgoal], sentence: str) -> Part:
+    """A statement, or a step, with the one agent that has to do with its thing in the place of anybody."""
+    changes: dict[str, Any] = {
+        key: _known(value, subgoals, sentence) for key, value in vars(part).items() if isinstance(value, Step)
+    }
+    if getattr(part, "agent", None) == ANYBODY:
+        name, verb = getattr(part, "object", None), getattr(part, "verb", None)
+        agents = {each.agent for each in subgoals if each.object == name and verb in (None, each.verb)}
+        if len(agents) != 1 or name is None:
+            raise BadAnswer(
+                f"constraint {sentence!r}: it is about anybody, and {'more than one' if agents else 'no'} "
+                f"agent of this plan has to do with {name or 'what it says'}; say which agent"
+            )
+        changes["agent"] = agents.pop()
+    return replace(part, **changes) if changes else part
+
+
+def _nothing_open(constraints: Sequence[Statement]) -> None:
+    """Raises BadAnswer for a constraint about anybody in a plan that says who does what."""
+    for each in constraints:
+        if ANYBODY in each.agents:
+            raise BadAnswer(
+                f"constraint {each.sentence!r} is about anybody, but the plan says who does what; "
+                "name the agent"
+            )
