@@ -62,8 +62,7 @@ def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
             integrality=np.append(np.ones(jobs * agents), 0),
             bounds=Bounds(np.zeros(jobs * agents + 1), np.append(can.ravel(), most_s)),
             constraints=rules,
-            # Presolving prints to the terminal at times, and gains nothing here.
-            options={"presolve": False, "node_limit": NODES, "mip_rel_gap": NEAR / 10},
+            options={"node_limit": NODES, "mip_rel_gap": NEAR / 10},
         )
         bound = -np.inf if found.mip_dual_bound is None else float(found.mip_dual_bound)
         return None if found.x is None else found.x[:-1].reshape(jobs, agents).argmax(axis=1), bound

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rf_exp.datagen.motion.request import destinations
+from rf_exp.datagen.motion.request import destinations, support
 from rf_exp.datagen.motion.state import Blockage, Blocked, Obstacle, Points, State, Unreachable, name_of
 from rf_exp.findings import Cause, CheckName, Finding, Violation
 from rf_exp.geometry import (
@@ -150,6 +150,9 @@ def taken(task: Task, proposal: Proposal, scene: Scene) -> Violation | None:
                     return _taken(scene, put, name, depth_m)
     once = [put for put in puts if [each.name for each in puts].count(put.name) == 1]
     for put, other in combinations(once, 2):
+        falls = [not support(task, each.subgoal) for each in (put, other)]
+        if put.subgoal.target == other.subgoal.target and any(falls) and not all(falls):
+            continue  # what falls into a thing comes to rest below where it is let go, and its lid above
         depth_m = _least_depth_m(task, scene, put, other.name, other.poses)
         if depth_m > 0:
             return _taken(scene, put, f"{other.name} at {other.subgoal.target}", depth_m)

@@ -3,6 +3,7 @@ from .clearance import closer_than as closer_than
 from .clearance import folded as folded
 from .clearance import nearest as nearest
 from .clearance import overlap as overlap
+from .falling import fallen as fallen
 from .occupancy import VOXEL_M as VOXEL_M
 from .occupancy import Voxels as Voxels
 from .occupancy import among as among

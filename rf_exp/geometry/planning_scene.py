@@ -12,6 +12,7 @@ from scipy.ndimage import maximum_filter1d
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.geometry.clearance import Nearest, nearest
+from rf_exp.geometry.falling import fallen
 from rf_exp.geometry.swept import Mask, Swept, arm_pieces, asset_pieces, lowest_m
 from rf_exp.tasks import Task
 from rf_exp.tasks.assets import Asset
@@ -103,6 +104,9 @@ class PlanningScene:
                 mask[begin : end + 1] = True
                 poses[begin:] = tcp[begin:] @ segment.tcp_from_object
                 poses[end:] = poses[end]
+                # Once the fingers are open: until then it counts as carried.
+                opened = next((knot for knot in trajectory.knots if knot > end), len(poses))
+                poses[opened:] = fallen(self.task, segment.subgoal, poses[end], self.scene.poses)
             moved[name], carried[name] = poses, mask
         touches = {
             name: np.array([any(name in s.touches or name == s.attached for s in at) for at in segments])

@@ -2,6 +2,7 @@ from dataclasses import dataclass
 
 from rf_exp.statements.language.base import Event, LiesOn, Statement, Step, Words, agent_name
 from rf_exp.statements.language.notation import number
+from rf_exp.types import ANYBODY
 
 _DOES = r"{does then} {object then}"
 
@@ -47,7 +48,7 @@ class Before(Statement):
     @classmethod
     def reading(cls, words: Words) -> Statement:
         first, then = words.event("first"), words.step("then")
-        if isinstance(first, Step) and first.agent == then.agent:
+        if isinstance(first, Step) and first.agent == then.agent != ANYBODY:
             words.several((then.agent,))
         return cls(first, then, words.seconds(0.0))
 

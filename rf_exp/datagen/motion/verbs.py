@@ -19,6 +19,7 @@ from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.findings import Cause, Finding
+from rf_exp.geometry import fallen
 from rf_exp.statements import VERBS
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
@@ -93,6 +94,8 @@ def place(request: Request, state: State) -> Motion:
     )
     lowering, state = request.segment("lower", points, state, touches)
     letting_go, state = _let_go(request, state, touches)
+    rests = fallen(request.task, subgoal, state.poses[name], state.poses)
+    state = replace(state, poses={**state.poses, name: rests})
     return (lowering, *letting_go), state
 
 

@@ -11,7 +11,7 @@ from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.tasks.assets.asset.rings import circle
 from rf_exp.transforms import transform
 
-PLUG_M = 0.008  # how deep the lid reaches into the pot
+PLUG_M = pot.PLUG_M
 PLUG_TOP_M, PLUG_BOTTOM_M = 0.079, 0.074  # radii; the taper guides the lid back in
 SEAT_Z_M = pot.HEIGHT_M - PLUG_M
 DISC_M = 0.007

@@ -1,5 +1,8 @@
 """An open stewing pot: a ring of convex wall pieces on a floor, two small handles along x."""
 
+from dataclasses import replace
+
+from rf_exp.errors import ArgumentError
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.tasks.assets.asset.rings import ring
 from rf_exp.transforms import transform
@@ -7,18 +10,29 @@ from rf_exp.transforms import transform
 INNER_M, OUTER_M = 0.085, 0.100  # radii at the corners of the wall pieces
 HEIGHT_M, FLOOR_M = 0.096, 0.010
 WALLS = 16
+PLUG_M = 0.008  # how deep its lid reaches in
 INSIDE_Z_M = 0.052  # where food is let go: the hand stays above the rim, the food falls 4 cm
 
 ENAMEL, RIM, IRON = (0.10, 0.24, 0.42), (0.55, 0.58, 0.62), (0.05, 0.05, 0.06)
 RIM_HEIGHT_M, PROUD_M = 0.006, 0.0005
 
 
-def build() -> Asset:
-    """The pot with drop point `inside`.
+SPOT_M, OVER_M = (
+    0.042,
+    0.088,
+)  # of two things side by side: from the middle, and let go with the hand over the rim
+
+
+def build(spots: int = 1, closes: bool = False) -> Asset:
+    """The pot with drop point `inside`, or `inside1` and `inside2` for two things side by side.
+
+    One that `closes` has a place point `rim` for its lid. Raises ArgumentError for more than two spots.
 
     Of a drop point, `object_from_tcp` is the pose of the placed object's own frame, z up: what is
     put in ends up upright over the middle of the pot, and half a turn serves as well.
     """
+    if spots not in (1, 2):
+        raise ArgumentError(f"spots is {spots!r}; a pot holds one thing, or two side by side")
     floor = Part.cylinder(INNER_M, FLOOR_M, transform((0, 0, FLOOR_M / 2)), ENAMEL, roughness=0.3)
     walls = [
         Part.hull(piece, ENAMEL, roughness=0.3) for piece in ring(INNER_M, OUTER_M, 0.0, HEIGHT_M, WALLS)
@@ -31,6 +45,12 @@ def build() -> Asset:
     band = ring(INNER_M - PROUD_M, OUTER_M + PROUD_M, HEIGHT_M - RIM_HEIGHT_M, HEIGHT_M + PROUD_M, WALLS)
     rim = [Part.hull(piece, RIM, roughness=0.3, metallic=0.3, solid=False) for piece in band]
     inside = InteractionPoint(transform((0, 0, INSIDE_Z_M)), "drop", standoff_m=0.10, turns=8, slack_m=0.03)
-    return Asset(
-        "pot", parts=(floor, *walls, *handles, *rim), points={"inside": inside}, mass_kg=0.8, friction=1.2
-    )
+    points = {"inside": inside}
+    if spots > 1:
+        points = {
+            f"inside{k}": replace(inside, object_from_tcp=transform((0, side * SPOT_M, OVER_M)), slack_m=0.0)
+            for k, side in ((1, -1), (2, 1))
+        }
+    if closes:
+        points["rim"] = InteractionPoint(transform((0, 0, HEIGHT_M - PLUG_M)), "place", turns=8)
+    return Asset("pot", parts=(floor, *walls, *handles, *rim), points=points, mass_kg=0.8, friction=1.2)

@@ -1,0 +1,105 @@
+"""A task from a sentence: writes its YAML file and its module, and holds it to the laws of the suite.
+
+python -m rf_exp.compose "two arms put both cubes into the bowl, the lid goes on last" \\
+    objects=[cube,cube,bowl:pot,lid] name=both_in
+
+SENTENCE        what is put where; docs/compose.md has the forms
+objects=[...]   what stands on the table: an asset as `cube`, `red_cube`, or `bowl:pot` with another name
+name=NAME       of the task; composed unless given
+out=FOLDER      below the current folder, into which both are written; composed unless given
+episodes=N      scenes in which the expert is tried; 3 unless given, 0 for none
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from rf_exp.command import guarded
+from rf_exp.compose.composing import compose, loaded, written
+from rf_exp.datagen import Settings, make_episode
+from rf_exp.datagen.brain import ScriptedSpec
+from rf_exp.errors import ArgumentError, StageError, choices
+from rf_exp.laws import HEIGHT_PX, LAWS, WIDTH_PX
+from rf_exp.progress import console
+from rf_exp.sim import Simulator
+from rf_exp.tasks import Task
+from rf_exp.types import NO_PICTURES, ConstraintSet
+
+KEYS = {"objects": None, "name": "composed", "out": "composed", "episodes": 3}
+
+
+def main() -> None:
+    arguments = sys.argv[1:]
+    if not arguments or {"-h", "--help"} & {*arguments}:
+        console.print(f"usage: python -m rf_exp.compose [SENTENCE] [KEY=VALUE ...]\n\n{__doc__}", end="")
+        return
+    text, given = _read(arguments)
+    folder = Path(given["out"])
+    code = ".".join((*folder.parts, given["name"]))
+    composed = compose(text, given["objects"], given["name"], code)
+    config, module = written(composed, folder)
+    console.print(
+        f"{len(composed.said.jobs)} jobs for {composed.said.arms} arms; wrote {config} and {module}"
+    )
+    sys.path.insert(0, str(Path.cwd()))
+    task = loaded(composed)
+    broken = _laws(task)
+    failed = _expert(task, int(given["episodes"]))
+    search = f'"hydra.searchpath=[file://$PWD/{folder}/conf]"'
+    console.print(f"next: python -m rf_exp.gallery {search} task={composed.name}")
+    if broken or failed:
+        raise StageError(f"{broken} laws are broken, {failed} scenes failed; where and why is said above")
+
+
+def _read(arguments: list[str]) -> tuple[str, dict[str, Any]]:
+    """The sentence and the keys. Raises ArgumentError for more than one sentence, and for unknown keys."""
+    keys = [each for each in arguments if "=" in each.split(" ")[0]]
+    texts = [each for each in arguments if each not in keys]
+    if len(texts) != 1:
+        raise ArgumentError(f"{len(texts)} sentences; expected one, in quotes, then keys: {', '.join(KEYS)}")
+    try:
+        said: Any = OmegaConf.to_container(OmegaConf.from_dotlist(keys))
+    except OmegaConfBaseException as error:
+        raise ArgumentError(f"cannot read {' '.join(keys)}: {error}") from error
+    for key in said:
+        if key not in KEYS:
+            raise choices("key", key, KEYS)
+    given = KEYS | said
+    if not isinstance(given["objects"], list):
+        raise ArgumentError(
+            f"objects is {given['objects']!r}; expected a list, as objects=[cube,cube,bowl:pot]"
+        )
+    folder = Path(str(given["out"]))
+    if folder.is_absolute() or not all(part.isidentifier() for part in folder.parts):
+        raise ArgumentError(f"out is {given['out']!r}; expected a folder below this one, as my_tasks")
+    if type(given["episodes"]) is not int or given["episodes"] < 0:
+        raise ArgumentError(f"episodes is {given['episodes']!r}; expected 0 or more")
+    return texts[0], given
+
+
+def _laws(task: Task) -> int:
+    broken = 0
+    for law in LAWS:
+        with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
+            found = list(law.broken(world))
+        broken += bool(found)
+        console.print(f"{law.says}: {'holds' if not found else '; '.join(found)}")
+    return broken
+
+
+def _expert(task: Task, episodes: int) -> int:
+    settings = Settings.configured(task, ConstraintSet("full"), ScriptedSpec())
+    failed = 0
+    for seed in range(episodes):
+        outcome = make_episode(settings, NO_PICTURES, seed)
+        failed += not outcome.success
+        how = f"success in {outcome.steps} steps" if outcome.success else f"failed: {outcome.reason}"
+        console.print(f"seed {seed}: {how}, {outcome.contacts} contacts")
+    return failed
+
+
+if __name__ == "__main__":
+    sys.exit(guarded(main))

@@ -1,0 +1,187 @@
+"""The files of a task that a sentence and some things make."""
+
+import inspect
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from rf_exp.artifacts import write_text
+from rf_exp.compose.layout import laid_out
+from rf_exp.compose.sentence import Sentence, read
+from rf_exp.errors import ArgumentError, choices
+from rf_exp.tasks import Task, assets, load_task
+from rf_exp.tasks.assets import Asset
+from rf_exp.tasks.shared import circle
+
+SUCCESS = {
+    "beside_m": 0.02,  # of a thing from its place
+    "above_m": 0.006,
+    "upright_deg": 10.0,
+    "still_m_s": 0.05,
+    "hold_steps": 5,
+}
+VARIANTS: Mapping[str, Sequence[Mapping[str, Any]]] = {  # what an asset can be besides, the simplest first
+    "pot": ({"spots": 2}, {"closes": True}, {"spots": 2, "closes": True}),
+}
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+MODULE = '''"""{title}: {text}"""
+
+from rf_exp.statements import Proposal
+from rf_exp.tasks import Task
+from rf_exp.tasks.shared import jobs
+from rf_exp.tasks.shared.jobs import Job
+from rf_exp.types import Condition, Scene
+
+VERSION = "1"
+PLAN_VERSION = "1"
+
+JOBS = (
+{jobs}
+)
+
+
+def plan(scene: Scene, task: Task) -> Proposal:
+    """Whoever does it best fetches each thing, in the order that the sentence says."""
+    return jobs.plan(scene, task, JOBS)
+
+
+def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
+    """Each thing is where it belongs, upright, let go and at rest."""
+    return jobs.conditions(scene, task, JOBS)
+
+
+def paper(scene: Scene, start: Scene, task: Task) -> bool:
+    """The paper does not know this task; its criterion is ours, without the steps that it must hold."""
+    return all(conditions(scene, start, task).values())
+'''
+
+
+@dataclass(frozen=True)
+class Composed:
+    """A task that was made of a sentence."""
+
+    name: str
+    text: str  # the sentence
+    said: Sentence
+    node: Mapping[str, Any]  # what conf/task/<name>.yaml has below the name
+
+    @property
+    def module(self) -> str:
+        """The source of its module."""
+        jobs = "\n".join(f"    {job!r}," for job in self.said.jobs)
+        return MODULE.format(title=self.node["title"], text=self.text, jobs=jobs)
+
+    @property
+    def yaml(self) -> str:
+        return f"# {self.text}\n" + OmegaConf.to_yaml(OmegaConf.create({self.name: self.node}))
+
+
+def things_of(objects: Iterable[str]) -> dict[str, Mapping[str, Any]]:
+    """Name -> asset and options of things that are listed as `cube`, `red_cube` or `bowl:pot`.
+
+    Several of a kind are told apart by their colours or numbered. Raises ArgumentError for a name that is
+    there twice or is none, and for an asset that does not exist.
+    """
+    entries = [str(each).strip().casefold() for each in objects]
+    known, found = assets.available(), dict[str, Mapping[str, Any]]()
+    for entry in entries:
+        name, _, kind = entry.rpartition(":")
+        kind = (
+            kind
+            if name
+            else next((each for each in known if entry in (each,) or entry.endswith(f"_{each}")), entry)
+        )
+        if kind not in known:
+            raise choices("object", entry, known)
+        name, options = name or entry, dict[str, Any]()
+        if _takes(kind, "colour"):
+            colour = next((word for word in name.split("_") if word in circle.COLOURS), None)
+            used = {each["options"]["colour"] for each in found.values() if each["asset"] == kind}
+            colour = colour or next((each for each in circle.COLOURS if each not in used), circle.COLOURS[0])
+            options["colour"] = colour
+            name = f"{colour}_{kind}" if entry == kind and entries.count(entry) > 1 else name
+        if entry == kind and entries.count(entry) > 1 and name == entry:
+            name = f"{entry}{sum(each['asset'] == kind for each in found.values()) + 1}"
+        if not _NAME.fullmatch(name):
+            raise ArgumentError(f"object {entry!r}: the name is {name!r}; expected letters, digits and _")
+        if name in found:
+            raise ArgumentError(f"object {name!r} is there twice; give them names, as in {name}1:{kind}")
+        found[name] = {"asset": kind, "options": options}
+    return found
+
+
+def _takes(kind: str, option: str) -> bool:
+    return option in inspect.signature(import_module(f"rf_exp.tasks.assets.{kind}").build).parameters
+
+
+def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed:
+    """The task of a sentence. `code` is the full name that its module will have.
+
+    Raises ArgumentError for a sentence that is not understood or names what there is not, for things that do
+    not fit together, and for a name that is none.
+    """
+    if not _NAME.fullmatch(name):
+        raise ArgumentError(f"name is {name!r}; expected small letters, digits and _")
+    specs = things_of(objects)
+    if not specs:
+        raise ArgumentError(f"objects is empty; available: {', '.join(assets.available())}")
+    said, specs = _understood(text, specs)
+    layout = laid_out(said, _built(specs), specs)
+    node = {
+        "name": name,
+        "code": code,
+        "title": name.replace("_", " ").title(),
+        "description": text[:1].upper() + text[1:].rstrip(".") + ".",
+        "target_condition": "Everything is where the sentence puts it, let go and at rest.",
+        **layout,
+        "success": SUCCESS,
+    }
+    return Composed(name, text, said, node)
+
+
+def _understood(
+    text: str, specs: Mapping[str, Mapping[str, Any]]
+) -> tuple[Sentence, Mapping[str, Mapping[str, Any]]]:
+    """What the sentence says of things as they are, or of the simplest variants of which it says anything."""
+    variants = [({}, *VARIANTS.get(each["asset"], ())) for each in specs.values()]
+    error: ArgumentError | None = None
+    for chosen in sorted(product(*variants), key=lambda each: sum(map(len, each))):
+        changed = {
+            name: {**spec, "options": {**spec["options"], **more}}
+            for (name, spec), more in zip(specs.items(), chosen, strict=True)
+        }
+        try:
+            return read(text, _built(changed)), changed
+        except ArgumentError as refused:
+            error = refused
+    assert error is not None
+    raise error
+
+
+def _built(specs: Mapping[str, Mapping[str, Any]]) -> dict[str, Asset]:
+    return {name: assets.load(spec["asset"], spec["options"]) for name, spec in specs.items()}
+
+
+def written(composed: Composed, folder: Path) -> tuple[Path, Path]:
+    """Writes the two files below a folder, and gives their paths. Raises ArgumentError where one is there."""
+    paths = folder / "conf" / "task" / f"{composed.name}.yaml", folder / f"{composed.name}.py"
+    for path, content in zip(paths, (composed.yaml, composed.module), strict=True):
+        if path.exists() and path.read_text("utf-8") != content:
+            raise ArgumentError(
+                f"{path} is there already and is another; choose another name=NAME or out=FOLDER"
+            )
+    for path, content in zip(paths, (composed.yaml, composed.module), strict=True):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, content)
+    return paths
+
+
+def loaded(composed: Composed) -> Task:
+    """The task, once its module can be imported. Raises ArgumentError as `load_task` does."""
+    return load_task(composed.name, composed.node)

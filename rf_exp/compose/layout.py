@@ -1,0 +1,69 @@
+"""Where robots, things and cameras stand: in a circle about what things are put on. Lengths in m."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rf_exp.compose.sentence import Sentence
+from rf_exp.errors import ArgumentError
+from rf_exp.tasks.assets import Asset
+from rf_exp.tasks.shared import circle
+
+BASES_M = (0.6, 0.62, 0.7, 0.72, 0.74, 0.78)  # of the circle in which so many arms stand
+REACHED_M = 0.72  # from a base, of what it is to grasp on the table
+APART_M, JITTER_M = 0.03, 0.015  # between two things at least; by which each starts off its place
+TARGETS_M = 0.28  # between the middles of two things that others are put on
+STEPS = {"first": 120, "each": 200}  # of the limit
+
+
+def laid_out(
+    said: Sentence, things: Mapping[str, Asset], specs: Mapping[str, Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Robots, objects, cameras and step_limit of a task. Raises ArgumentError where things do not fit."""
+    radius_m = BASES_M[said.arms - 1]
+    moved = [job.thing for job in said.jobs]
+    fixed = [name for name in things if name not in moved]
+    # What others are put on stands in a row in the middle, before the bases of two arms.
+    objects = {
+        name: {**specs[name], "x_m": float((k - (len(fixed) - 1) / 2) * TARGETS_M), "y_m": 0.0}
+        for k, name in enumerate(fixed)
+    }
+    around_m = (
+        max(
+            [
+                _half_m(things[fix]) + _half_m(things[name]) + APART_M + 2 * JITTER_M
+                for fix in fixed
+                for name in moved
+            ],
+            default=0.0,
+        )
+        + TARGETS_M * (len(fixed) - 1) / 2
+    )
+    # One arm reaches the half of the circle before it.
+    span = np.pi if said.arms == 1 else 2 * np.pi
+    first = -np.pi + np.pi / (2 * len(moved)) if said.arms == 1 else circle.angle_rad(1, 1) + np.pi / 4
+    angles = first + span * np.arange(len(moved)) / len(moved)
+    wide_m = 2 * max(_half_m(things[name]) for name in moved) + APART_M + 2 * JITTER_M
+    if len(moved) > 1:
+        around_m = max(around_m, wide_m / 2 / np.sin(span / len(moved) / 2))
+    bases = np.array([[robot["x_m"], robot["y_m"]] for robot in circle.robots(said.arms, radius_m)])
+    for name, angle in zip(moved, angles, strict=True):
+        x_m, y_m = float(around_m * np.cos(angle)), float(around_m * np.sin(angle))
+        away_m = float(np.linalg.norm(bases - (x_m, y_m), axis=1).min())
+        if away_m > REACHED_M:
+            middle = ", ".join(fixed) or "the middle"
+            raise ArgumentError(
+                f"{len(moved)} things to move do not fit round {middle}: {name} would be {away_m:.2f} m from "
+                f"the nearest of {said.arms} arms, which reach {REACHED_M} m; use fewer things or more arms"
+            )
+        x_m, y_m = round(x_m, 3), round(y_m, 3)
+        ranges = {"x_m": [x_m - JITTER_M, x_m + JITTER_M], "y_m": [y_m - JITTER_M, y_m + JITTER_M]}
+        objects[name] = {**specs[name], **ranges, "yaw_deg": [-180, 180]}
+    limit = STEPS["first"] + STEPS["each"] * len(moved)
+    return {**circle.around(said.arms, radius_m), "objects": objects, "step_limit": limit}
+
+
+def _half_m(asset: Asset) -> float:
+    """Half of how wide it is, seen from above, at most."""
+    return float(np.linalg.norm(np.abs(asset.bounds_m[:, :2]).max(axis=0)))

@@ -1,0 +1,33 @@
+"""Where a thing comes to rest that is let go over another: straight below, on the part there."""
+
+from collections.abc import Mapping
+
+from shapely import MultiPoint, Point
+
+from rf_exp.tasks import Task
+from rf_exp.transforms import Matrix, apply
+from rf_exp.types import Subgoal
+
+
+def fallen(task: Task, subgoal: Subgoal, pose: Matrix, poses: Mapping[str, Matrix]) -> Matrix:
+    """world_from_object of what a subgoal lets go at a pose, once it has fallen.
+
+    That pose itself unless the subgoal drops it into an object that is below, whose pose is one of `poses`. A
+    thing keeps its turn, and lies on the highest part of that object below its middle.
+    """
+    name, target = subgoal.object or "", subgoal.target or ""
+    if subgoal.verb != "place" or target not in task.objects:
+        return pose
+    points = task.asset(target).points
+    placing = {label: point.kind for label, point in points.items() if point.kind in ("place", "drop")}
+    if placing.get(subgoal.target_point or next(iter(placing), "")) != "drop":
+        return pose
+    x_m, y_m = pose[:2, 3]
+    parts = (apply(poses[target], hull.vertices) for hull in task.asset(target).hulls)
+    below = [part for part in parts if MultiPoint(part[:, :2]).convex_hull.covers(Point(x_m, y_m))]
+    if not below:
+        return pose
+    floor_m = max(float(part[:, 2].max()) for part in below)
+    rests = pose.copy()
+    rests[2, 3] -= max(0.0, float(task.asset(name).vertices(pose)[:, 2].min()) - floor_m)
+    return rests

@@ -1,0 +1,72 @@
+"""Jobs: things that are each fetched and put somewhere, by whoever does it best, in a partial order.
+
+For tasks that are composed from a sentence (`rf_exp.compose`). Lengths in m, angles in degrees.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+from rf_exp.statements import Before, ContactAt, Direction, Proposal, Statement, Step, keep_clear
+from rf_exp.tasks import Task
+from rf_exp.tasks.predicates import above, below, every, holders, set_down
+from rf_exp.transforms import inverse
+from rf_exp.types import ANYBODY, Condition, Measured, Scene, Subgoal
+
+
+@dataclass(frozen=True)
+class Job:
+    """A thing that is grasped at a point and put at a point of a target."""
+
+    thing: str
+    grip: str  # a grasp point of the thing
+    target: str
+    point: str  # a place or drop point of the target
+    after: tuple[str, ...] = ()  # things that have to be where they belong before
+    agent: int = ANYBODY
+
+
+def plan(scene: Scene, task: Task, jobs: Sequence[Job]) -> Proposal:
+    """What is not yet where it belongs is fetched; who holds a thing already goes on with it."""
+    subgoals: list[Subgoal] = []
+    constraints: list[Statement] = []
+    agents: dict[str, int] = {}
+    for job in jobs:
+        held = holders(scene, job.thing)
+        if not held and there(scene, task, job):
+            continue
+        agent = agents[job.thing] = held[0] if held else job.agent
+        subgoals += [
+            Subgoal(agent, "grasp", job.thing, job.grip),
+            Subgoal(agent, "place", job.thing, target=job.target, target_point=job.point),
+        ]
+        constraints += [ContactAt(agent, "grasp", job.thing, job.grip), Direction(agent, job.thing)]
+        then = Step(agent, "place", job.thing)
+        constraints += [
+            Before(Step(agents[first], "place", first), then) for first in job.after if first in agents
+        ]
+    return Proposal(tuple(subgoals), (*constraints, *keep_clear(task.agents)) if subgoals else ())
+
+
+def conditions(scene: Scene, task: Task, jobs: Sequence[Job]) -> dict[str, Condition]:
+    """Each thing is where it belongs, upright, let go and at rest."""
+    places = {f"{job.thing} at {job.point} of {job.target}": there(scene, task, job) for job in jobs}
+    return {**places, **set_down(scene, [job.thing for job in jobs], task.success)}
+
+
+def there(scene: Scene, task: Task, job: Job) -> Measured:
+    """Whether the thing of a job is where it belongs: on the place, or within the walls of what it is put in.
+
+    Reads `beside_m` and `above_m` of the task's thresholds.
+    """
+    target, point = task.asset(job.target), task.points[job.target][job.point]
+    target_from_thing = inverse(scene.poses[job.target]) @ scene.poses[job.thing]
+    if target.points[job.point].kind == "drop":
+        low, high = target.bounds_m
+        within_m = float(min(high[:2] - low[:2])) / 2  # of the walls: what sticks out does so one way alone
+        x_m, y_m, height_m = target_from_thing[:3, 3].tolist()
+        inside = below(hypot(x_m, y_m), within_m, "m")
+        return every((inside, above(height_m, 0.0, "m"), below(height_m, float(high[2]), "m")))
+    x_m, y_m, off_m = (target_from_thing[:3, 3] - point[:3, 3]).tolist()
+    beside = below(hypot(x_m, y_m), task.success["beside_m"], "m")
+    return every((beside, below(abs(off_m), task.success["above_m"], "m")))
