@@ -185,6 +185,7 @@ HELPED = {
     "data": "COMMAND --help",
     "doctor": "what this machine can do",
     "ablation": "folder with results/",
+    "compose": "two arms put both cubes into the bowl",
     "laws": "a line a law for each chosen task",
     "tasks.assets": "one of barrier, camera",
 }

@@ -132,6 +132,10 @@ def compose(text: str, objects: Iterable[str], name: str, code: str) -> Composed
     if not specs:
         raise ArgumentError(f"objects is empty; available: {', '.join(assets.available())}")
     said, specs = _understood(text, specs)
+    if said.arms > len(said.jobs):
+        raise ArgumentError(
+            f"{said.arms} arms, but {len(said.jobs)} things to move: an arm would have nothing to do"
+        )
     layout = laid_out(said, _built(specs), specs)
     node = {
         "name": name,

@@ -14,6 +14,8 @@ BASES_M = (0.6, 0.62, 0.7, 0.72, 0.74, 0.78)  # of the circle in which so many a
 REACHED_M = 0.72  # from a base, of what it is to grasp on the table
 APART_M, JITTER_M = 0.03, 0.015  # between two things at least; by which each starts off its place
 TARGETS_M = 0.28  # between the middles of two things that others are put on
+FOV_DEG = 44.0  # of each arm's camera: things lie nearer to the middle than in families
+HIGHEST_M = 0.3  # over the table, of where something is put: on seven cubes
 STEPS = {"first": 120, "each": 200}  # of the limit
 
 
@@ -21,6 +23,7 @@ def laid_out(
     said: Sentence, things: Mapping[str, Asset], specs: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
     """Robots, objects, cameras and step_limit of a task. Raises ArgumentError where things do not fit."""
+    _not_too_high(said, things)
     radius_m = BASES_M[said.arms - 1]
     moved = [job.thing for job in said.jobs]
     fixed = [name for name in things if name not in moved]
@@ -61,7 +64,23 @@ def laid_out(
         ranges = {"x_m": [x_m - JITTER_M, x_m + JITTER_M], "y_m": [y_m - JITTER_M, y_m + JITTER_M]}
         objects[name] = {**specs[name], **ranges, "yaw_deg": [-180, 180]}
     limit = STEPS["first"] + STEPS["each"] * len(moved)
-    return {**circle.around(said.arms, radius_m), "objects": objects, "step_limit": limit}
+    seen = circle.cameras(said.arms, radius_m)
+    own = {name: {**camera, "fov_deg": FOV_DEG} for name, camera in seen.items() if name != "global"}
+    layout = {"robots": circle.robots(said.arms, radius_m), "cameras": {**seen, **own}}
+    return {**layout, "objects": objects, "step_limit": limit}
+
+
+def _not_too_high(said: Sentence, things: Mapping[str, Asset]) -> None:
+    """Raises ArgumentError for what stands higher than arms build."""
+    tops_m: dict[str, float] = {}
+    for job in said.jobs:
+        point = things[job.target].points[job.point].object_from_tcp
+        tops_m[job.thing] = tops_m.get(job.target, 0.0) + float(point[2, 3])
+        if tops_m[job.thing] > HIGHEST_M:
+            raise ArgumentError(
+                f"{job.thing} would stand {tops_m[job.thing]:.2f} m over the table; arms build up to "
+                f"{HIGHEST_M} m"
+            )
 
 
 def _half_m(asset: Asset) -> float:
