@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from rf_exp.coordination import assign
 from rf_exp.coordination.assignment import greedy, load_s
-from rf_exp.datagen import Planned, Planner, Settings, allocated
+from rf_exp.datagen import Planned, Planner, Settings, State, allocated
 from rf_exp.datagen.brain import Question, ScriptedSpec, to_json
 from rf_exp.datagen.motion.reach import LookAhead, Reach
-from rf_exp.datagen.motion.state import State
 from rf_exp.statements import Proposal, grasping, keep_clear
 from rf_exp.tasks import Task, default_of, named_task
 from rf_exp.transforms import from_axes

@@ -153,8 +153,8 @@ def test_the_expert_does_what_the_sentence_says(tmp_path: Path, monkeypatch: pyt
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["objects=[cube]"], "0 sentences; expected one, in quotes"),
-        (["put it", "there"], "2 sentences; expected one, in quotes"),
+        (["objects=[cube]"], "'objects=[cube]': expected one sentence, in quotes, then keys as KEY=VALUE"),
+        (["put it", "there"], "'there': expected one sentence, in quotes, then keys as KEY=VALUE"),
         (["put it", "object=[cube]"], "unknown key 'object'; available: episodes, name, objects, out"),
         (["put it", "objects=cube"], "objects is 'cube'; expected a list, as objects=[cube,cube,bowl:pot]"),
         (["put it", "objects=[cube]", "out=/tmp"], "out is '/tmp'; expected a folder below this one"),

@@ -10,6 +10,7 @@ out=FOLDER      below the current folder, into which both are written; composed 
 episodes=N      scenes in which the expert is tried; 3 unless given, 0 for none
 """
 
+import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,8 @@ from rf_exp.compose.composing import compose, loaded, written
 from rf_exp.datagen import Settings, make_episode
 from rf_exp.datagen.brain import ScriptedSpec
 from rf_exp.errors import ArgumentError, StageError, choices
-from rf_exp.laws import HEIGHT_PX, LAWS, WIDTH_PX
+from rf_exp.laws import judged
 from rf_exp.progress import console
-from rf_exp.sim import Simulator
 from rf_exp.tasks import Task
 from rf_exp.types import NO_PICTURES, ConstraintSet
 
@@ -32,14 +32,18 @@ KEYS = {"objects": None, "name": "composed", "out": "composed", "episodes": 3}
 
 
 def main() -> None:
-    arguments = sys.argv[1:]
-    if not arguments or {"-h", "--help"} & {*arguments}:
-        console.print(f"usage: python -m rf_exp.compose [SENTENCE] [KEY=VALUE ...]\n\n{__doc__}", end="")
-        return
-    text, given = _read(arguments)
+    parser = argparse.ArgumentParser(
+        "python -m rf_exp.compose",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("sentence")
+    parser.add_argument("keys", nargs="*", metavar="KEY=VALUE")
+    said = parser.parse_args()
+    given = _read(said.sentence, said.keys)
     folder = Path(given["out"])
     code = ".".join((*folder.parts, given["name"]))
-    composed = compose(text, given["objects"], given["name"], code)
+    composed = compose(said.sentence, given["objects"], given["name"], code)
     config, module = written(composed, folder)
     console.print(
         f"{len(composed.said.jobs)} jobs for {composed.said.arms} arms; wrote {config} and {module}"
@@ -54,12 +58,13 @@ def main() -> None:
         raise StageError(f"{broken} laws are broken, {failed} scenes failed; where and why is said above")
 
 
-def _read(arguments: list[str]) -> tuple[str, dict[str, Any]]:
-    """The sentence and the keys. Raises ArgumentError for more than one sentence, and for unknown keys."""
-    keys = [each for each in arguments if "=" in each.split(" ")[0]]
-    texts = [each for each in arguments if each not in keys]
-    if len(texts) != 1:
-        raise ArgumentError(f"{len(texts)} sentences; expected one, in quotes, then keys: {', '.join(KEYS)}")
+def _read(text: str, keys: list[str]) -> dict[str, Any]:
+    """What the keys say. Raises ArgumentError for a key in place of the sentence, and for unknown keys."""
+    for each in (text, *keys):
+        if ("=" in each.split(" ")[0]) == (each is text):
+            raise ArgumentError(
+                f"{each!r}: expected one sentence, in quotes, then keys as KEY=VALUE: {', '.join(KEYS)}"
+            )
     try:
         said: Any = OmegaConf.to_container(OmegaConf.from_dotlist(keys))
     except OmegaConfBaseException as error:
@@ -77,14 +82,12 @@ def _read(arguments: list[str]) -> tuple[str, dict[str, Any]]:
         raise ArgumentError(f"out is {given['out']!r}; expected a folder below this one, as my_tasks")
     if type(given["episodes"]) is not int or given["episodes"] < 0:
         raise ArgumentError(f"episodes is {given['episodes']!r}; expected 0 or more")
-    return texts[0], given
+    return given
 
 
 def _laws(task: Task) -> int:
     broken = 0
-    for law in LAWS:
-        with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
-            found = list(law.broken(world))
+    for law, found in judged(task):
         broken += bool(found)
         console.print(f"{law.says}: {'holds' if not found else '; '.join(found)}")
     return broken

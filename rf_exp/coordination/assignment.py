@@ -5,6 +5,7 @@ mixed-integer program of HiGHS (`scipy.optimize.milp`), which proves its answer 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,18 +50,21 @@ def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
     # Unknowns: whether job j goes to agent n, all n of a job side by side, and the largest load.
     once = hstack([kron(np.eye(jobs), np.ones((1, agents))), csr_array((jobs, 1))])
     loads = np.concatenate([np.diag(row) for row in cost], axis=1)  # (N, J * N)
+    lowest: Any = np.append(np.ones(jobs), np.full(agents, -np.inf))  # typed as a number by scipy
+    highest: Any = np.append(np.ones(jobs), -has_s)
     rules = LinearConstraint(
         vstack([once, hstack([csr_array(loads), csr_array(-np.ones((agents, 1)))])]).tocsr(),
-        np.append(np.ones(jobs), np.full(agents, -np.inf)),
-        np.append(np.ones(jobs), -has_s),
+        lowest,
+        highest,
     )
 
     def searched(weights: Floats, most_s: float) -> tuple[NDArray[np.int64] | None, float]:
         """The best (J,) agents that were found with loads up to `most_s`, and the proven bound."""
+        most: Any = np.append(can.ravel(), most_s)
         found = milp(
             c=weights,
             integrality=np.append(np.ones(jobs * agents), 0),
-            bounds=Bounds(np.zeros(jobs * agents + 1), np.append(can.ravel(), most_s)),
+            bounds=Bounds(0.0, most),
             constraints=rules,
             options={"node_limit": NODES, "mip_rel_gap": NEAR / 10},
         )

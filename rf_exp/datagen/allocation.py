@@ -8,7 +8,7 @@ look-ahead in planning, from where the agent is now, without what may be in the 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from rf_exp.transforms import Matrix
 from rf_exp.types import ANYBODY, JointLimits, Scene, Subgoal
 
 Job = Sequence[Subgoal]  # of one agent, with one thing
-Part = TypeVar("Part", Statement, Step)
 
 
 def allocated(proposal: Proposal, task: Task, scene: Scene, limits: JointLimits) -> Proposal:
@@ -107,12 +106,12 @@ def _stated(constraints: Sequence[Statement], subgoals: Sequence[Subgoal]) -> It
     """The constraints with those who were chosen. An order that one agent keeps by itself is none."""
     for each in constraints:
         known = _known(each, subgoals, each.sentence)
-        one = isinstance(known, Before) and isinstance(known.first, Step) and known != each
-        if not (one and known.first.agent == known.then.agent):
+        opened = known != each and isinstance(known, Before) and isinstance(known.first, Step)
+        if not (opened and known.first.agent == known.then.agent):
             yield known
 
 
-def _known(part: Part, subgoals: Sequence[Subgoal], sentence: str) -> Part:
+def _known(part: Any, subgoals: Sequence[Subgoal], sentence: str) -> Any:
     """A statement, or a step, with the one agent that has to do with its thing in the place of anybody."""
     changes: dict[str, Any] = {
         key: _known(value, subgoals, sentence) for key, value in vars(part).items() if isinstance(value, Step)

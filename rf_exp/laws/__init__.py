@@ -37,6 +37,8 @@ GRIPPER_PX, OBJECT_PX = 150, 40  # seen at least by an agent that works
 
 Broken = Iterator[str]
 
+__all__ = ["LAWS", "Law", "judged"]
+
 
 @dataclass(frozen=True)
 class Law:
@@ -306,3 +308,11 @@ LAWS = (
         "each agent sees its gripper and its object whenever it matters", agents_see_their_work, pictures=True
     ),
 )
+
+
+def judged(task: Task, *, pictures: bool = True) -> Iterator[tuple[Law, list[str]]]:
+    """Each law, without `pictures` but those of pictures, and where a task breaks it; nowhere: it holds."""
+    for law in LAWS:
+        if pictures or not law.pictures:
+            with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
+                yield law, list(law.broken(world))

@@ -15,9 +15,8 @@ from omegaconf import DictConfig
 from rf_exp.command import composed, guarded, register_all_tasks, settled
 from rf_exp.errors import StageError
 from rf_exp.experiment import read_experiment
-from rf_exp.laws import HEIGHT_PX, LAWS, WIDTH_PX
+from rf_exp.laws import judged
 from rf_exp.progress import console
-from rf_exp.sim import Simulator
 
 register_all_tasks()
 
@@ -28,11 +27,7 @@ def main(config: DictConfig) -> None:
     experiment = read_experiment(settled(config))
     broken = 0
     for task in experiment.tasks:
-        for law in LAWS:
-            if law.pictures and not experiment.pictures.render:
-                continue
-            with Simulator(task, width_px=WIDTH_PX, height_px=HEIGHT_PX, render=law.pictures) as world:
-                found = list(law.broken(world))
+        for law, found in judged(task, pictures=experiment.pictures.render):
             broken += bool(found)
             console.print(f"{task.name}: {law.says}: {'holds' if not found else '; '.join(found)}")
     if broken:

@@ -1,6 +1,7 @@
 """Tasks and their assets: geometry, plans and success criteria. Knows no simulator.
 
-`assets` has what stands on the table, `predicates` what the success of a task is made of.
+`assets` has what stands on the table, `predicates` what the success of a task is made of, `shared` what
+several tasks do alike.
 """
 
 import lazy_loader

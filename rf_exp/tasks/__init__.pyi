@@ -1,5 +1,6 @@
 from . import assets as assets
 from . import predicates as predicates
+from . import shared as shared
 from .task.configuration import CONFIGURED as CONFIGURED
 from .task.configuration import check_words as check_words
 from .task.configuration import default_of as default_of

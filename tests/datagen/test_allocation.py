@@ -56,7 +56,7 @@ def test_everything_gets_an_agent_and_constraints_follow() -> None:
     assert set(who.values()) == set(task.agents) and len(who) == 4
     assert all(who[each.object] == each.agent for each in found.subgoals)
     stated = {each for each in found.constraints if isinstance(each, ContactAt)}
-    assert stated == {ContactAt(agent, "grasp", name, "center") for name, agent in who.items()}
+    assert stated == {ContactAt(agent, "grasp", str(name), "center") for name, agent in who.items()}
     assert allocated(found, task, scene, LIMITS) == found
 
 
