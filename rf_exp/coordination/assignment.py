@@ -13,7 +13,8 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array, hstack, kron, vstack
 
 NODES = 500  # of a search, which is counted and not timed: the answer is the same on every machine
-NEAR = 1e-6  # of a load: differences that say nothing
+UNIT_S = 1e-3  # in which time is counted
+NEAR = 1e-3  # of a unit: differences that say nothing
 
 Floats = NDArray[np.float64]
 
@@ -29,62 +30,61 @@ class Assignment:
     @property
     def optimal(self) -> bool:
         """Whether it is proven that none has a smaller largest load."""
-        return self.largest_s <= self.bound_s * (1 + NEAR) + NEAR
+        return self.largest_s <= self.bound_s + UNIT_S * NEAR
 
 
 def assign(takes_s: Floats, has_s: Floats | None = None) -> Assignment | None:
     """Agents for all jobs, or None where one can be done by nobody.
 
     `takes_s` (J, N) is how long each job takes each agent, infinite where it cannot; `has_s` (N,) what each
-    has to do besides, nothing unless given. Of assignments with the least largest load it is one with the
-    least work of all agents together.
+    has to do besides, nothing unless given. Both are rounded to milliseconds: estimates are no better, and
+    whole numbers are exact. Of assignments with the least largest load it is one with the least work of all
+    agents together.
     """
     jobs, agents = takes_s.shape
-    has_s = np.zeros(agents) if has_s is None else has_s
-    can = np.isfinite(takes_s)
+    takes, has = np.round(takes_s / UNIT_S), np.round((np.zeros(agents) if has_s is None else has_s) / UNIT_S)
+    can = np.isfinite(takes)
     if not can.any(axis=1).all():
         return None
     if not jobs:
-        return Assignment((), float(has_s.max()), float(has_s.max()))
-    cost = np.where(can, takes_s, 0.0)
+        return Assignment((), float(has.max() * UNIT_S), float(has.max() * UNIT_S))
+    cost = np.where(can, takes, 0.0)
     # Unknowns: whether job j goes to agent n, all n of a job side by side, and the largest load.
     once = hstack([kron(np.eye(jobs), np.ones((1, agents))), csr_array((jobs, 1))])
     loads = np.concatenate([np.diag(row) for row in cost], axis=1)  # (N, J * N)
     lowest: Any = np.append(np.ones(jobs), np.full(agents, -np.inf))  # typed as a number by scipy
-    highest: Any = np.append(np.ones(jobs), -has_s)
+    highest: Any = np.append(np.ones(jobs), -has)
     rules = LinearConstraint(
         vstack([once, hstack([csr_array(loads), csr_array(-np.ones((agents, 1)))])]).tocsr(),
         lowest,
         highest,
     )
 
-    def searched(weights: Floats, most_s: float) -> tuple[NDArray[np.int64] | None, float]:
-        """The best (J,) agents that were found with loads up to `most_s`, and the proven bound."""
-        most: Any = np.append(can.ravel(), most_s)
+    def searched(weights: Floats, most: float) -> tuple[NDArray[np.int64] | None, float]:
+        """The best (J,) agents that were found with loads up to `most`, and the proven bound."""
+        upper: Any = np.append(can.ravel(), most)
         found = milp(
             c=weights,
-            integrality=np.append(np.ones(jobs * agents), 0),
-            bounds=Bounds(0.0, most),
+            integrality=np.ones(jobs * agents + 1),
+            bounds=Bounds(0.0, upper),
             constraints=rules,
-            options={"node_limit": NODES, "mip_rel_gap": NEAR / 10},
+            options={"node_limit": NODES},
         )
-        bound = -np.inf if found.mip_dual_bound is None else float(found.mip_dual_bound)
+        bound = 0.0 if found.mip_dual_bound is None else float(np.ceil(found.mip_dual_bound - NEAR))
         return None if found.x is None else found.x[:-1].reshape(jobs, agents).argmax(axis=1), bound
 
-    def largest_s(chosen: NDArray[np.int64]) -> float:
-        return float(load_s(takes_s, chosen, has_s).max())
+    def largest(chosen: NDArray[np.int64]) -> float:
+        return float(load_s(takes, chosen, has).max())
 
-    chosen = greedy(takes_s, has_s)
-    soonest, bound_s = searched(np.append(np.zeros(jobs * agents), 1.0), np.inf)
-    if soonest is not None and largest_s(soonest) < largest_s(chosen):
+    chosen = greedy(takes, has)
+    soonest, bound = searched(np.append(np.zeros(jobs * agents), 1.0), float(largest(chosen)))
+    if soonest is not None and largest(soonest) < largest(chosen):
         chosen = soonest
-    most_s = largest_s(chosen) * (1 + NEAR)
-    least, _ = searched(np.append(cost.ravel(), 0.0), most_s)
-    if least is not None and largest_s(least) <= most_s:
+    least, _ = searched(np.append(cost.ravel(), 0.0), largest(chosen))
+    if least is not None and largest(least) <= largest(chosen):
         chosen = least
-    load = largest_s(chosen)
-    simple_s = max(float(has_s.max()), float(takes_s.min(axis=1).max()))
-    return Assignment(tuple(map(int, chosen)), load, min(max(bound_s, simple_s), load))
+    bound = max(bound, float(has.max()), float(takes.min(axis=1).max()))
+    return Assignment(tuple(map(int, chosen)), largest(chosen) * UNIT_S, bound * UNIT_S)
 
 
 def load_s(takes_s: Floats, chosen: NDArray[np.integer], has_s: Floats) -> Floats:
