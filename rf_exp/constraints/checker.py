@@ -106,7 +106,7 @@ class Monitor:
         for agent in plan.task.agents:
             position = plan.position_now(agent, scene)
             segment = plan.segment_at(agent, position) if position > 0 else None
-            carried = segment.attached if segment is not None else None
+            carried = segment.gripped if segment is not None else None
             holds = carried is None or scene.held[agent - 1] == carried
             self._lost[agent] = 0 if holds else self._lost.get(agent, 0) + 1
             if self._lost[agent] >= LOST_STEPS and segment is not None:

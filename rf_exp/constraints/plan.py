@@ -160,10 +160,10 @@ class Plan:
     def arm(self, agent: int) -> Arm:
         return self.paths.arm(agent)
 
-    def carried(self, segment: Segment, qpos: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 4, 4) world_from_object of what a segment carries, with its arm at joints (..., dof)."""
-        assert segment.tcp_from_object is not None  # PlanningScene.along has refused it otherwise
-        return self.arm(segment.agent).tcp(qpos) @ segment.tcp_from_object
+    def carried(self, segment: Segment, rows: slice | int = slice(None)) -> NDArray[np.float64]:
+        """(..., 4, 4) world_from_object of what a segment carries, at all of its steps (T,) or at some."""
+        tcp = self.arm(segment.agent).tcp(segment.qpos[rows])
+        return self.planning_scene.attached(segment, tcp, rows)
 
     def tcp(self, agent: int, scene: Scene) -> Matrix:
         """world_from_tcp of an agent as measured."""
@@ -211,5 +211,8 @@ def _finer(trajectory: Trajectory) -> Trajectory:
     for segment, start, end in trajectory.intervals:
         at = np.arange(FINER * start + 1, FINER * end + 1) / FINER
         finer = np.column_stack([np.interp(at, np.arange(len(path)), column) for column in path.T])
-        segments.append(replace(segment, qpos=arm_of(finer), gripper=gripper_of(finer)))
+        made = replace(segment, qpos=arm_of(finer), gripper=gripper_of(finer))
+        if (opened_rad := segment.opened_rad) is not None:
+            opened_rad = np.interp(at, np.arange(start + 1, end + 1), opened_rad)
+        segments.append(replace(made, opened_rad=opened_rad))
     return replace(trajectory, segments=tuple(segments))

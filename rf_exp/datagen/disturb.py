@@ -31,7 +31,7 @@ TALLEST = 3.0  # standard deviations
 ADDED = JointLimits(velocity_rad_s=1.2, acceleration_rad_s2=6.5)
 CALM_STEPS, FADE_STEPS = 4, 16  # before and after the fingers move: undisturbed, then ever more
 CARRYING, TOGETHER = 0.4, 0.2  # part of the strength while something is held, and held by several
-TOUCHING = ("press", "strike")  # primitives that end in contact
+TOUCHING = ("press", "strike", "shut")  # primitives that end in contact
 PARTS = (1.0, -1.0, 0.5, -0.5, 0.25, -0.25, 0.0)  # of a perturbation; mirrored, it leads away from a thing
 KEEPS_M = 0.015  # of a thing, where its plan does: it trails its commands, the more the faster they change
 MOVED_M = 0.005

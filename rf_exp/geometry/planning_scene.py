@@ -94,15 +94,10 @@ class PlanningScene:
             for segment, begin, end in trajectory.intervals:
                 if segment.attached != name:
                     continue
-                if segment.tcp_from_object is None:
-                    raise ArgumentError(
-                        f"agent {agent}, segment {segment.primitive!r} has {name!r} attached, "
-                        "but tcp_from_object is missing"
-                    )
                 if not mask.any():  # where the scene has it, or where another agent has put it
-                    poses[:] = tcp[begin] @ segment.tcp_from_object
+                    poses[:] = self._taken_up(segment, tcp[begin])
                 mask[begin : end + 1] = True
-                poses[begin:] = tcp[begin:] @ segment.tcp_from_object
+                poses[begin + 1 : end + 1] = self.attached(segment, tcp[begin + 1 : end + 1])
                 poses[end:] = poses[end]
                 # Once the fingers are open: until then it counts as carried.
                 opened = next((knot for knot in trajectory.knots if knot > end), len(poses))
@@ -122,6 +117,19 @@ class PlanningScene:
         rests = self._rests(trajectory, moved, carried, segments)
         links = arm.links(qpos)
         return self._body(agent, links, moved, carried=carried, touches=touches, rests=rests, holds=holds)
+
+    def attached(
+        self, segment: Segment, tcp: NDArray[np.float64], rows: slice | int = slice(None)
+    ) -> NDArray[np.float64]:
+        """(..., 4, 4) world_from_object of what a segment moves, in steps in which the TCP is at (..., 4, 4)."""
+        if segment.attached is not None and segment.opened_rad is not None:
+            return self.task.hung(segment.attached, self.scene.poses, segment.opened_rad[rows])
+        if segment.tcp_from_object is None:
+            raise ArgumentError(
+                f"agent {segment.agent}, segment {segment.primitive!r} has {segment.attached!r} attached, "
+                "but tcp_from_object is missing"
+            )
+        return tcp @ segment.tcp_from_object
 
     def standing(self, names: Iterable[str] | None = None) -> Swept:
         """Things as they stand in the scene (P = 1); without names, those nobody moves, and clutter."""
@@ -146,6 +154,12 @@ class PlanningScene:
         return lowest_m(body) < margin_m
 
     # parts
+
+    def _taken_up(self, segment: Segment, tcp: Matrix) -> Matrix:
+        """world_from_object of what a segment moves, before it does so with the TCP there."""
+        if segment.attached is not None and segment.opened_rad is not None:
+            return self.scene.poses[segment.attached]
+        return self.attached(segment, tcp)
 
     def _pose(self, name: str) -> Matrix:
         """Of clutter where the seed has put it, unless it has been measured since."""
@@ -223,9 +237,9 @@ class PlanningScene:
         hand = self.arms[trajectory.agent - 1].robot.hand
         opening = hand.opening_m(gripper_of(trajectory.path()))
         for segment, begin, end in trajectory.intervals:
-            if segment.attached:
+            if segment.gripped:
                 rows = slice(begin + 1, end + 1)
-                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.attached))
+                opening[rows] = np.maximum(opening[rows], self._grip_m(trajectory, segment.gripped))
         opening[0] = max(opening[0], float(fingers_of(self.scene.qpos[trajectory.agent - 1]).max()))
         return maximum_filter1d(opening, CLOSING_STEPS + 1, origin=CLOSING_STEPS // 2, mode="nearest")
 

@@ -245,7 +245,7 @@ def everything_is_seen_at_the_start(world: Simulator) -> Broken:
 
 
 class _Moments(NullObserver):
-    """Notes when each agent has just closed its fingers, presses, strikes, or is about to let go."""
+    """Notes when each agent has just closed its fingers, presses, strikes, or is about to shut something or let go."""
 
     def __init__(self) -> None:
         self.actions: list[NDArray[np.float64]] = []
@@ -255,7 +255,8 @@ class _Moments(NullObserver):
         for trajectory in plan.trajectories:
             positions = plan.schedule.positions[:, trajectory.agent - 1]
             for segment, begin, end in trajectory.intervals:
-                at = {"close": end, "press": end, "strike": end, "open": begin}.get(segment.primitive)
+                works = {"close": end, "press": end, "strike": end, "shut": begin, "open": begin}
+                at = works.get(segment.primitive)
                 if at is not None and segment.subgoal.object is not None:
                     step = len(self.actions) + int(np.searchsorted(positions, at))
                     self.found.setdefault(step, set()).add((trajectory.agent, segment.subgoal.object))

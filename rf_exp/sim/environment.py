@@ -183,6 +183,9 @@ class TableEnv(BaseEnv):
             )
             for name in self.task.objects
         }
+        for name, spec in self.task.objects.items():
+            if (hinge := self.task.asset(name).hinge) is not None:
+                objects.hang(self.actors[name], self.actors[spec.relative_to or ""], hinge, spec.nominal)
         self.clutter = {
             name: objects.build(self.scene, name, piece.asset, self.start.clutter[name])
             for name, piece in self.task.clutter.items()

@@ -16,12 +16,13 @@ from sapien import physx
 
 from rf_exp.sim.textures import SIZE_PX, pixels
 from rf_exp.tasks import TABLE_CENTRE_M, TABLE_M
-from rf_exp.tasks.assets import Asset, Colour, Part
-from rf_exp.transforms import Matrix, planar, quaternion, transform
+from rf_exp.tasks.assets import Asset, Colour, Hinge, Part
+from rf_exp.transforms import Matrix, from_axes, planar, quaternion, transform
 from rf_exp.types import BARE, Finish, Look, Texture
 
 SMOOTH_RAD = np.deg2rad(30)  # edges sharper than this are seen as edges
 UNTINTED = np.ones(3)
+UNBENT = 1e4, 1e2  # N m/rad and N m s/rad with which a hinge keeps to its axis
 PATCH_RADIUS_M = 0.02  # torsional friction of a contact, as of a soft surface
 WHITE: Colour = (1.0, 1.0, 1.0)
 MIPMAPS = SIZE_PX.bit_length()  # down to one pixel, or what repeats far away would flicker
@@ -173,6 +174,23 @@ def build(
     builder.set_scene(scene)
     builder.initial_pose = sapien_pose(world_from_object)
     return builder.build(name)
+
+
+def hang(thing: Actor, bearer: Actor, hinge: Hinge, bearer_from_shut: Matrix) -> None:
+    """Let one turn about its hinge on another one, which it no longer collides with: stops hold it instead."""
+    drive = physx.PhysxDriveComponent(thing._bodies[0])
+    drive.set_parent(bearer._bodies[0])
+    # PhysX twists about the x axis of the joint.
+    hinge_from_joint = from_axes((0, 0, 0), z=(1, 0, 0), y=(0, 0, 1))
+    in_thing = hinge.object_from_hinge @ hinge_from_joint
+    drive.set_pose_in_child(sapien_pose(in_thing))
+    drive.set_pose_in_parent(sapien_pose(bearer_from_shut @ in_thing))
+    for fix in (drive.set_limit_x, drive.set_limit_y, drive.set_limit_z):
+        fix(0.0, 0.0)
+    drive.set_drive_property_swing(*UNBENT)  # limits of zero leave swings free
+    drive.set_limit_twist(0.0, float(np.deg2rad(hinge.open_deg)))
+    drive.set_drive_property_twist(0.0, hinge.damping_n_m_s)
+    thing._objs[0].add_component(drive)
 
 
 @cache

@@ -18,7 +18,7 @@ class ContactAt(OfAgent):
         r"{agent} (?:{must} )?{verb} (?:the |its ){point} of {object}",
     )
 
-    verb: str  # one that meets a point: grasp, press
+    verb: str  # one that meets a point: grasp, press, shut
     object: str
     point: str
 

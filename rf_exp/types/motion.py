@@ -17,7 +17,7 @@ class Subgoal:
     """One step of one agent, e.g. agent 1: `grasp barrier at left`."""
 
     agent: int  # from 1; ANYBODY: who is chosen when it is planned
-    verb: str  # grasp lift carry place strike press release home aside hold
+    verb: str  # grasp lift carry place strike press shut release home aside hold
     object: str | None = None
     point: str | None = None  # interaction point of `object`
     target: str | None = None  # where to carry, place or strike: an object or a named place
@@ -58,16 +58,22 @@ class Segment:
 
     agent: int
     subgoal: Subgoal
-    primitive: str  # move approach close lift carry lower open retreat press strike
+    primitive: str  # move approach close lift carry lower open retreat press strike shut
     qpos: NDArray[np.float64]  # (T, dof) rad: the target at each control step; the start is not in it
     gripper: NDArray[np.float64]  # (T,) command in [-1 closed, 1 open]
     attached: str | None = None  # object that moves with the gripper
     tcp_from_object: NDArray[np.float64] | None = None  # (4, 4) of the attached object
     touches: frozenset[str] = frozenset()  # objects the gripper may touch here
     joined: str | None = None  # segments of several agents with one label run in lockstep
+    opened_rad: NDArray[np.float64] | None = None  # (T,) of an attached thing that turns about its hinge
 
     def __len__(self) -> int:
         return len(self.qpos)
+
+    @property
+    def gripped(self) -> str | None:
+        """What is attached, unless it is only pushed."""
+        return self.attached if self.opened_rad is None else None
 
     @property
     def about(self) -> frozenset[str]:

@@ -39,6 +39,7 @@ PRIMITIVES: dict[str, Rgb] = {
     "lower": (34, 98, 72),
     "press": (150, 92, 158),
     "strike": (116, 68, 140),
+    "shut": (134, 80, 149),
 }
 
 EYE_M = (1.7, -0.8, 1.3)  # looks the way the tasks' global cameras do, from higher and further

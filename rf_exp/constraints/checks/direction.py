@@ -104,7 +104,7 @@ class DirectionCheck(ContactCheck):
         if named is not None and named in points:
             return points[named]
         tcp, pose = contact.tcp(plan), contact.object_pose(plan, self.object)
-        met = [point for point in points.values() if point.kind in ("grasp", "press")]
+        met = [point for point in points.values() if point.kind in ("grasp", "press", "shut")]
         return min(met, key=lambda point: offset_m(tcp, nearest_pose(tcp, pose, point)), default=None)
 
     def _turned(self, off_rad: float, time_s: float, measured: bool = False) -> Evidence:

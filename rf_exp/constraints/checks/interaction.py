@@ -41,7 +41,7 @@ class Contact:
         for trajectory in plan.trajectories:
             carrying = [segment for segment in trajectory.segments if segment.attached == name]
             if trajectory.agent != self.segment.agent and carrying:
-                poses.append(plan.carried(carrying[-1], carrying[-1].qpos[-1]))
+                poses.append(plan.carried(carrying[-1], -1))
         tcp = self.tcp(plan)
         point = plan.task.asset(name).points.get(self.segment.subgoal.point or "")
         if point is None:
@@ -171,7 +171,7 @@ class PlaceAtCheck(OneAgentCheck):
         found, goal = self.idle(plan, bound_m), plan.scene.poses[self.target] @ point.object_from_tcp
         for segment, _, end in plan.trajectory(self.agent).intervals:
             if segment.subgoal.target == self.target and segment.primitive == "lower":
-                placed = plan.carried(segment, segment.qpos[-1])
+                placed = plan.carried(segment, -1)
                 value, time_s = float(np.linalg.norm((placed - goal)[:2, 3])), plan.time_s(self.agent, end)
                 about: About = {"object": segment.attached, "aspect": f"{self.point} point of {self.target}"}
                 ok = value <= bound_m

@@ -46,7 +46,7 @@ class KeepLevelCheck(BoundedCheck):
             for segment, start, _ in plan.trajectory(agent).intervals:
                 if segment.attached != self.object:
                     continue
-                poses = plan.carried(segment, segment.qpos)
+                poses = plan.carried(segment)
                 tilts = _tilts_deg(poses, plan.scene.poses[self.object])
                 row = self.worst(tilts)
                 if tilts[row] >= worst.value:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rf_exp.datagen.brain.protocol import Question
 from rf_exp.errors import choices
 from rf_exp.statements import (
+    VERBS,
     AvoidAgents,
     Before,
     ContactAt,
@@ -316,7 +317,7 @@ def choose(options: Sequence[T], rng: np.random.Generator) -> T:
 
 def contacts(proposal: Proposal) -> list[Subgoal]:
     """Subgoals that meet an annotated point."""
-    return [s for s in proposal.subgoals if s.verb in ("grasp", "press") and s.object and s.point]
+    return [s for s in proposal.subgoals if VERBS[s.verb].is_contact and s.object and s.point]
 
 
 def orders(proposal: Proposal) -> Iterator[tuple[Step, Step]]:

@@ -115,8 +115,13 @@ def leaving_s(high: Floats, low: Floats, rest: Points, limits: JointLimits) -> F
 
 def straight(arm: Arm, joints: Floats, goal: Matrix, limits: JointLimits) -> Points | None:
     """Joint points (K, dof) of the soonest straight line of the TCP from joints (dof,) to a pose, or None."""
-    turns = np.append(TURNS_RAD, arm.facing(goal) - joints[-1])
-    lines = lines_to(arm, joints, goal, turns)
+    return along(arm, joints, _between(arm, joints, goal), limits)
+
+
+def along(arm: Arm, joints: Floats, poses: Floats, limits: JointLimits) -> Points | None:
+    """Joint points (K + 1, dof) of the soonest motion of the TCP from joints (dof,) through poses (K, 4, 4)."""
+    turns = np.append(TURNS_RAD, arm.facing(poses[-1]) - joints[-1])
+    lines = _through(arm, joints, poses, turns)
     if not len(lines):
         return None
     middle, end = lines[:, lines.shape[1] // 2], lines[:, -1]
@@ -126,12 +131,23 @@ def straight(arm: Arm, joints: Floats, goal: Matrix, limits: JointLimits) -> Poi
 
 def lines_to(arm: Arm, joints: Floats, goal: Matrix, turns: Floats) -> Floats:
     """Joint points (M, K, dof) of such lines; in each the last joint turns evenly, by another angle."""
+    return _through(arm, joints, _between(arm, joints, goal), turns)
+
+
+def _between(arm: Arm, joints: Floats, goal: Matrix) -> Floats:
+    """(K, 4, 4) TCP poses on the straight line from joints (dof,) to a pose, which is the last."""
     start = arm.tcp(joints)
     count = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - start[:3, 3]) / LINE_STEP_M - 1e-6)))
+    return interpolate(start, goal, np.arange(1, count + 1) / count)
+
+
+def _through(arm: Arm, joints: Floats, poses: Floats, turns: Floats) -> Floats:
+    """Joint points (M, K + 1, dof) through poses (K, 4, 4); in each the last joint turns evenly, as above."""
+    count = len(poses)
     share = np.arange(1, count + 1) / count
     turns = turns if arm.robot.spare else turns[:1]
     # Postures are (M, K, branches, dof).
-    found = arm.postures(interpolate(start, goal, share), joints[-1] + turns[:, None] * share)
+    found = arm.postures(poses, joints[-1] + turns[:, None] * share)
     rows = np.arange(len(turns))
     lines = np.empty((len(turns), count + 1, len(joints)))
     lines[:, 0] = joints

@@ -7,7 +7,7 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from rf_exp.datagen.motion.branches import Approaches, Arrivals, leaving_s, straight
+from rf_exp.datagen.motion.branches import Approaches, Arrivals, along, leaving_s, straight
 from rf_exp.datagen.motion.state import Blockage, Blocked, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import SPACING_RAD, blend, densify, duration_s, parameterise
 from rf_exp.findings import Cause, Finding
@@ -193,6 +193,10 @@ class Reach:
     def line(self, agent: int, joints: Points, goal: Matrix) -> Points | None:
         """Joint points (K, dof) of the straight TCP line from joints (dof,) to a pose."""
         return straight(self.arms[agent], joints, goal, self.limits)
+
+    def along(self, agent: int, joints: Points, poses: Floats) -> Points | None:
+        """Joint points (K + 1, dof) of the TCP from joints (dof,) through poses (K, 4, 4)."""
+        return along(self.arms[agent], joints, poses, self.limits)
 
     def arrive(
         self, agent: int, tiers: Tiers, rest_rad: Points | None = None

@@ -12,9 +12,9 @@ from typing import TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rf_exp.datagen.motion.reach import CLEARANCE_M, Tiers, above, contacts
+from rf_exp.datagen.motion.reach import CLEARANCE_M, LookAhead, Tiers, above, contacts
 from rf_exp.datagen.motion.request import Request, ends, once_grasped, once_placed, support
-from rf_exp.datagen.motion.state import Blockage, Points, State, Unreachable, obstructed
+from rf_exp.datagen.motion.state import Blockage, Floats, Points, State, Unreachable, obstructed
 from rf_exp.datagen.motion.timing import parameterise
 from rf_exp.datagen.yielding import posture_rad
 from rf_exp.errors import ArgumentError, choices
@@ -23,11 +23,12 @@ from rf_exp.geometry import fallen
 from rf_exp.statements import VERBS
 from rf_exp.tasks.assets import InteractionPoint
 from rf_exp.transforms import Matrix, inverse, transform
-from rf_exp.types import GRIPPER_CLOSED, GRIPPER_OPEN, Segment
+from rf_exp.types import CONTROL_HZ, GRIPPER_CLOSED, GRIPPER_OPEN, Segment
 
 GRIPPER_STEPS = 8  # control steps that closing or opening takes, 0.4 s
 RETREAT_M = 0.08
 FAR_M = 0.3  # from the middle of a thing to where it can be met, at most
+ARC_RAD = 0.05  # between postures of a sweep, at most
 _TIPS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0)
 
 T = TypeVar("T")
@@ -124,6 +125,53 @@ def press(request: Request, state: State) -> Motion:
     return (close, pressing), state
 
 
+def shut(request: Request, state: State) -> Motion:
+    """Closed fingers sweep a hinged thing over from its back, until its own weight shuts it."""
+    task, reach, agent, name = request.task, request.reach, request.agent, _required(request.subgoal.object)
+    point = task.asset(name).points[_required(request.subgoal.point)]
+    hinge, begin = _required(task.asset(name).hinge), state.poses[name]
+    touches = frozenset({name, _required(task.objects[name].relative_to)})
+    open_rad, falls_rad = float(task.opened_rad(name, state.poses)), float(np.deg2rad(hinge.falls_deg))
+    if open_rad <= falls_rad:
+        return (), state  # nothing holds it open
+    arc_rad = np.linspace(open_rad, falls_rad, int(np.ceil((open_rad - falls_rad) / ARC_RAD)) + 1)[1:]
+    moves = task.hung(name, state.poses, arc_rad) @ inverse(begin)  # (K, 4, 4) what is on it, from where it is
+
+    def arc(contact: Matrix) -> Floats:
+        """(K, 4, 4) TCP poses; the hand does not turn with the thing, as an arm that is far off could not."""
+        poses = np.tile(contact, (len(moves), 1, 1))
+        poses[:, :3, 3] = (moves @ contact)[:, :3, 3]
+        return poses
+
+    def after(goals: Floats) -> Callable[[int, Points], float]:
+        def takes_s(goal: int, points: Points) -> float:
+            swept = reach.along(agent, points[-1], arc(goals[goal]))
+            return np.inf if swept is None else float(reach.duration_s(swept[[0, -1]]))
+
+        return takes_s
+
+    close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
+    tiers, what = [contacts(begin, point)], f"shut {name} at {request.subgoal.point}"
+    ahead = LookAhead(after)
+    points = reach.timed(agent, tiers, point.standoff_m, state, touches, what, look_ahead=ahead)
+    approach, state = request.segment("approach", points, state, touches)
+    contact = request.tcp(state)
+    line = reach.along(agent, state.qpos[agent], arc(contact))
+    if line is None:
+        raise Unreachable(Cause.REACH, Finding.OUT_OF_REACH, (agent,), subgoals=(what,))
+    timed = parameterise(line, reach.limits)
+    from_axis = inverse(task.hung(name, state.poses, 0.0) @ hinge.object_from_hinge)
+    x_m, _, z_m, _ = (from_axis @ np.concatenate([contact[None], reach.arms[agent].tcp(timed)]))[..., 3].T
+    about_rad = np.arctan2(x_m, z_m)
+    falling_rad = np.linspace(falls_rad, 0.0, int(np.ceil(hinge.falls_s * CONTROL_HZ)) + 1)[1:]
+    stays = np.tile(timed[-1], (len(falling_rad), 1))
+    sweep, state = request.segment("shut", np.concatenate([timed, stays]), state, touches)
+    opened_rad = np.concatenate([open_rad + about_rad[1:] - about_rad[0], falling_rad])
+    state = replace(state, poses={**state.poses, name: task.hung(name, state.poses, 0.0)})
+    retreat, state = _draw_back(request, state, touches)
+    return (close, approach, replace(sweep, attached=name, opened_rad=opened_rad), retreat), state
+
+
 def leave(request: Request, state: State) -> Motion:
     """To rest, or to the retracted posture, on a free path."""
     posture = "aside" if request.subgoal.verb == "aside" else "home"
@@ -141,6 +189,7 @@ _PRIMITIVES: dict[str, Primitive] = {
     "strike": strike,
     "release": release,
     "press": press,
+    "shut": shut,
     "home": leave,
     "aside": leave,
     "hold": lambda _, state: ((), state),
@@ -207,13 +256,16 @@ def _let_go(request: Request, state: State, touches: frozenset[str]) -> Motion:
     # From the first opening on nothing is held, only touched.
     state = replace(state, held={each: what for each, what in state.held.items() if each != agent})
     opened, state = _fingers(request, "open", GRIPPER_OPEN, state, touches)
-    back = request.tcp(state) @ transform((0.0, 0.0, -RETREAT_M))
+    retreat, state = _draw_back(request, state, touches)
+    return (opened, retreat), state
+
+
+def _draw_back(request: Request, state: State, touches: frozenset[str]) -> tuple[Segment, State]:
+    agent, back = request.agent, request.tcp(state) @ transform((0.0, 0.0, -RETREAT_M))
     line = request.reach.line(agent, state.qpos[agent], back)
     if line is None:
         raise Unreachable(Cause.REACH, Finding.NO_RETREAT, (agent,), object=request.subgoal.object)
-    timed = parameterise(line, request.reach.limits)
-    retreat, state = request.segment("retreat", timed, state, touches)
-    return (opened, retreat), state
+    return request.segment("retreat", parameterise(line, request.reach.limits), state, touches)
 
 
 def _held(request: Request, state: State) -> tuple[str, Matrix]:

@@ -98,7 +98,7 @@ def _forms(said: str) -> tuple[str, ...]:
     return tuple(form.replace("_", " ") for form in said.split())
 
 
-CONTACT_KINDS = ("grasp", "press")  # of interaction points that a gripper meets
+CONTACT_KINDS = ("grasp", "press", "shut")  # of interaction points that a gripper meets
 
 _VERBS: dict[str, Verb] = {}
 VERBS: Mapping[str, Verb] = MappingProxyType(_VERBS)
@@ -196,6 +196,16 @@ for _verb in (
         meets="press",
         words=("press presses pressed pressed pressing", "click clicks clicked clicked clicking"),
         narrow=(Narrow("push pushes pushed pushed pushing", _PUSHED, contact=True),),
+    ),
+    Verb(
+        "shut",
+        needs=("object", "point"),
+        meets="shut",
+        words=(
+            "shut shuts shut shut shutting",
+            "sweep_shut sweeps_shut swept_shut swept_shut sweeping_shut",
+            "swing_shut swings_shut swung_shut swung_shut swinging_shut",
+        ),
     ),
     Verb(
         "release",

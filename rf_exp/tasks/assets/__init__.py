@@ -9,9 +9,9 @@ from importlib import import_module
 from pkgutil import iter_modules
 
 from rf_exp.errors import ArgumentError, choices
-from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part, convex_pieces
+from rf_exp.tasks.assets.asset.base import Asset, Colour, Hinge, InteractionPoint, Part, convex_pieces
 
-__all__ = ["Asset", "Colour", "InteractionPoint", "Part", "available", "convex_pieces", "load"]
+__all__ = ["Asset", "Colour", "Hinge", "InteractionPoint", "Part", "available", "convex_pieces", "load"]
 
 _MACHINERY = ("__main__", "asset")
 

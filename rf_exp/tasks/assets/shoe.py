@@ -3,12 +3,14 @@
 Heel and toe are lower than the grip, so a hand tipped forwards or backwards does not meet them.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
+from rf_exp.errors import choices
+from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part
 from rf_exp.transforms import from_axes
 
 LENGTH_M, WIDTH_M, SOLE_M = 0.20, 0.074, 0.020
@@ -20,15 +22,26 @@ INSOLE_M = 0.014  # above the sole
 HEEL_CENTRE_M, HEEL_OUTER_M, WALL_M = -0.050, (0.044, 0.032), 0.007  # an ellipse: half axes along x, y
 HEEL_WALLS = 6
 PROUD_M = 0.0006
+BENT_M = 0.012  # how far the toe of one of a pair points inwards, from the waist on
 
 RED, DARK, WHITE, LACE = (0.60, 0.05, 0.03), (0.05, 0.03, 0.03), (0.82, 0.80, 0.76), (0.90, 0.88, 0.80)
 
 
-def build() -> Asset:
-    """The shoe with grasp point `center`."""
+BLUE = (0.02, 0.10, 0.45)
+FEET = {"left": (-1, RED), "right": (1, BLUE)}  # where inwards is, along y
+
+
+def build(foot: str | None = None) -> Asset:
+    """The shoe with grasp point `center`; for either foot unless one is given, of a pair that differ in colour.
+
+    Raises ArgumentError for a foot that does not exist.
+    """
+    if foot is not None and foot not in FEET:
+        raise choices("foot of a shoe", foot, FEET)
+    parts = (_sole(), _insole(), *_heel(), _waist(), _tongue(), _vamp(), _cap(), *_laces(), *_stripes())
     return Asset(
         "shoe",
-        parts=(_sole(), _insole(), *_heel(), _waist(), _tongue(), _vamp(), _cap(), *_laces(), *_stripes()),
+        parts=parts if foot is None else tuple(_for_foot(part, *FEET[foot]) for part in parts),
         points={
             "center": InteractionPoint.from_above(
                 (GRIP_X_M, 0, GRIP_Z_M), width_m=2 * WAIST_HALF_M, tip_deg=TIP_DEG
@@ -37,6 +50,14 @@ def build() -> Asset:
         mass_kg=0.15,
         friction=1.2,
     )
+
+
+def _for_foot(part: Part, inwards: int, colour: Colour) -> Part:
+    vertices = part.mesh.vertices.copy()
+    share = (vertices[:, 0] - WAIST_M[1]) / (LENGTH_M / 2 - WAIST_M[1])
+    vertices[:, 1] += inwards * BENT_M * np.clip(share, 0.0, 1.0) ** 2
+    bent = Part.hull(vertices, part.colour).mesh
+    return replace(part, mesh=bent, colour=colour if part.colour == RED else part.colour)
 
 
 def _half_width_m(x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -144,6 +144,8 @@ def load_task(name: str, node: Mapping, arms: int | None = None, things: int | N
                 f"task {name!r}: object {key!r} is relative to {spec.relative_to!r}; "
                 f"expected one listed before it: {seen}"
             )
+        if problem := _badly_hung(task, key):
+            raise ArgumentError(f"task {name!r}: object {key!r} {problem}")
         seen.append(key)
         beyond_m, edge = beyond_table(task, key)
         if beyond_m > 0:
@@ -152,6 +154,21 @@ def load_task(name: str, node: Mapping, arms: int | None = None, things: int | N
                 f"at {edge} and fall; narrow its ranges"
             )
     return task
+
+
+def _badly_hung(task: Task, name: str) -> str | None:
+    """What is wrong with how an object hangs by a hinge; None: nothing, or it has none."""
+    spec, hinge = task.objects[name], task.asset(name).hinge
+    if hinge is None:
+        return f"has no hinge, and open_deg {spec.open_deg:g}; leave it out" if spec.open_deg else None
+    if not 0 <= spec.open_deg <= hinge.open_deg:
+        return f"has open_deg {spec.open_deg:g}; expected 0 to {hinge.open_deg:g}"
+    bearer = spec.relative_to
+    if bearer is None or not task.asset(bearer).static:
+        return f"has a hinge; expected relative_to something that is fixed to the table, not {bearer!r}"
+    if any(low != high for low, high in (spec.x_m, spec.y_m, spec.yaw_deg)):
+        return f"hangs on {bearer!r} by a hinge; expected single numbers for x_m, y_m and yaw_deg, not ranges"
+    return None
 
 
 def read_variation(name: str) -> Variation:

@@ -80,6 +80,7 @@ class ObjectSpec:
     relative_to: str | None = None  # another object: x, y, yaw count from its pose, z from its origin
     options: Mapping[str, Any] = field(default_factory=dict)  # of the asset, e.g. its colour
     size: float = 1.0  # against that of the asset
+    open_deg: float = 0.0  # of what hangs by a hinge on what it is relative to
 
     def __post_init__(self) -> None:
         for axis in ("x_m", "y_m", "yaw_deg"):
@@ -95,6 +96,12 @@ class ObjectSpec:
             raise ArgumentError(
                 f"size of asset {self.asset!r} is {self.size}; expected {SMALLEST} to {LARGEST}"
             )
+
+    @cached_property
+    def nominal(self) -> Matrix:
+        """(4, 4) in the middle of its ranges, in the frame that they count from."""
+        x_m, y_m, yaw_deg = (sum(ends) / 2 for ends in (self.x_m, self.y_m, self.yaw_deg))
+        return planar(x_m, y_m, np.deg2rad(yaw_deg), self.z_m)
 
     @property
     def stands_on(self) -> str | None:

@@ -149,6 +149,8 @@ def _drawn(task: "Task", rng: np.random.Generator) -> dict[str, Matrix]:
     for name, spec in task.objects.items():
         x_m, y_m, yaw_deg = (rng.uniform(*ends) for ends in (spec.x_m, spec.y_m, spec.yaw_deg))
         local = planar(x_m, y_m, np.deg2rad(yaw_deg), spec.z_m)
+        if (hinge := task.asset(name).hinge) is not None:
+            local = local @ hinge.turned(np.deg2rad(spec.open_deg))
         poses[name] = poses[spec.relative_to] @ local if spec.relative_to else local
     return poses
 

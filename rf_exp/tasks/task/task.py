@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.errors import ArgumentError
 from rf_exp.robots import Arm
@@ -107,6 +107,23 @@ class Task:
             for name in self.objects
         }
 
+    def hung(self, name: str, poses: Mapping[str, Matrix], opened_rad: ArrayLike) -> NDArray[np.float64]:
+        """world_from_object (..., 4, 4) of a hinged thing that is open so far (...), its bearer as in `poses`."""
+        hinge = self.asset(name).hinge
+        assert hinge is not None  # who asks knows that it is hinged
+        return self._shut(name, poses) @ hinge.turned(opened_rad)
+
+    def opened_rad(self, name: str, poses: Mapping[str, Matrix]) -> NDArray[np.float64]:
+        """(...) how far a hinged thing is open, which `poses` has at (..., 4, 4)."""
+        hinge = self.asset(name).hinge
+        assert hinge is not None  # as above
+        return hinge.opened_rad(inverse(self._shut(name, poses)) @ poses[name])
+
+    def _shut(self, name: str, poses: Mapping[str, Matrix]) -> Matrix:
+        """world_from_object of a hinged thing that is shut."""
+        spec = self.objects[name]
+        return poses[spec.relative_to or ""] @ spec.nominal
+
     @cached_property
     def vocabulary(self) -> Vocabulary:
         """What sentences about it may speak of."""
@@ -142,6 +159,8 @@ class Task:
         }
         for spec in objects.values():
             del spec["options"], spec["size"]  # the content tells them
+            if not spec["open_deg"]:  # what most have is not told
+                del spec["open_deg"]
         varies = {"variation": self.variation.identity} if self.variation.identity else {}
         return {
             "robots": tuple(robot.identity for robot in self.robots),

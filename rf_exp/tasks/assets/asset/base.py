@@ -10,10 +10,10 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.artifacts import digest
-from rf_exp.transforms import Matrix, apply, equal_turns, from_axes
+from rf_exp.transforms import Matrix, apply, equal_turns, from_axes, inverse
 
 if TYPE_CHECKING:
     import trimesh  # slow to import: where a part is made, after the command line is understood
@@ -74,14 +74,14 @@ class Part:
 class InteractionPoint:
     """Where and from which direction the gripper, or another thing, meets the asset.
 
-    grasp, press: `object_from_tcp` is the pose of the tool centre point at contact. Its z axis is the
+    grasp, press, shut: `object_from_tcp` is the pose of the tool centre point at contact. Its z axis is the
     direction the gripper comes along, its y axis the one the fingers close along.
     place, drop: the pose that the frame of what is placed takes, z up; on it, or let go above it.
     tool: the part of a held thing that does the work, its z axis pointing where it works.
     """
 
     object_from_tcp: Matrix
-    kind: str  # grasp | press | place | drop | tool
+    kind: str  # grasp | press | shut | place | drop | tool
     standoff_m: float = 0.08  # where a straight approach begins
     width_m: float = 0.04  # between the fingers when closed on it (grasp)
     turns: int = 2  # so many equal turns about z serve as well: two fingers 2, a square 4
@@ -106,6 +106,41 @@ class InteractionPoint:
         return replace(self, object_from_tcp=pose, width_m=size * self.width_m, slack_m=size * self.slack_m)
 
 
+@dataclass(frozen=True)
+class Hinge:
+    """What a thing turns about where it is hung on another one, which bears it: a lid, a door.
+
+    It turns about the y axis of `object_from_hinge`. At 0 it is shut, on its bearer as the task puts it there;
+    it opens up to `open_deg`, where a stop holds it.
+    """
+
+    object_from_hinge: Matrix
+    open_deg: float
+    falls_deg: float  # less open than this it falls shut by its own weight ...
+    falls_s: float  # ... within this time
+    damping_n_m_s: float  # torque against a turn by 1 rad/s
+
+    def turned(self, opened_rad: ArrayLike) -> NDArray[np.float64]:
+        """(..., 4, 4) shut_from_object of the thing where it is open so far (...)."""
+        angles = np.asarray(opened_rad, dtype=float)
+        turn = np.broadcast_to(np.eye(4), (*angles.shape, 4, 4)).copy()
+        turn[..., 0, 0] = turn[..., 2, 2] = np.cos(angles)
+        turn[..., 0, 2] = np.sin(angles)
+        turn[..., 2, 0] = -turn[..., 0, 2]
+        return self.object_from_hinge @ turn @ inverse(self.object_from_hinge)
+
+    def opened_rad(self, shut_from_object: Matrix) -> NDArray[np.float64]:
+        """(...) how far a thing at poses (..., 4, 4) is open."""
+        turn = inverse(self.object_from_hinge) @ shut_from_object @ self.object_from_hinge
+        return np.arctan2(turn[..., 0, 2], turn[..., 0, 0])
+
+    def scaled(self, size: float) -> "Hinge":
+        """Of a thing that is `size` times as large: its weight shuts it as soon."""
+        pose = self.object_from_hinge.copy()
+        pose[:3, 3] *= size
+        return replace(self, object_from_hinge=pose, damping_n_m_s=size**4 * self.damping_n_m_s)
+
+
 @dataclass(frozen=True, eq=False)
 class Asset:
     """A rigid body. Origin on its underside centre unless its module says otherwise."""
@@ -118,6 +153,7 @@ class Asset:
     friction: float = 1.0
     static: bool = False  # fixed to the world
     ghost: bool = False  # a mark on the table: seen, never touched
+    hinge: Hinge | None = None  # by which it hangs on what it is relative to
 
     @cached_property
     def hulls(self) -> "tuple[trimesh.Trimesh, ...]":
@@ -145,7 +181,12 @@ class Asset:
             if said["around"] == 1:  # contents are as they were before there was such a symmetry
                 del said["around"]
         rest = ("mass_kg", "heaviest_kg", "friction", "static", "ghost")
-        return digest({"parts": parts, "points": points, **{name: getattr(self, name) for name in rest}})
+        hung = {}
+        if self.hinge is not None:  # likewise
+            pose = _rounded(self.hinge.object_from_hinge)
+            hung["hinge"] = {**vars(self.hinge), "object_from_hinge": pose}
+        said = {"parts": parts, "points": points, **hung, **{name: getattr(self, name) for name in rest}}
+        return digest(said)
 
     @cached_property
     def bounds_m(self) -> NDArray[np.float64]:
@@ -168,7 +209,9 @@ def _scaled(asset: Asset, size: float) -> Asset:
     points = {name: point.scaled(size) for name, point in asset.points.items()}
     heaviest_kg = None if asset.heaviest_kg is None else size**3 * asset.heaviest_kg
     mass_kg = size**3 * asset.mass_kg
-    return replace(asset, parts=parts, points=points, mass_kg=mass_kg, heaviest_kg=heaviest_kg)
+    hinge = None if asset.hinge is None else asset.hinge.scaled(size)
+    changed = {"points": points, "mass_kg": mass_kg, "heaviest_kg": heaviest_kg, "hinge": hinge}
+    return replace(asset, parts=parts, **changed)
 
 
 def _rounded(values: object) -> NDArray[np.floating]:

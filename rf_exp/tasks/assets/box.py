@@ -1,0 +1,41 @@
+"""A box for a pair of shoes, fixed to the table and open above; `box_lid` hangs on its far wall, towards +x."""
+
+from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
+from rf_exp.transforms import transform
+
+HALF_M = (0.160, 0.152)  # outside, along x and y
+WALL_M, FLOOR_M = 0.008, 0.006
+RIM_M = 0.085  # height of the walls: the palm of a hand that holds a shoe on the floor stays above
+HINGE_M = (0.164, 0.0855)  # of its axis, along x and z
+SIDE_M = (-0.020, 0.066)  # of the middle of the shoe nearest to +y, along x and y; of the other mirrored
+INSIDE_Z_M = FLOOR_M + 0.006  # where a shoe is let go, so that it clears the floor until then
+SLACK_M = 0.015
+
+CARD, INSIDE, BRASS = (0.32, 0.20, 0.11), (0.50, 0.40, 0.28), (0.55, 0.42, 0.15)
+
+
+def build() -> Asset:
+    """The box with drop points `left` (y < 0) and `right`."""
+    x, y = HALF_M
+    half, up = WALL_M / 2, FLOOR_M + (RIM_M - FLOOR_M) / 2
+    floor = Part.box((x, y, FLOOR_M / 2), transform((0, 0, FLOOR_M / 2)), INSIDE)
+    walls = [
+        Part.box(size, transform((side * at[0], side * at[1], up)), CARD)
+        for size, at in (
+            ((half, y, (RIM_M - FLOOR_M) / 2), (x - half, 0.0)),
+            ((x - WALL_M, half, (RIM_M - FLOOR_M) / 2), (0.0, y - half)),
+        )
+        for side in (-1, 1)
+    ]
+    # Only seen: what bears the lid's axis.
+    knuckles = [
+        Part.box((0.004, 0.02, 0.008), transform((x + 0.002, side * 0.10, RIM_M - 0.010)), BRASS, solid=False)
+        for side in (-1, 1)
+    ]
+    points = {
+        name: InteractionPoint(
+            transform((SIDE_M[0], side * SIDE_M[1], INSIDE_Z_M)), "drop", turns=2, slack_m=SLACK_M
+        )
+        for name, side in (("left", -1), ("right", 1))
+    }
+    return Asset("box", parts=(floor, *walls, *knuckles), points=points, static=True)
