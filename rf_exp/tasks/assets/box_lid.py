@@ -15,7 +15,7 @@ RIM_M, PLATE_M = 0.050, 0.006
 OPEN_DEG, FALLS_DEG = 105.0, 63.0  # its weight keeps it open above 76 deg
 FALLS_S = 1.3
 DAMPING_N_M_S = 0.2
-PUSH_M, TIPPED_DEG = 0.110, 40.0  # from its axis to where it is pushed; of the hand, more downwards than square
+PUSH_M, TIPPED_DEG = 0.110, 50.0  # from its axis to where it is pushed; of the hand, more downwards than square
 TIP_M = 0.0145  # from the TCP of a hand that comes so to the plate, which closed finger tips just touch
 
 LABEL, BRASS = (0.75, 0.70, 0.60), box.BRASS
