@@ -6,7 +6,8 @@ from rf_exp.transforms import transform
 HALF_M = (0.160, 0.152)  # outside, along x and y
 WALL_M, FLOOR_M = 0.008, 0.006
 RIM_M = 0.085  # height of the walls: the palm of a hand that holds a shoe on the floor stays above
-HINGE_M = (0.164, 0.0855)  # of its axis, along x and z
+GAP_M = 0.001  # from there to the lid
+HINGE_M = (0.164, RIM_M + 0.006)  # of its axis, along x and z
 SIDE_M = (-0.020, 0.066)  # of the middle of the shoe nearest to +y, along x and y; of the other mirrored
 INSIDE_Z_M = FLOOR_M + 0.006  # where a shoe is let go, so that it clears the floor until then
 SLACK_M = 0.015

@@ -1,7 +1,7 @@
 """The lid of the box: a plate on a rim, which stands on the walls when it is shut and turns about the far one.
 
-Its origin is the middle of the underside of the rim, as high over the box as its walls are. Open it leans
-back, beyond where its weight would shut it, and shows its top.
+Its origin is the middle of the underside of the rim. Open it leans back, beyond where its weight would shut
+it.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from rf_exp.tasks.assets import box
 from rf_exp.tasks.assets.asset.base import Asset, Hinge, InteractionPoint, Part
 from rf_exp.transforms import from_axes, transform
 
-GAP_M = 0.001  # over the walls
+SHUT_Z_M = box.RIM_M + box.GAP_M  # over the origin of the box
 RIM_M, PLATE_M = 0.050, 0.006
 OPEN_DEG, FALLS_DEG = 105.0, 63.0  # its weight keeps it open above 76 deg
 FALLS_S = 1.3
@@ -24,19 +24,18 @@ LABEL, BRASS = (0.75, 0.70, 0.60), box.BRASS
 def build() -> Asset:
     """The lid with the point `top`, at which it is shut."""
     x, y = box.HALF_M
-    half, top_m = box.WALL_M / 2, GAP_M + RIM_M + PLATE_M
-    rim_z = GAP_M + RIM_M / 2
+    half, top_m = box.WALL_M / 2, RIM_M + PLATE_M
     rim = [
-        Part.box(size, transform((side * at[0], side * at[1], rim_z)), box.CARD)
+        Part.box(size, transform((side * at[0], side * at[1], RIM_M / 2)), box.CARD)
         for size, at in (
             ((half, y, RIM_M / 2), (x - half, 0.0)),
             ((x - box.WALL_M, half, RIM_M / 2), (0.0, y - half)),
         )
         for side in (-1, 1)
     ]
-    plate = Part.box((x, y, PLATE_M / 2), transform((0, 0, GAP_M + RIM_M + PLATE_M / 2)), box.CARD)
+    plate = Part.box((x, y, PLATE_M / 2), transform((0, 0, top_m - PLATE_M / 2)), box.CARD)
     label = Part.box((0.05, 0.08, 0.0005), transform((-0.04, 0, top_m)), LABEL, solid=False)
-    axis = box.HINGE_M[0], 0.0, box.HINGE_M[1] - box.RIM_M
+    axis = box.HINGE_M[0], 0.0, box.HINGE_M[1] - SHUT_Z_M
     barrel = Part.cylinder(0.005, 0.30, from_axes(axis, z=(0, 1, 0), y=(0, 0, 1)), BRASS, solid=False)
     tipped = np.deg2rad(TIPPED_DEG)
     return Asset(
