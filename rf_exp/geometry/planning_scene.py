@@ -121,7 +121,7 @@ class PlanningScene:
     def attached(
         self, segment: Segment, tcp: NDArray[np.float64], rows: slice | int = slice(None)
     ) -> NDArray[np.float64]:
-        """(..., 4, 4) world_from_object of what a segment moves, in steps in which the TCP is at (..., 4, 4)."""
+        """(..., 4, 4) world_from_object of what a segment moves, in steps with the TCP at (..., 4, 4)."""
         if segment.attached is not None and segment.opened_rad is not None:
             return self.task.hung(segment.attached, self.scene.poses, segment.opened_rad[rows])
         if segment.tcp_from_object is None:

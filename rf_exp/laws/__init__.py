@@ -246,7 +246,7 @@ def everything_is_seen_at_the_start(world: Simulator) -> Broken:
 
 
 class _Moments(NullObserver):
-    """Notes when each agent has just closed its fingers, presses, strikes, or is about to shut something or let go."""
+    """Notes when each agent has just closed its fingers, presses, strikes, or is about to shut or let go."""
 
     def __init__(self) -> None:
         self.actions: list[NDArray[np.float64]] = []

@@ -177,7 +177,7 @@ def build(
 
 
 def hang(thing: Actor, bearer: Actor, hinge: Hinge, bearer_from_shut: Matrix) -> None:
-    """Let one turn about its hinge on another one, which it no longer collides with: stops hold it instead."""
+    """Let one turn about its hinge on another one, with which it no longer collides: stops hold it."""
     drive = physx.PhysxDriveComponent(thing._bodies[0])
     drive.set_parent(bearer._bodies[0])
     # PhysX twists about the x axis of the joint.

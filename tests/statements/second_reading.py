@@ -55,6 +55,8 @@ SAYS = {
     "strike": "strike strikes struck struck striking, hit hits hit hit hitting, "
     "hammer hammers hammered hammered hammering",
     "press": "press presses pressed pressed pressing, click clicks clicked clicked clicking",
+    "shut": "shut shuts shut shut shutting, sweep_shut sweeps_shut swept_shut swept_shut sweeping_shut, "
+    "swing_shut swings_shut swung_shut swung_shut swinging_shut",
     "push": "push pushes pushed pushed pushing",  # to press where it is said at which point; else to shift
     "release": "release releases released released releasing, drop drops dropped dropped dropping, "
     "let_go_of lets_go_of let_go_of let_go_of letting_go_of",
@@ -219,12 +221,12 @@ def turned(words: list[str]) -> Iterator[str]:
             name = "level" if word == "upright" or (word == "horizontal" and not gripper) else word
             yield f"{name} {'gripper' if gripper else 'thing'}"
         if word.removesuffix("ly") in ("horizontal", "vertical", "perpendicular") and word.endswith("ly"):
-            meets = {"grasp", "press"} | ({"take", "push"} if word == "perpendicularly" else set())
+            meets = {"grasp", "press", "shut"} | ({"take", "push"} if word == "perpendicularly" else set())
             held = gripper or meets & {SENSE.get(each) for each in words}
             yield f"{word.removesuffix('ly')} {'gripper' if held else 'motion or thing'}"
     for at, word in enumerate(words):
         if word == "from" and words[at + 1 : at + 2] in (["above"], ["the"]):
-            touches = {"grasp", "take", "press", "push"} & {SENSE.get(each) for each in words}
+            touches = {"grasp", "take", "press", "push", "shut"} & {SENSE.get(each) for each in words}
             name = "vertical" if words[at + 1] == "above" else "horizontal"
             yield f"{name} {'gripper' if gripper or touches else 'motion or thing'}"
 

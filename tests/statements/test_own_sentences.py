@@ -34,7 +34,7 @@ from tests.constraints.robots import team
 from tests.statements.sentences import FOOD
 
 AGENT, OBJECT = st.sampled_from((1, 2)), st.sampled_from(("lid", "pot", "steak"))
-VERB = st.sampled_from(("grasp", "lift", "carry", "place", "strike", "press", "release", "hold"))
+VERB = st.sampled_from(("grasp", "lift", "carry", "place", "strike", "press", "shut", "release", "hold"))
 STEP = st.builds(Step, AGENT) | st.builds(Step, AGENT, VERB, OBJECT)
 SECONDS = st.floats(0, 600, allow_subnormal=False)
 TOLERANCE = st.floats(0, 10, allow_subnormal=False)
@@ -61,7 +61,7 @@ STATED: dict[type[Statement], st.SearchStrategy[Statement]] = {
         Direction, AGENT, OBJECT, st.sampled_from(("vertical", "horizontal", "level")), st.none() | VERB
     )
     | st.builds(
-        Direction, AGENT, OBJECT, st.just("perpendicular"), st.sampled_from((None, "grasp", "press"))
+        Direction, AGENT, OBJECT, st.just("perpendicular"), st.sampled_from((None, "grasp", "press", "shut"))
     ),
     SameHeight: st.builds(SameHeight, PAIR) | st.builds(SameHeight, PAIR, VERB, OBJECT),
     Before: BEFORE,

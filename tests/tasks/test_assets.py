@@ -101,7 +101,7 @@ def test_interaction_points_are_rigid_poses(name: str) -> None:
         rotation = point.object_from_tcp[:3, :3]
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-9)
         assert np.linalg.det(rotation) == pytest.approx(1)
-        assert point.kind in ("grasp", "press", "place", "drop", "tool") and point.standoff_m > 0
+        assert point.kind in ("grasp", "press", "shut", "place", "drop", "tool") and point.standoff_m > 0
 
 
 @pytest.mark.parametrize(("name", "point"), GRASPS)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rf_exp.ablation import PUBLISHED, GenerationRow, read_rows
+from rf_exp.statements import Before, Step
 from rf_exp.tasks import SuccessEvaluator, Task
 from rf_exp.transforms import inverse, transform
 from rf_exp.types import Scene
@@ -16,8 +17,13 @@ from tests.scenes import start_scene
 from tests.tasks.test_assets import about
 
 RESULTS = Path(__file__).parents[2] / "results" / "expert"
-NAMES = ("strike_cube_hard", "place_cube_in_cup", "four_robots_stack_cube")
-RELEASE_LIMITS = {"strike_cube_hard": 500, "place_cube_in_cup": 500, "four_robots_stack_cube": 800}
+RELEASE_LIMITS = {
+    "strike_cube_hard": 500,
+    "place_cube_in_cup": 500,
+    "four_robots_stack_cube": 800,
+    "three_robots_place_shoes": 1200,
+}
+NAMES = tuple(RELEASE_LIMITS)
 
 
 def solved(name: str) -> tuple[Task, Scene, Scene]:
@@ -34,6 +40,10 @@ def solved(name: str) -> tuple[Task, Scene, Scene]:
         poses["cup"] = transform((0.1, -0.05, 0.03))
         poses["cube"] = poses["cup"] @ transform((0.01, 0.0, 0.105))
         held[0] = "cup"
+    elif name == "three_robots_place_shoes":
+        for shoe, point in (("left_shoe", "left"), ("right_shoe", "right")):
+            poses[shoe] = poses["box"] @ task.points["box"][point]
+        poses["lid"] = task.hung("lid", poses, 0.0)
     else:
         poses["blue"] = poses["goal"] @ transform((0.01, 0.0, 0.0))
         poses["red"] = poses["blue"] @ transform((0.0, 0.01, 0.04))
@@ -56,6 +66,11 @@ def held(scene: Scene, *names: str | None) -> Scene:
 
 def fast(scene: Scene, name: str) -> Scene:
     return replace(scene, speeds={**scene.speeds, name: 0.3})
+
+
+def ajar(scene: Scene, opened_rad: float) -> Scene:
+    poses = dict(scene.poses)
+    return replace(scene, poses=poses | {"lid": read_task(NAMES[-1]).hung("lid", poses, opened_rad)})
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -93,6 +108,20 @@ def test_what_is_solved_succeeds_once_it_has_lasted_and_nothing_is_left_to_do(na
         ("four_robots_stack_cube", lambda s: moved(s, "red", transform((0.03, 0.0, 0.0))), {"red on blue"}),
         ("four_robots_stack_cube", lambda s: moved(s, "goal", transform((0.1, 0, 0))), {"blue on the goal"}),
         ("four_robots_stack_cube", lambda s: fast(s, "red"), {"at rest"}),
+        ("three_robots_place_shoes", lambda s: ajar(s, 0.02), {"lid shut"}),
+        ("three_robots_place_shoes", lambda s: fast(s, "lid"), {"lid shut"}),
+        ("three_robots_place_shoes", lambda s: held(s, None, "right_shoe", None), {"released"}),
+        ("three_robots_place_shoes", lambda s: fast(s, "left_shoe"), {"at rest"}),
+        (
+            "three_robots_place_shoes",
+            lambda s: moved(s, "left_shoe", transform((0.0, -0.1, 0.0))),
+            {"shoes in the box"},
+        ),
+        (
+            "three_robots_place_shoes",
+            lambda s: moved(s, "left_shoe", transform((0.0, 0.0, 0.03))),
+            {"shoes in the box"},
+        ),
     ],
 )
 def test_what_is_only_nearly_solved_does_not(name: str, change, missing: set[str]) -> None:
@@ -154,3 +183,26 @@ def test_a_cube_is_passed_on_from_where_it_is() -> None:
     assert movers(there) == {3}
     assert movers(held(there, "blue", None, None, None)) == {1, 3}
     assert movers(held(start, None, None, "blue", None)) == {3}
+
+
+def test_the_lid_waits_for_the_shoes_that_are_left() -> None:
+    """One shoe in the box leaves the other one and the lid to do, both the lid alone."""
+    task, start, scene = solved("three_robots_place_shoes")
+
+    def left(scene: Scene) -> list[str]:
+        return [each.text for each in task.module.plan(scene, task).subgoals]
+
+    shut, fetch = ["shut lid at top"], ["grasp right_shoe at center", "place right_shoe to box at right"]
+    open_ = replace(scene, poses={**scene.poses, "lid": start.poses["lid"]})
+    assert left(open_) == shut
+    outside = replace(open_, poses={**open_.poses, "right_shoe": start.poses["right_shoe"]})
+    assert left(outside) == [*fetch, *shut] and len(left(start)) == 5
+    orders = [each for each in task.module.plan(outside, task).constraints if isinstance(each, Before)]
+    assert orders == [Before(Step(2, "place", "right_shoe"), Step(3, "shut", "lid"))]
+
+
+def test_the_release_counts_shoes_that_stand_on_the_rim_of_the_box() -> None:
+    """Below 8 cm and within 14 cm of the middle is not inside."""
+    task, start, scene = solved("three_robots_place_shoes")
+    found = verdict(task, start, moved(scene, "left_shoe", transform((-0.06, 0.0, 0.05))))
+    assert found.success_paper and not found.success

@@ -119,7 +119,7 @@ def straight(arm: Arm, joints: Floats, goal: Matrix, limits: JointLimits) -> Poi
 
 
 def along(arm: Arm, joints: Floats, poses: Floats, limits: JointLimits) -> Points | None:
-    """Joint points (K + 1, dof) of the soonest motion of the TCP from joints (dof,) through poses (K, 4, 4)."""
+    """Joint points (K + 1, dof) of the soonest motion from joints (dof,) through TCP poses (K, 4, 4)."""
     turns = np.append(TURNS_RAD, arm.facing(poses[-1]) - joints[-1])
     lines = _through(arm, joints, poses, turns)
     if not len(lines):

@@ -135,7 +135,9 @@ def shut(request: Request, state: State) -> Motion:
     if open_rad <= falls_rad:
         return (), state  # nothing holds it open
     arc_rad = np.linspace(open_rad, falls_rad, int(np.ceil((open_rad - falls_rad) / ARC_RAD)) + 1)[1:]
-    moves = task.hung(name, state.poses, arc_rad) @ inverse(begin)  # (K, 4, 4) what is on it, from where it is
+    moves = task.hung(name, state.poses, arc_rad) @ inverse(
+        begin
+    )  # (K, 4, 4) what is on it, from where it is
 
     def arc(contact: Matrix) -> Floats:
         """(K, 4, 4) TCP poses; the hand does not turn with the thing, as an arm that is far off could not."""

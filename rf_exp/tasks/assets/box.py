@@ -1,4 +1,4 @@
-"""A box for a pair of shoes, fixed to the table and open above; `box_lid` hangs on its far wall, towards +x."""
+"""A box for a pair of shoes, fixed to the table and open above; `box_lid` hangs on its wall towards +x."""
 
 from rf_exp.tasks.assets.asset.base import Asset, InteractionPoint, Part
 from rf_exp.transforms import transform

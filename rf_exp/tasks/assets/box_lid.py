@@ -1,4 +1,4 @@
-"""The lid of the box: a plate on a rim, which stands on the walls when it is shut and turns about the far one.
+"""The lid of the box: a plate on a rim, which is over the walls when it is shut.
 
 Its origin is the middle of the underside of the rim. Open it leans back, beyond where its weight would shut
 it.
@@ -15,7 +15,8 @@ RIM_M, PLATE_M = 0.050, 0.006
 OPEN_DEG, FALLS_DEG = 105.0, 63.0  # its weight keeps it open above 76 deg
 FALLS_S = 1.3
 DAMPING_N_M_S = 0.2
-PUSH_M, TIPPED_DEG = 0.110, 50.0  # from its axis to where it is pushed; of the hand, more downwards than square
+PUSH_M = 0.110  # from its axis to where it is pushed
+TIPPED_DEG = 50.0  # of a hand that pushes, more downwards than square to the plate
 TIP_M = 0.0145  # from the TCP of a hand that comes so to the plate, which closed finger tips just touch
 
 LABEL, BRASS = (0.75, 0.70, 0.60), box.BRASS

@@ -32,7 +32,7 @@ FEET = {"left": (-1, RED), "right": (1, BLUE)}  # where inwards is, along y
 
 
 def build(foot: str | None = None) -> Asset:
-    """The shoe with grasp point `center`; for either foot unless one is given, of a pair that differ in colour.
+    """The shoe with grasp point `center`: for either foot, or one of a pair, which differ in colour.
 
     Raises ArgumentError for a foot that does not exist.
     """

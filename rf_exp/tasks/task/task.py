@@ -108,7 +108,7 @@ class Task:
         }
 
     def hung(self, name: str, poses: Mapping[str, Matrix], opened_rad: ArrayLike) -> NDArray[np.float64]:
-        """world_from_object (..., 4, 4) of a hinged thing that is open so far (...), its bearer as in `poses`."""
+        """world_from_object (..., 4, 4) of a hinged thing open so far (...), its bearer as in `poses`."""
         hinge = self.asset(name).hinge
         assert hinge is not None  # who asks knows that it is hinged
         return self._shut(name, poses) @ hinge.turned(opened_rad)

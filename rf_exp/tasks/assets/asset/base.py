@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rf_exp.artifacts import digest
+from rf_exp.errors import ArgumentError
 from rf_exp.transforms import Matrix, apply, equal_turns, from_axes, inverse
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ class InteractionPoint:
 class Hinge:
     """What a thing turns about where it is hung on another one, which bears it: a lid, a door.
 
-    It turns about the y axis of `object_from_hinge`. At 0 it is shut, on its bearer as the task puts it there;
+    It turns about the y axis of `object_from_hinge`. At 0 it is shut, where the task puts it on its bearer;
     it opens up to `open_deg`, where a stop holds it.
     """
 
@@ -154,6 +155,11 @@ class Asset:
     static: bool = False  # fixed to the world
     ghost: bool = False  # a mark on the table: seen, never touched
     hinge: Hinge | None = None  # by which it hangs on what it is relative to
+
+    def __post_init__(self) -> None:
+        for name, point in self.points.items():
+            if point.kind == "shut" and self.hinge is None:
+                raise ArgumentError(f"point {name!r} is to shut {self.name}, which has no hinge")
 
     @cached_property
     def hulls(self) -> "tuple[trimesh.Trimesh, ...]":

@@ -21,7 +21,7 @@ from trimesh.visual import ColorVisuals, uv_to_color
 
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.tasks import assets
-from rf_exp.tasks.assets.asset.base import Asset, Colour, InteractionPoint, Part, convex_pieces
+from rf_exp.tasks.assets.asset.base import Asset, Colour, Hinge, InteractionPoint, Part, convex_pieces
 from rf_exp.transforms import from_axes, transform
 
 Vector = tuple[float, float, float]
@@ -29,11 +29,14 @@ Vector = tuple[float, float, float]
 COMES_ALONG: Mapping[str, Vector | None] = {  # kind -> z axis of its frame unless the file gives one
     "grasp": None,
     "press": None,
+    "shut": None,
     "tool": None,
     "place": (0.0, 0.0, 1.0),
     "drop": (0.0, 0.0, 1.0),
 }
 DIGITS = 6  # of what is written
+WIDEST_DEG = 170.0  # that a hinge opens
+OF_HINGES = ("open_deg", "falls_deg", "falls_s", "damping_n_m_s")  # alike in a Hinge
 # alike in an InteractionPoint
 OF_POINTS = ("kind", "standoff_m", "width_m", "turns", "around", "tip_deg", "slack_m")
 OF_BODIES = ("mass_kg", "heaviest_kg", "friction", "static")  # alike in an Asset
@@ -90,6 +93,37 @@ class Point:
 
 
 @dataclass(frozen=True)
+class HingeSpec:
+    """A hinge as an annotation says it: see `Hinge`."""
+
+    position_m: Vector  # of the axis
+    open_deg: float
+    falls_deg: float
+    falls_s: float
+    damping_n_m_s: float
+    axis: Vector = (0.0, 1.0, 0.0)  # the thing opens by a turn about it
+
+    def hinge(self) -> Hinge:
+        """Raises ArgumentError for an axis without a direction and for angles that are none of a hinge."""
+        if not np.any(self.axis):
+            raise ArgumentError("axis of the hinge is (0, 0, 0); expected a direction")
+        if not 0 <= self.falls_deg < self.open_deg <= WIDEST_DEG:
+            raise ArgumentError(
+                f"the hinge has falls_deg {self.falls_deg:g} and open_deg {self.open_deg:g}; expected "
+                f"0 <= falls_deg < open_deg <= {WIDEST_DEG:g}"
+            )
+        across = np.eye(3)[np.abs(self.axis).argmin()]
+        pose = from_axes(self.position_m, z=np.cross(across, self.axis), y=self.axis)
+        return Hinge(pose, **{name: getattr(self, name) for name in OF_HINGES})
+
+    @staticmethod
+    def of(hinge: Hinge) -> "HingeSpec":
+        pose = hinge.object_from_hinge
+        same = {name: getattr(hinge, name) for name in OF_HINGES}
+        return HingeSpec(position_m=_plain(pose[:3, 3]), axis=_plain(pose[:3, 1]), **same)
+
+
+@dataclass(frozen=True)
 class Annotation:
     """What a YAML file says about a mesh."""
 
@@ -101,6 +135,7 @@ class Annotation:
     static: bool = Asset.static
     colour: Colour | None = None  # linear RGB in [0, 1]; without it the mesh's own
     frame: Frame = Frame()
+    hinge: HingeSpec | None = None
     points_of: str | None = None  # take the points of this built-in asset
     points: Mapping[str, Point] = field(default_factory=dict)  # beside or instead of those
 
@@ -141,12 +176,16 @@ def write(asset: Asset, mesh: str) -> str:
         "scale": 1.0,
         **{name: getattr(asset, name) for name in OF_BODIES},
         "frame": {"position_m": [0.0, 0.0, 0.0], "rotation_deg": [0.0, 0.0, 0.0]},
-        "points": {
-            name: {key: [*value] if isinstance(value, tuple) else value for key, value in said.items()}
-            for name, said in points.items()
-        },
+        "points": {name: _listed(said) for name, said in points.items()},
     }
+    if asset.hinge is not None:
+        node["hinge"] = _listed(asdict(HingeSpec.of(asset.hinge)))
     return yaml.safe_dump(node, sort_keys=False, default_flow_style=None)
+
+
+def _listed(said: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with lists in the place of tuples, which YAML does not have."""
+    return {key: [*value] if isinstance(value, tuple) else value for key, value in said.items()}
 
 
 def _plain(vector: np.ndarray) -> Vector:
@@ -167,6 +206,7 @@ def build(path: str) -> Asset:
             file.stem,
             parts=_parts(said, file.parent / said.mesh),
             points=_points(said),
+            hinge=None if said.hinge is None else said.hinge.hinge(),
             **{name: getattr(said, name) for name in OF_BODIES},
         )
     except ArgumentError as error:

@@ -1,0 +1,100 @@
+"""The verb `shut`: a sweep about a hinge, a fall, and what planning believes of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rf_exp.constraints import Paths
+from rf_exp.datagen import Unreachable
+from rf_exp.statements import Proposal, read_subgoal
+from rf_exp.tasks import Task
+from rf_exp.types import GRIPPER_CLOSED, ConstraintSet, Scene, Subgoal, Trajectory
+from tests.conftest import read_task
+from tests.datagen.test_motion import plan
+from tests.scenes import start_scene
+
+SHUT = Subgoal(3, "shut", "lid", "top")
+TOUCH_M = 0.006  # from finger tips to where the plate is; less is too little to matter
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    return read_task("three_robots_place_shoes")
+
+
+@pytest.fixture(scope="module")
+def swept(task: Task) -> tuple[Scene, Trajectory, Scene]:
+    """A start, the motion that shuts its lid, and the poses that planning believes in afterwards."""
+    scene = start_scene(task, 0)
+    (_, _, trajectory), state = plan(task, Proposal((SHUT,), ()), scene)
+    return scene, trajectory, state
+
+
+def test_closed_fingers_come_sweep_stay_and_draw_back(task: Task, swept) -> None:
+    _, trajectory, _ = swept
+    assert [each.primitive for each in trajectory.segments] == ["close", "approach", "shut", "retreat"]
+    assert all((each.gripper == GRIPPER_CLOSED).all() for each in trajectory.segments)
+    hinge, sweep = task.asset("lid").hinge, trajectory.segments[2]
+    assert hinge is not None and sweep.opened_rad is not None
+    assert sweep.attached == "lid" and sweep.gripped is None and len(sweep.opened_rad) == len(sweep)
+    opened_deg = np.rad2deg(sweep.opened_rad)
+    assert (np.diff(opened_deg) < 0).all() and opened_deg[-1] == 0
+    still = (sweep.qpos == sweep.qpos[-1]).all(axis=1)
+    assert opened_deg[still].max() == pytest.approx(hinge.falls_deg, abs=0.2)
+    assert still.sum() == pytest.approx(20 * hinge.falls_s + 1, abs=1)
+
+
+def test_the_finger_tips_stay_on_the_plate_while_they_sweep(task: Task, swept) -> None:
+    scene, trajectory, _ = swept
+    paths = Paths(task, ConstraintSet("full"), scene, _all(task, scene, trajectory))
+    body, (_, begin, end) = paths.swept[2], list(trajectory.intervals)[2]
+    lid = [k for k, label in enumerate(body.labels) if label == "lid"]
+    np.testing.assert_allclose(body.poses[begin, lid[0]], scene.poses["lid"], atol=1e-9)
+    np.testing.assert_allclose(body.poses[end:, lid[0]], np.tile(_shut(task, scene), (len(body) - end, 1, 1)))
+    top_m = float(task.asset("lid").bounds_m[1, 2])
+    for row in range(begin, end - 28):  # until it falls
+        tips = [
+            (np.linalg.inv(body.poses[row, lid[0]]) @ body.poses[row, k] @ np.append(corner, 1.0))[2]
+            for k, label in enumerate(body.labels)
+            if "finger" in label
+            for corner in task.arms[3].robot.hulls[label].vertices
+        ]
+        assert -0.001 < min(tips) - top_m < TOUCH_M
+
+
+def _all(task: Task, scene: Scene, trajectory: Trajectory) -> tuple[Trajectory, ...]:
+    idle = [Trajectory(agent, scene.qpos[agent - 1, :7], 1.0, ()) for agent in (1, 2)]
+    return (*idle, trajectory)
+
+
+def _shut(task: Task, scene: Scene):
+    return task.hung("lid", scene.poses, 0.0)
+
+
+def test_planning_believes_that_the_lid_is_shut(task: Task, swept) -> None:
+    scene, trajectory, state = swept
+    np.testing.assert_allclose(state.poses["lid"], _shut(task, scene), atol=1e-12)
+    paths = Paths(task, ConstraintSet("full"), scene, _all(task, scene, trajectory))
+    assert "lid" in paths.planning_scene.moved
+    finer = paths.finer(3)
+    piece = finer.labels.index("lid")
+    angles = task.asset("lid").hinge.opened_rad(np.linalg.inv(_shut(task, scene)) @ finer.poses[:, piece])
+    assert np.abs(np.diff(angles)).max() < 0.02 and angles[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_nothing_is_done_where_it_falls_anyway(task: Task) -> None:
+    scene = start_scene(task, 0)
+    poses = {**scene.poses, "lid": task.hung("lid", scene.poses, 0.3)}
+    (_, _, trajectory), state = plan(task, Proposal((SHUT,), ()), replace(scene, poses=poses))
+    assert len(trajectory) == 0
+    np.testing.assert_allclose(state.poses["lid"], poses["lid"])
+
+
+def test_who_is_too_far_off_says_so(task: Task) -> None:
+    with pytest.raises(Unreachable, match="Agent_1 cannot shut lid at top: out of reach"):
+        plan(task, Proposal((Subgoal(1, "shut", "lid", "top"),), ()), start_scene(task, 0))
+
+
+def test_a_line_of_a_plan_says_what_is_shut_and_where(task: Task) -> None:
+    assert read_subgoal(3, "shut lid at top", task.vocabulary) == SHUT

@@ -1,0 +1,66 @@
+"""A thing on a hinge in the simulator: it turns about its axis, between its stops, and in no other way."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from sapien import physx
+
+from rf_exp.sim import Simulator
+from rf_exp.sim.objects import sapien_pose
+from rf_exp.tasks import Task
+from rf_exp.transforms import inverse, rotation_angle_rad
+from rf_exp.types import CONTROL_HZ
+from tests.conftest import read_task
+
+OFF_AXIS_M, OFF_AXIS_DEG = 2e-4, 0.1
+SIDEWAYS_N, TWISTING_N_M = (0.0, 2.0, 0.0), (-1.5, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def task() -> Task:
+    return read_task("three_robots_place_shoes")
+
+
+@pytest.fixture(scope="module")
+def world(task: Task) -> Iterator[Simulator]:
+    with Simulator(task, render=False) as world:
+        yield world
+
+
+def opened_deg(task: Task, world: Simulator, seconds: float, from_deg: float) -> list[float]:
+    """How far the lid is open in each control step after it was let go so far open."""
+    scene, found = world.reset(0), []
+    pose = task.hung("lid", scene.poses, np.deg2rad(from_deg))
+    world._loaded.bodies["lid"].set_pose(sapien_pose(pose))
+    for _ in range(round(seconds * CONTROL_HZ)):
+        scene = world.step(world.command)
+        found.append(float(np.rad2deg(task.opened_rad("lid", scene.poses))))
+    return found
+
+
+@pytest.mark.slow
+def test_what_is_wide_open_stays_open_and_what_falls_is_shut_in_time(task: Task, world: Simulator) -> None:
+    hinge = task.asset("lid").hinge
+    assert hinge is not None
+    stays = opened_deg(task, world, 1.0, hinge.open_deg)
+    assert np.ptp(stays) < 0.05 and stays[-1] == pytest.approx(hinge.open_deg, abs=0.05)
+    falls = opened_deg(task, world, hinge.falls_s, hinge.falls_deg)
+    assert abs(falls[-1]) < np.rad2deg(task.success["shut_rad"]) and min(falls) > -0.3
+
+
+@pytest.mark.slow
+def test_it_keeps_to_its_axis_however_it_is_pushed(task: Task, world: Simulator) -> None:
+    start = world.reset(0)
+    lid = world._loaded.bodies["lid"]
+    body = lid.find_component_by_type(physx.PhysxRigidDynamicComponent)
+    assert isinstance(body, physx.PhysxRigidDynamicComponent)
+    for _ in range(100):
+        body.add_force_at_point(list(SIDEWAYS_N), lid.pose.p)
+        body.add_force_torque([0.0, 0.0, 0.0], list(TWISTING_N_M))
+        world._loaded.physics.step()
+        pose = lid.pose.to_transformation_matrix().astype(float)
+        opened_rad = task.opened_rad("lid", {**start.poses, "lid": pose})
+        meant = task.hung("lid", start.poses, opened_rad)
+        assert np.abs((inverse(meant) @ pose)[:3, 3]).max() < OFF_AXIS_M
+        assert np.rad2deg(rotation_angle_rad(meant, pose)) < OFF_AXIS_DEG
