@@ -36,7 +36,7 @@ def _inside(scene: Scene, task: Task, shoe: str) -> Measured:
 
 
 def _shut(scene: Scene, task: Task) -> Measured:
-    return below(abs(task.opened_rad("lid", scene.poses)), task.success["shut_rad"], "rad")
+    return below(abs(float(task.opened_rad("lid", scene.poses))), task.success["shut_rad"], "rad")
 
 
 def conditions(scene: Scene, start: Scene, task: Task) -> dict[str, Condition]:
