@@ -135,14 +135,12 @@ def shut(request: Request, state: State) -> Motion:
     if open_rad <= falls_rad:
         return (), state  # nothing holds it open
     arc_rad = np.linspace(open_rad, falls_rad, int(np.ceil((open_rad - falls_rad) / ARC_RAD)) + 1)[1:]
-    moves = task.hung(name, state.poses, arc_rad) @ inverse(
-        begin
-    )  # (K, 4, 4) what is on it, from where it is
+    turns = task.hung(name, state.poses, arc_rad) @ inverse(begin)  # (K, 4, 4) of the thing, in the world
 
     def arc(contact: Matrix) -> Floats:
         """(K, 4, 4) TCP poses; the hand does not turn with the thing, as an arm that is far off could not."""
-        poses = np.tile(contact, (len(moves), 1, 1))
-        poses[:, :3, 3] = (moves @ contact)[:, :3, 3]
+        poses = np.tile(contact, (len(turns), 1, 1))
+        poses[:, :3, 3] = (turns @ contact)[:, :3, 3]
         return poses
 
     def after(goals: Floats) -> Callable[[int, Points], float]:
@@ -153,8 +151,7 @@ def shut(request: Request, state: State) -> Motion:
         return takes_s
 
     close, state = _fingers(request, "close", GRIPPER_CLOSED, state)
-    tiers, what = [contacts(begin, point)], f"shut {name} at {request.subgoal.point}"
-    ahead = LookAhead(after)
+    tiers, what, ahead = [contacts(begin, point)], request.subgoal.text, LookAhead(after)
     points = reach.timed(agent, tiers, point.standoff_m, state, touches, what, look_ahead=ahead)
     approach, state = request.segment("approach", points, state, touches)
     contact = request.tcp(state)

@@ -18,16 +18,7 @@ CARD, INSIDE, BRASS = (0.32, 0.20, 0.11), (0.50, 0.40, 0.28), (0.55, 0.42, 0.15)
 def build() -> Asset:
     """The box with drop points `left` (y < 0) and `right`."""
     x, y = HALF_M
-    half, up = WALL_M / 2, FLOOR_M + (RIM_M - FLOOR_M) / 2
     floor = Part.box((x, y, FLOOR_M / 2), transform((0, 0, FLOOR_M / 2)), INSIDE)
-    walls = [
-        Part.box(size, transform((side * at[0], side * at[1], up)), CARD)
-        for size, at in (
-            ((half, y, (RIM_M - FLOOR_M) / 2), (x - half, 0.0)),
-            ((x - WALL_M, half, (RIM_M - FLOOR_M) / 2), (0.0, y - half)),
-        )
-        for side in (-1, 1)
-    ]
     # Only seen: what bears the lid's axis.
     knuckles = [
         Part.box((0.004, 0.02, 0.008), transform((x + 0.002, side * 0.10, RIM_M - 0.010)), BRASS, solid=False)
@@ -39,4 +30,16 @@ def build() -> Asset:
         )
         for name, side in (("left", -1), ("right", 1))
     }
-    return Asset("box", parts=(floor, *walls, *knuckles), points=points, static=True)
+    return Asset("box", parts=(floor, *walls(FLOOR_M, RIM_M), *knuckles), points=points, static=True)
+
+
+def walls(low_m: float, high_m: float) -> list[Part]:
+    """The four walls between two heights, of the box or of what fits on it."""
+    x, y = HALF_M
+    half, up_m, middle_m = WALL_M / 2, (high_m - low_m) / 2, low_m + (high_m - low_m) / 2
+    sides = (((half, y, up_m), (x - half, 0.0)), ((x - WALL_M, half, up_m), (0.0, y - half)))
+    return [
+        Part.box(size, transform((side * at[0], side * at[1], middle_m)), CARD)
+        for size, at in sides
+        for side in (-1, 1)
+    ]

@@ -25,15 +25,7 @@ LABEL, BRASS = (0.75, 0.70, 0.60), box.BRASS
 def build() -> Asset:
     """The lid with the point `top`, at which it is shut."""
     x, y = box.HALF_M
-    half, top_m = box.WALL_M / 2, RIM_M + PLATE_M
-    rim = [
-        Part.box(size, transform((side * at[0], side * at[1], RIM_M / 2)), box.CARD)
-        for size, at in (
-            ((half, y, RIM_M / 2), (x - half, 0.0)),
-            ((x - box.WALL_M, half, RIM_M / 2), (0.0, y - half)),
-        )
-        for side in (-1, 1)
-    ]
+    top_m = RIM_M + PLATE_M
     plate = Part.box((x, y, PLATE_M / 2), transform((0, 0, top_m - PLATE_M / 2)), box.CARD)
     label = Part.box((0.05, 0.08, 0.0005), transform((-0.04, 0, top_m)), LABEL, solid=False)
     axis = box.HINGE_M[0], 0.0, box.HINGE_M[1] - SHUT_Z_M
@@ -41,7 +33,7 @@ def build() -> Asset:
     tipped = np.deg2rad(TIPPED_DEG)
     return Asset(
         "box_lid",
-        parts=(plate, *rim, label, barrel),
+        parts=(plate, *box.walls(0.0, RIM_M), label, barrel),
         points={
             "top": InteractionPoint(
                 from_axes(
