@@ -2,6 +2,7 @@
 
 python -m rf_exp.data summary STORE...                    what is in them
 python -m rf_exp.data validate STORE...                   reads every byte, and judges what it says
+python -m rf_exp.data doctor STORE... --reference STORE    what in them will harm who learns from them
 python -m rf_exp.data merge STORE... --to STORE           parts of one configuration, as if made in one go
 python -m rf_exp.data redraw STORE NEW --variation NAME --copies 4    each episode in other appearances, too
 python -m rf_exp.data export STORE FOLDER --format lerobot    what others read: lerobot, robomimic, ...
@@ -72,6 +73,22 @@ def validate(paths: Sequence[Path]) -> None:
         f"{number} of {len(paths)} stores {what} is above" for what, number in told.items() if number
     ]:
         raise StageError("; ".join(found))
+
+
+def examine(paths: Sequence[Path], reference: Path | None = None) -> None:
+    """Says what will harm who learns from stores. Raises StageError where something does, once it is told."""
+    from rf_exp.data.doctor import harms
+
+    beside, harmful = reference and Store.open(reference), 0
+    for path in paths:
+        found = [str(harm) for harm in harms(Store.open(path), beside)]
+        for what in found or ["nothing is found that would harm who learns from it"]:
+            console.print(printable(f"{path}: {what}", LONGEST_LINE))
+        harmful += bool(found)
+    if harmful:
+        raise StageError(
+            f"in {harmful} of {len(paths)} stores something will harm who learns from it; see above"
+        )
 
 
 def merge_stores(paths: Sequence[Path], to: Path, dry_run: bool = False) -> None:
@@ -176,6 +193,13 @@ def parser() -> argparse.ArgumentParser:
     summary = commands.add_parser("summary", help="what is in stores")
     summary.add_argument("--json", action="store_true", help="for programs")
     checked = commands.add_parser("validate", help="read every byte of stores, and judge what it says")
+    examined = commands.add_parser("doctor", help="what in stores will harm who learns from them")
+    examined.add_argument(
+        "--reference",
+        type=Path,
+        metavar="STORE",
+        help="whose pictures are as they should be: as bright as those",
+    )
     merged = commands.add_parser("merge", help="one store of those of one configuration with other seeds")
     merged.add_argument("--to", type=Path, required=True, metavar="STORE", help="the new store")
     exported = commands.add_parser("export", help="a store in a format that others read")
@@ -206,7 +230,7 @@ def parser() -> argparse.ArgumentParser:
     redrawn.add_argument("--variation", required=True, metavar="NAME", help="one of conf/variation")
     redrawn.add_argument("--copies", type=int, required=True, help="of each episode, the first as it is")
     redrawn.add_argument("--tasks", type=Path, metavar="FOLDER", help="of tasks' YAML files, if yours")
-    for several in (summary, checked, merged):
+    for several in (summary, checked, examined, merged):
         several.add_argument("stores", type=Path, nargs="+", help="folders of stores")
     for writes in (merged, exported, taken):
         writes.add_argument(
@@ -221,6 +245,8 @@ def main() -> None:
         summarise(given.stores, given.json)
     elif given.command == "validate":
         validate(given.stores)
+    elif given.command == "doctor":
+        examine(given.stores, given.reference)
     elif given.command == "merge":
         merge_stores(given.stores, given.to, given.dry_run)
     elif given.command == "redraw":
