@@ -16,9 +16,14 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
+from rf_exp.installed import CHECKED_OUT
 from rf_exp.texts import shown
 
-SET_UP = "scripts/setup.sh"  # not `make setup`: that one trusts its stamp
+# Not `make setup`: that one trusts its stamp.
+SET_UP = "scripts/setup.sh" if CHECKED_OUT else "pip install --force-reinstall and rf_exp's wheel"
+HEADLESS = "pip uninstall -y opencv-python; pip install --force-reinstall --no-deps opencv-python-headless"
+# What pip does not do by itself; the set-up does.
+BY_HAND = {} if CHECKED_OUT else {"cv2": HEADLESS, "pinocchio": "apt-get install libgomp1"}
 PYTHONS = ((3, 11), (3, 12))
 # Those with native code, where installed does not yet mean that it can be imported. Torch is the last:
 # it brings libraries along (libgomp) that the others would then seem to have.
@@ -71,7 +76,7 @@ def packages(distribution: str = "rf_exp") -> Check:
         return Check("packages", "missing", found, "everything that uses them", SET_UP)
     try:
         found = f"opencv-python {metadata.version('opencv-python')} lies over the headless build"
-        return Check("packages", "note", found, "cv2 on machines without libGL", SET_UP)
+        return Check("packages", "note", found, "cv2 on machines without libGL", BY_HAND.get("cv2", SET_UP))
     except metadata.PackageNotFoundError:
         pass
     return Check("packages", "ok", f"{len(wanted)} required, all there")
@@ -133,7 +138,8 @@ def imports(modules: Iterable[str] = MODULES) -> tuple[Check, Check]:
     found, costs = " ".join(said["got"]), "every stage that uses it"
     imported = Check("imports", "ok", found)
     if broken:
-        imported = Check("imports", "missing", f"{broken[0]}: {trouble[-1]}", costs, SET_UP)
+        mend = BY_HAND.get(broken[0], SET_UP)
+        imported = Check("imports", "missing", f"{broken[0]}: {trouble[-1]}", costs, mend)
     return imported, _gpu(said["gpu"])
 
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
-_CHECKOUT = _PACKAGE.parent
+CHECKED_OUT = (_PACKAGE.parent / "pyproject.toml").is_file()
 
 # Of a checkout at its top, of an installation inside of the package: at the top of site-packages any other
 # package may write to a folder of that name.
-CONF = (_CHECKOUT if (_CHECKOUT / "pyproject.toml").is_file() else _PACKAGE) / "conf"
+CONF = (_PACKAGE.parent if CHECKED_OUT else _PACKAGE) / "conf"

@@ -52,7 +52,7 @@ def main(config: DictConfig) -> None:
 
 
 def command() -> int:
-    """The console script `rf-exp`; its exit code."""
+    """The command, whatever ends it; its exit code."""
     return guarded(main)
 
 

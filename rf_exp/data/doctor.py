@@ -1,9 +1,9 @@
 """What in a store will harm who learns from it, though every byte of it is as it was written.
 
 `validate` holds a store against what it declares; this looks for what demonstrations do not do: joints that
-never move, jumps, episodes in which nothing happens, cameras that show the wrong thing. Each finding says where,
-what, and what to do. Bounds are far from what the suite's own demonstrations do, those of all robots and the
-disturbed ones among them.
+never move, jumps, episodes in which nothing happens, cameras that show the wrong thing. Each finding says
+where, what, and what to do. Bounds are far from what the suite's own demonstrations do, those of all robots
+and the disturbed ones among them.
 """
 
 from collections.abc import Iterator, Mapping

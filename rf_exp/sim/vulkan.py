@@ -24,6 +24,7 @@ NVIDIA_DRIVERS = (
     "usr/lib*/*/libGLX_nvidia.so.*",
     "usr/local/nvidia/lib*/*GLX*",
 )
+SET_UP = Path(__file__).parents[2] / "scripts" / "setup.sh"  # of a checkout
 COSTS = "no pictures; render=false still makes states and actions"
 
 
@@ -62,7 +63,10 @@ class Probe:
         software = software_manifest()
         if software and not self.driver.manifest:
             return f"export VK_DRIVER_FILES={software}"
-        return "scripts/setup.sh (installs Mesa's software Vulkan)"
+        if SET_UP.is_file():
+            return "scripts/setup.sh (installs Mesa's software Vulkan)"
+        of_debian_12 = "24.3 or later, which Debian 12 has in bookworm-backports"
+        return f"apt-get install mesa-vulkan-drivers libvulkan1 ({of_debian_12})"
 
 
 def software_manifest(root: Path = Path("/")) -> Path | None:

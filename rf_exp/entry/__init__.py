@@ -1,0 +1,21 @@
+"""The console script `rf-exp`: the experiment, or the command that the first word names.
+
+rf-exp task=lift_barrier    as python -m rf_exp.run task=lift_barrier
+rf-exp doctor               as python -m rf_exp.doctor
+"""
+
+import runpy
+import sys
+
+COMMANDS = ("data", "demonstration", "doctor", "gallery", "laws", "rescue")
+
+
+def main() -> int:
+    """Runs what the arguments name; its exit code."""
+    if sys.argv[1:] and sys.argv[1] in COMMANDS:
+        # Nothing else is imported for it: the doctor also speaks where packages are missing.
+        runpy.run_module(f"rf_exp.{sys.argv.pop(1)}", run_name="__main__", alter_sys=True)
+        return 0
+    from rf_exp.run import command
+
+    return command()
