@@ -1,14 +1,17 @@
 """A release of somebody: policies to be evaluated, and an experiment that says how they have learned.
 
+    python -m rf_exp.run --config-dir FILE.zip experiment=released
     python -m rf_exp.run --config-dir FOLDER experiment=released out=FOLDER
 
-What is in the folder is data. Hydra, whose files may name code to be run, never sees it: of the experiment a
-short list of keys is read, checked, and put among the person's own arguments, which come last and win.
+A file is unpacked into a folder of its name beside it, which is `out` as well. What is in the folder is data.
+Hydra, whose files may name code to be run, never sees it: of the experiment a short list of keys is read,
+checked, and put among the person's own arguments, which come last and win.
 `scripts/release.py` writes one.
 """
 
 import argparse
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -16,7 +19,7 @@ from typing import Any
 
 import yaml
 
-from rf_exp.artifacts import leaves, plain, restored
+from rf_exp.artifacts import leaves, plain, restored, whole
 from rf_exp.errors import ArgumentError
 from rf_exp.policy import PolicyConfig, TrainConfig
 
@@ -25,6 +28,7 @@ NAME = EXPERIMENT.stem
 GROUPS = ("task", "constraints", "arch")
 STAGES = ("evaluate", "report")
 LARGEST = 2**16  # bytes of an experiment
+PACKED, MOST_UNPACKED = ".zip", 2**26  # a release's file, and bytes in it
 _WORD = re.compile(r"[A-Za-z0-9][\w.+-]{0,99}", re.ASCII)  # a task, a set, an architecture, a recipe
 
 
@@ -107,10 +111,32 @@ def unpacked(arguments: Sequence[str]) -> list[str]:
         )
     rest.remove(f"{CHOICE}={NAME}")
     own = {each.partition("=")[0].lstrip("+~") for each in rest}
-    said = read_release(given.config_dir).overrides
+    folder = given.config_dir
+    if folder.suffix == PACKED and folder.is_file():
+        folder = unzipped(folder)
+        rest += [] if "out" in own else [f"out={folder}"]
+    said = read_release(folder).overrides
     kept = [each for each in said if each.partition("=")[0] not in own]
     first = next((k for k, each in enumerate(rest) if "=" in each and not each.startswith("-")), len(rest))
     return [*rest[:first], *kept, *rest[first:]]
+
+
+def unzipped(path: Path) -> Path:
+    """The folder beside a release's file into which that is unpacked; one that is there already is taken.
+
+    Raises ArgumentError for a file that is no ZIP archive or holds more than a release may.
+    """
+    folder = path.with_suffix("")
+    if folder.exists():
+        return folder
+    try:
+        with zipfile.ZipFile(path) as packed, whole(folder) as draft:
+            if (size := sum(each.file_size for each in packed.infolist())) > MOST_UNPACKED:
+                raise ArgumentError(f"{path} holds {size} bytes; a release has at most {MOST_UNPACKED}")
+            packed.extractall(draft)  # never beside it, whatever names say, and no links
+    except (OSError, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+        raise ArgumentError(f"{path} cannot be unpacked: {error}") from error
+    return folder
 
 
 def read_release(folder: Path) -> Released:

@@ -6,8 +6,7 @@ The file is the part of `outputs/` that evaluation needs: the policies of all ag
 bfloat16, and the expert's rows, from which the step limit follows. An experiment in it says how they have
 learned, so that they act with
 
-    unzip lift_barrier-separate_local-fast-50-0.zip -d outputs/released
-    python -m rf_exp.run --config-dir outputs/released experiment=released out=outputs/released scenes=100
+    python -m rf_exp.run --config-dir lift_barrier-separate_local-fast-50-0.zip experiment=released scenes=100
 """
 
 import argparse

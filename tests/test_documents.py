@@ -20,6 +20,7 @@ import argparse
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -116,7 +117,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trimesh.creation.box((0.25, 0.09, 0.1)).apply_translation((0, 0, 0.05)).export(made / "my_shoe.glb")
     (made / "my_shoe.yaml").write_text(mesh.write(assets.load("shoe"), "my_shoe.glb"))
     (made / "outputs/exchanges").mkdir(parents=True)
-    packed(made / "FOLDER", released())
+    shutil.make_archive(str(made / "FILE"), "zip", packed(made / "FOLDER", released()))
     return made
 
 

@@ -283,6 +283,31 @@ def test_a_release_holds_its_own_files(tmp_path: Path) -> None:
         read_release(folder)
 
 
+def test_a_release_is_evaluated_from_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "lift_barrier.zip"
+    with zipfile.ZipFile(path, "w") as file:
+        file.write(packed(tmp_path / "made", said()) / EXPERIMENT, EXPERIMENT)
+        file.writestr("../beside.txt", "no")
+    for _ in range(2):  # the second time it is there
+        found = unpacked(["--config-dir", str(path), "experiment=released", "scenes=3"])
+        assert {"scenes=3", f"out={tmp_path}/lift_barrier", "task=lift_barrier"} <= set(found)
+    assert not (tmp_path / "beside.txt").exists() and (tmp_path / "lift_barrier" / EXPERIMENT).exists()
+    assert f"out={tmp_path}/x" in unpacked(["-cd", str(path), "experiment=released", f"out={tmp_path}/x"])
+
+
+def test_what_is_no_file_of_a_release(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x.zip"
+    path.write_bytes(b"nothing")
+    with pytest.raises(ArgumentError, match=r"x\.zip cannot be unpacked: File is not a zip file"):
+        unpacked(["--config-dir", str(path), "experiment=released"])
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("zeros", bytes(2**20))
+    monkeypatch.setattr("rf_exp.release.MOST_UNPACKED", 2**20 - 1)
+    with pytest.raises(ArgumentError, match="holds 1048576 bytes; a release has at most 1048575"):
+        unpacked(["--config-dir", str(path), "experiment=released"])
+    assert os.listdir(tmp_path) == ["x.zip"]
+
+
 def test_without_a_release_arguments_stay_as_they_are(tmp_path: Path) -> None:
     for arguments in (
         ["task=place_food", "-m"],

@@ -1,0 +1,62 @@
+"""Published rows of demonstrations, made again: whether they come out as they are told."""
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rf_exp.ablation import GenerationRow, read_published, read_rows
+from rf_exp.errors import ArgumentError, StageError
+from rf_exp.texts import one_line
+
+COMPARED = ("success", "success_paper", "steps", "attempts", "violations", "contacts")
+FEW = {"workers": 1, "render": "false", "recordings": 0, "wandb": "disabled"}  # which changes no row
+
+
+def published(path: Path, seeds: int) -> tuple[GenerationRow, ...]:
+    """The first rows of a published file.
+
+    Raises ArgumentError for rows of policies, whose weights are not published, and of a model's plans.
+    """
+    try:
+        rows = read_published(path, GenerationRow).rows
+    except (ArgumentError, StageError) as error:
+        if "EvaluationRow" not in path.read_text("utf-8").partition("\n")[0]:
+            raise
+        raise ArgumentError(
+            f"{path} holds rows of policies, whose weights are not among the results: learn them, "
+            "evaluate first_scene=... scenes=10 with rf_exp.run; rows of demonstrations can be made again"
+        ) from error
+    rows = tuple(sorted(rows, key=lambda row: row.seed))[:seeds]
+    if (first := rows[0]).brain != "scripted":
+        raise ArgumentError(f"{path} holds rows of brain={first.brain}, which need not say the same again")
+    return tuple(row for row in rows if row.seed < first.seed + len(rows))
+
+
+def made_again(rows: Sequence[GenerationRow], out: Path) -> tuple[GenerationRow, ...]:
+    """The same seeds in a process of their own. Raises StageError where that fails."""
+    row = rows[0]
+    asked = {
+        **{"task": row.task, "constraints": row.constraints, "seed": row.seed, "episodes": len(rows)},
+        **{"disturbance_rad": row.disturbance_rad, "delay_s": row.delay_s},
+        **{"variation": row.variation, "out": out, **FEW},
+    }
+    command = [sys.executable, "-m", "rf_exp.run", "stages=[generate]"]
+    command += [f"{key}={value}" for key, value in asked.items()]
+    done = subprocess.run(command, capture_output=True, text=True)
+    files = sorted((out / "results" / "generate" / row.task).glob("*.jsonl"))
+    if done.returncode and not files:  # where no seed succeeds there are rows all the same
+        raise StageError(one_line(done.stderr.strip().rpartition("\n")[2] or "the run said nothing"))
+    return read_rows(files[0], GenerationRow)
+
+
+def differences(rows: Sequence[GenerationRow], again: Sequence[GenerationRow]) -> Iterator[str]:
+    """What came out otherwise than told, seed by seed."""
+    found = {row.seed: row for row in again}
+    for row in rows:
+        if (other := found.get(row.seed)) is None:
+            yield f"seed {row.seed}: nothing came out"
+            continue
+        for name in COMPARED:
+            if (told := getattr(row, name)) != (came := getattr(other, name)):
+                yield f"seed {row.seed}: {name} is told as {told}, and came out as {came}"
