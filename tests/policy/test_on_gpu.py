@@ -17,11 +17,9 @@ import torch
 from torch._subclasses import fake_impls
 from torch._subclasses.fake_tensor import FakeTensor, FakeTensorMode, unset_fake_temporarily
 
-from rf_exp.policy import views
-from rf_exp.policy.examples.windows import Windows
+from rf_exp.policy import Policy, Windows, views
 from rf_exp.policy.learning import training
 from rf_exp.policy.networks import heads  # noqa: F401, for the same reason
-from rf_exp.policy.networks.policy import Policy
 from rf_exp.store import Store
 from tests.conftest import experiment
 from tests.policy.conftest import ARCHS, HEIGHT, WIDTH
