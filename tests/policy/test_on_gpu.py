@@ -28,7 +28,11 @@ GPU = torch.device("cuda:0")
 ONE_STEP = (
     f"picture={{width: {WIDTH}, height: {HEIGHT}}}",
     *("training.batch_size=4", "training.epochs=null", "training.steps=1", "training.log_every=9"),
-    *("policy.head.diffusion.channels=[8,16]", "policy.head.diffusion.inference_steps=2"),
+    *(
+        "policy.head.diffusion.channels=[8,16]",
+        "policy.head.diffusion.inference_steps=2",
+        "policy.head.diffusion.train_timesteps=2",
+    ),
 )
 ONE_OF_EACH = ("policy.encoder.keypoints.steps=1", "policy.head.refined.regression_steps=1")
 pytestmark = pytest.mark.slow
