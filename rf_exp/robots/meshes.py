@@ -22,6 +22,7 @@ from trimesh.visual import TextureVisuals
 
 from rf_exp.artifacts import whole
 from rf_exp.errors import StageError
+from rf_exp.robots.mounted import REMEDY, cache_home
 from rf_exp.robots.urdf import placement, root_of, shape
 from rf_exp.transforms import apply
 
@@ -32,7 +33,6 @@ KEPT = 0.058  # share of the triangles that stays
 FEWEST = 60  # a piece with fewer triangles than this is left alone
 CARE = 3  # aggressiveness, 0 to 10; at the default of 7 white shells break through black ones
 SMOOTH_RAD = np.deg2rad(20)  # edges sharper than this stay visible
-REMEDY = "set XDG_CACHE_HOME to a writable folder"
 GLB = ".glb"
 GREY = (0.5, 0.5, 0.5)  # linear, of what has no colour of its own
 LAYOUT = 2  # raise when the way of making the files changes
@@ -51,11 +51,7 @@ def cache_folder(robot: "Robot") -> Path:
     for path in [urdf, *sorted(urdf.parent / name for name in visuals if name.endswith(GLB))]:
         digest.update(path.name.encode())
         digest.update(path.read_bytes())
-    try:
-        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    except RuntimeError as error:
-        raise StageError(f"there is no place for the mesh cache: {error}; {REMEDY}") from error
-    return Path(home) / "rf_exp" / digest.hexdigest()[:16]
+    return cache_home() / digest.hexdigest()[:16]
 
 
 def is_made(robot: "Robot", folder: Path) -> bool:

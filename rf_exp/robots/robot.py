@@ -9,14 +9,14 @@ robot with more joints, those that it lacks lie between them and are zero.
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rf_exp.errors import ArgumentError, StageError
+from rf_exp.errors import ArgumentError
+from rf_exp.robots.mounted import Mounted, Vector, located
 from rf_exp.transforms import Matrix, from_axes, inverse
 
 if TYPE_CHECKING:
@@ -25,12 +25,10 @@ if TYPE_CHECKING:
     from rf_exp.robots.kinematics import Chain
     from rf_exp.robots.meshes import LinkMesh
 
-PACKAGED = "package://"  # and the name of a Python package: a path within it
 _AWAY_RAD = np.linspace(-5.6, 5.6, 57)  # of the last joint
 NEIGHBOUR_RAD = 0.35  # postures nearer than this in every joint are on one branch
 MARGIN_RAD = 0.02  # to the limits of joints, of postures that are planned
 
-Vector = tuple[float, float, float]
 Number = TypeVar("Number", float, NDArray[np.float64])
 
 
@@ -116,7 +114,7 @@ class Robot:
 
     name: str  # the value of `model` in a task
     title: str  # for readers
-    urdf: str | Path  # a file, or package://PACKAGE/PATH of an installed Python package
+    urdf: str | Path | Mounted  # a file, package://PACKAGE/PATH of an installed Python package, or made of two
     joints: tuple[str, ...]  # of the arm, from the base on
     hand: Hand
     rest_rad: tuple[float, ...]  # of the arm, when it has nothing to do
@@ -157,14 +155,7 @@ class Robot:
     @property
     def urdf_path(self) -> Path:
         """Raises StageError where the package that it lies in is not installed."""
-        said = str(self.urdf)
-        if not said.startswith(PACKAGED):
-            return Path(said)
-        package, _, path = said.removeprefix(PACKAGED).partition("/")
-        spec = find_spec(package)
-        if spec is None or not spec.submodule_search_locations:
-            raise StageError(f"the package {package.replace('_', '-')} is not installed; run `make setup`")
-        return Path(spec.submodule_search_locations[0]) / path
+        return self.urdf.path if isinstance(self.urdf, Mounted) else located(self.urdf)
 
     @property
     def measured(self) -> tuple[str, ...]:
