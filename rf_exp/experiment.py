@@ -274,6 +274,7 @@ def read_experiment(node: Mapping[str, Any], given: Collection[str] = ()) -> Exp
                     {**task, "randomisation": drawn | task.get("randomisation", {})},
                     node["arms"],
                     node["things"],
+                    node["robot"],
                 ),
                 variation=variation,
             )

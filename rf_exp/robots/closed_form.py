@@ -1,10 +1,10 @@
 """Closed-form inverse kinematics of the Panda and of the xArm7: all postures that put the TCP at a pose.
 
-Both have a joint to spare, and are alike but for lengths and for how joints are counted. With the last joint given, what is left is geometry: the wrist follows from
-the pose, the bend of the elbow from the distance between wrist and shoulder, and the elbow lies on a
-circle about the line between them, at the two places where the fifth axis is square to the sixth (He and
-Liu 2021, "Analytical inverse kinematics for Franka Emika Panda"). Frames are those of Franka's control
-interface documentation (Craig's convention).
+Both have a joint to spare, and are alike but for lengths and for how joints are counted. With the last joint
+given, what is left is geometry: the wrist follows from the pose, the bend of the elbow from the distance
+between wrist and shoulder, and the elbow lies on a circle about the line between them, at the two places
+where the fifth axis is square to the sixth (He and Liu 2021, "Analytical inverse kinematics for Franka Emika
+Panda"). Frames are those of Franka's control interface documentation (Craig's convention).
 """
 
 from dataclasses import dataclass
@@ -127,7 +127,7 @@ class ClosedForm:
 
 
 class XArm7(ClosedForm):
-    """The xArm7's: its fourth joint is counted from where the Panda's is at -180 degrees, its sixth backwards."""
+    """The xArm7's: its fourth joint is zero where the Panda's is at -180 degrees, its sixth goes backwards."""
 
     lengths = XARM7
 

@@ -1,8 +1,8 @@
 """URDFs of robots: where they lie, and those that are made of an arm's and of another robot's hand.
 
-A hand that is not its maker's is screwed to the flange of an arm. The URDF of both together, with copies of the
-meshes that it needs, is made once and kept in a cache folder. Names in it are relative: the same parts give the
-same bytes on every machine.
+A hand that is not its maker's is screwed to the flange of an arm. The URDF of both together, with copies of
+the meshes that it needs, is made once and kept in a cache folder. Names in it are relative: the same parts
+give the same bytes on every machine.
 """
 
 import hashlib
@@ -134,9 +134,9 @@ def _joined(mounted: Mounted, arm: Path, hand: Path) -> Element:
 def _kept(root: Element, links: set[str]) -> Iterator[Element]:
     """The links of these names, and the joints between them."""
     for each in root:
-        if each.tag == "link" and each.attrib["name"] in links:
-            yield each
-        elif each.tag == "joint" and {*_ends(each)} <= links:
+        if (each.tag == "link" and each.attrib["name"] in links) or (
+            each.tag == "joint" and {*_ends(each)} <= links
+        ):
             yield each
 
 

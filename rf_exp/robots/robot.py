@@ -114,7 +114,9 @@ class Robot:
 
     name: str  # the value of `model` in a task
     title: str  # for readers
-    urdf: str | Path | Mounted  # a file, package://PACKAGE/PATH of an installed Python package, or made of two
+    urdf: (
+        str | Path | Mounted
+    )  # a file, package://PACKAGE/PATH of an installed Python package, or made of two
     joints: tuple[str, ...]  # of the arm, from the base on
     hand: Hand
     rest_rad: tuple[float, ...]  # of the arm, when it has nothing to do

@@ -1,9 +1,9 @@
 """Closed-form inverse kinematics of Universal Robots' UR5: all postures that put its TCP at a pose.
 
 Three axes of the arm are parallel. The first joint follows from how far beside the shoulder the wrist is, the
-fifth from how the hand leans out of the plane of the arm, the sixth from how it is turned, and what is left is
-an arm of two links in that plane (Hawkins 2013, "Analytic inverse kinematics for the Universal Robots"). Each
-of three times there are two ways. Frames are those of the maker's URDF.
+fifth from how the hand leans out of the plane of the arm, the sixth from how it is turned, and what is left
+is an arm of two links in that plane (Hawkins 2013, "Analytic inverse kinematics for the Universal Robots").
+Each of three times there are two ways. Frames are those of the maker's URDF.
 """
 
 from typing import TYPE_CHECKING
@@ -28,10 +28,10 @@ Floats = NDArray[np.float64]
 
 
 class UR5:
-    """The UR5's `rf_exp.robots.Inverse`. Of angles that are whole turns apart it gives the nearest to rest within the limits.
+    """The UR5's `rf_exp.robots.Inverse`. Of angles that are whole turns apart it gives the nearest to rest.
 
-    Where the fifth joint is at zero or half a turn the fourth and the sixth turn about one axis, and any sixth
-    joint will do: it is the last one that is given. Branches there are alike in pairs.
+    Where the fifth joint is at zero or half a turn the fourth and the sixth turn about one axis, and any
+    sixth joint will do: it is the last one that is given. Branches there are alike in pairs.
     """
 
     branches, other = BRANCHES, np.arange(BRANCHES)

@@ -13,6 +13,7 @@ from .task.family import COUNTED as COUNTED
 from .task.family import families as families
 from .task.family import is_family as is_family
 from .task.family import parsed as parsed
+from .task.robots import parted as parted
 from .task.specs import TABLE_CENTRE_M as TABLE_CENTRE_M
 from .task.specs import TABLE_M as TABLE_M
 from .task.specs import CameraSpec as CameraSpec

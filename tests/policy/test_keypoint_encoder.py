@@ -43,6 +43,7 @@ from tests.policy.test_rollout import Table, judge
 
 CPU = torch.device("cpu")
 LOCAL = View("agent1", (Stream("agent1", (1,)),))
+USUAL = ObservationSpec()  # all arms are the usual one
 CONFIG = KeypointsConfig(1, 0, noise=0.0, steps=0, rate=1.0, shift_px=0, photometric=0.0)
 
 
@@ -344,12 +345,14 @@ def test_joints_follow_the_hands() -> None:
     stream = Stream("global", (1, 2))
     action = np.concatenate([REST + rng.normal(0, 0.2, (12, 2, 7)), rng.choice([-1.0, 1.0], (12, 2, 1))], 2)
     action[..., :7] = np.clip(action[..., :7], DEFAULT.limits_rad[0] + 0.1, DEFAULT.limits_rad[1] - 0.1)
-    chunk = task_space_actions(bases, stream, action).astype(float)
+    chunk = task_space_actions(USUAL, bases, stream, action).astype(float)
     chunk[:, :16] += np.tile(np.append(rng.normal(0, 0.01, 7), 0.0), 2)
-    found = joint_actions(bases, stream, chunk)
+    found = joint_actions(USUAL, bases, stream, chunk)
     assert np.array_equal(found[..., 7], action[..., 7])
     np.testing.assert_allclose(
-        tcp_poses(bases, stream, found[..., :7]), tcp_poses(bases, stream, action[..., :7]), atol=2e-3
+        tcp_poses(USUAL, bases, stream, found[..., :7]),
+        tcp_poses(USUAL, bases, stream, action[..., :7]),
+        atol=2e-3,
     )
     assert np.abs(found - action)[..., :7].max() < 0.1
 
@@ -358,10 +361,10 @@ def test_hands_go_as_high_above_the_table_however_high_that_is() -> None:
     """What stands on the table is where it was to the policy; the joints are those that reach so low."""
     stream, action = Stream("agent1", (1,)), np.append(REST, 1.0)[None, None]
     usual, lower = [planar(0.1, -0.6, 1.5)], [planar(0.1, -0.6, 1.5, -0.03)]
-    chunk = task_space_actions(usual, stream, action).astype(float)
-    said = task_space_actions(lower, stream, action)
+    chunk = task_space_actions(USUAL, usual, stream, action).astype(float)
+    said = task_space_actions(USUAL, lower, stream, action)
     np.testing.assert_allclose(chunk[0, 8:11] - said[0, 8:11], [0, 0, 0.03], atol=1e-6)
-    above = Arm(DEFAULT, lower[0]).tcp(joint_actions(lower, stream, chunk)[0, 0, :7])
+    above = Arm(DEFAULT, lower[0]).tcp(joint_actions(USUAL, lower, stream, chunk)[0, 0, :7])
     np.testing.assert_allclose(above, Arm(DEFAULT, usual[0]).tcp(action[0, 0, :7]), atol=1e-3)
     camera = CameraModel(64, 48, 1.0, CameraSpec((0.5, 0.0, 0.9)).world_from_camera)
     high, low = (rays_of(Calibration(tuple(bases), {"agent1": camera}), stream) for bases in (usual, lower))
@@ -370,9 +373,9 @@ def test_hands_go_as_high_above_the_table_however_high_that_is() -> None:
 
 def test_hands_out_of_reach_leave_the_joints_as_they_are() -> None:
     bases, stream = [planar(0.0, 0.0, 0.0)], Stream("agent1", (1,))
-    chunk = task_space_actions(bases, stream, np.append(REST, 1.0)[None, None]).astype(float)
+    chunk = task_space_actions(USUAL, bases, stream, np.append(REST, 1.0)[None, None]).astype(float)
     chunk[0, 8:11] = (3.0, 0.0, 0.5)
-    assert np.array_equal(joint_actions(bases, stream, chunk)[0, 0], chunk[0, :8])
+    assert np.array_equal(joint_actions(USUAL, bases, stream, chunk)[0, 0], chunk[0, :8])
 
 
 @pytest.mark.parametrize(

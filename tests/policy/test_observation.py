@@ -95,7 +95,7 @@ def test_context_is_seen_from_the_table_however_high_that_is() -> None:
 def test_a_millimetre_near_a_hand_is_a_hundredth_wherever_the_thing_has_been() -> None:
     """Other numbers are scaled by their range in the demonstrations."""
     spec, qpos = ObservationSpec(((0.0, 0.0, 0.0),), ("block",)), np.zeros((1, 9))
-    hand_m = tcp_poses(spec.world_from_base, LOCAL.streams[0], qpos[:, :7])[0, :3]
+    hand_m = tcp_poses(spec, spec.world_from_base, LOCAL.streams[0], qpos[:, :7])[0, :3]
 
     def near_at(*off_m: float) -> np.ndarray:
         pose = planar(0.0, 0.0, 0.0)

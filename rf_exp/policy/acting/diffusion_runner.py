@@ -218,7 +218,9 @@ class DiffusionRunner(PolicyRunner):
         """Each camera by where it sees the own hands: places of the points of keypoints (S, M, 2)."""
         for stream, of_stream, cameras in zip(self.view.streams, places, self._episode.cameras, strict=True):
             joints = np.stack([observation.qpos[agent][:ARM_JOINTS] for agent in stream.agents])
-            points = placed(footprint_from_tcps(self.spec.world_from_base, stream, joints), np.array(HAND))
+            points = placed(
+                footprint_from_tcps(self.spec, self.spec.world_from_base, stream, joints), np.array(HAND)
+            )
             points = points.reshape(-1, 3)
             first = (self.spec.keyframes + 1) * len(points)
             for camera, seen in zip(cameras, np.split(of_stream, len(cameras)), strict=True):
@@ -265,7 +267,7 @@ class DiffusionRunner(PolicyRunner):
         actions = actions[:, : self._config.acting.action_steps]
         if self._config.task_space_actions:
             streams, bases = zip(self.view.streams, actions, strict=True), self._bases(observation)
-            chunk = np.concatenate([joint_actions(bases, *each) for each in streams], axis=1)
+            chunk = np.concatenate([joint_actions(self.spec, bases, *each) for each in streams], axis=1)
         else:
             chunk = self._joint_actions(actions).copy()
         chunk[:, stays, :ARM_JOINTS] = self.state.targets.last[stays]

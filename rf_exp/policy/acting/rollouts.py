@@ -21,6 +21,7 @@ from rf_exp.findings import Violation
 from rf_exp.observations import Declaration, Observation, observe
 from rf_exp.policy.acting.shield import Decision
 from rf_exp.policy.inputs.coordination import Coordinate
+from rf_exp.policy.inputs.rows import WideWorld, widened
 from rf_exp.policy.inputs.view import ACTION_SIZE, View
 from rf_exp.tasks import Ledger
 from rf_exp.types import (
@@ -32,6 +33,7 @@ from rf_exp.types import (
     Scene,
     Verdict,
     World,
+    joints_of,
 )
 
 # The scene and agent -> (T, 8) the commands that are about to be given -> those that are.
@@ -202,6 +204,8 @@ def rollout(
     if step_limit < 1:
         raise ArgumentError(f"step_limit is {step_limit}; expected at least 1")
     scene = world.reset(seed) if start is None else start
+    if (joints := joints_of(scene.qpos).shape[1]) < ARM_JOINTS:
+        world, scene = WideWorld(world, joints), widened(scene)
     commanded = sorted(agent for runner in runners for agent in runner.view.agents)
     expected = list(range(1, len(scene.qpos) + 1))
     if commanded != expected:

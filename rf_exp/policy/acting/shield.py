@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rf_exp.geometry import AGENT_MARGIN_M, PlanningScene, Swept, closer_than, nearest
+from rf_exp.policy.inputs.rows import GRIPPER, wide
 from rf_exp.tasks import Task
 from rf_exp.transforms import inverse
 from rf_exp.types import ARM_JOINTS, CONTROL_DT_S, GRIPPER_OPEN, Scene
@@ -307,6 +308,7 @@ class Shield:
             way = np.array(self._trails[agent])[::-1]
             way[:, ARM_JOINTS] = here[ARM_JOINTS]  # the hand stays as it is
             return way
-        off = np.append(self._task.robots[agent - 1].model.aside_rad, here[ARM_JOINTS]) - here
+        aside = self._task.robots[agent - 1].model.aside_rad
+        off = wide(np.append(aside, here[ARM_JOINTS]), GRIPPER) - here
         count = int(np.ceil(np.abs(off).max() / STRIDE_RAD))
         return here + off * np.arange(1, count + 1)[:ASIDE_STEPS, None] / max(1, count)

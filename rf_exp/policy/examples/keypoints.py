@@ -19,6 +19,7 @@ from rf_exp.policy.inputs.observation_spec import (
     world_from_tcp,
 )
 from rf_exp.policy.inputs.pictures import calibrations, inside_picture, rays_of
+from rf_exp.policy.inputs.rows import meant, measured
 from rf_exp.policy.inputs.view import Stream
 from rf_exp.transforms import apply, inverse, placed
 from rf_exp.types import ARM_JOINTS, CameraModel
@@ -49,16 +50,16 @@ def keypoints(
     """The keypoints of the kept frames of a store. Raises ArgumentError as `usual_calibration`."""
     stands = calibrations(store, stream.cameras)
     pixels, points, headings, rays = [], [], [], []
-    episodes = zip(store.by_episode(store.qpos), store.by_episode(store.action), stands, strict=True)
+    episodes = zip(store.by_episode(measured(store)), store.by_episode(meant(store)), stands, strict=True)
     for qpos, action, calibration in episodes:
         bases, cameras = calibration.world_from_base, calibration.cameras.values()
         columns = []
         for agent in stream.agents:
-            tcp = world_from_tcp(bases, agent, qpos)
+            tcp = world_from_tcp(spec, bases, agent, qpos)
             changed = changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1])
             columns += _own(tcp, changed, spec.keyframes)
         now = *stream.agents, *others(spec, stream)
-        columns += [world_from_tcp(bases, agent, qpos) for agent in now]
+        columns += [world_from_tcp(spec, bases, agent, qpos) for agent in now]
         hands = np.stack(columns, axis=1)  # (T, M, 4, 4)
         world = placed(hands, np.array(HAND)).reshape(len(hands), -1, 3)
         footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))

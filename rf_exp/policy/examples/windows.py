@@ -42,10 +42,11 @@ from rf_exp.policy.inputs.pictures import (
     usual_calibration,
     with_margin,
 )
+from rf_exp.policy.inputs.rows import executed, meant, measured
 from rf_exp.policy.inputs.task_space import task_space_actions
 from rf_exp.policy.inputs.view import ACTION_SIZE, PROPRIO_SIZE, View
 from rf_exp.transforms import from_quaternion
-from rf_exp.types import ARM_JOINTS
+from rf_exp.types import ARM_JOINTS, gripper_of
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -75,7 +76,7 @@ def shown(store: "Store") -> NDArray[np.bool_]:
 
 def by_episode(store: "Store") -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     """Measured joints, intended and executed commands of each episode."""
-    arrays = store.qpos, store.action, store.executed
+    arrays = measured(store), meant(store), executed(store)
     return zip(*(store.by_episode(each) for each in arrays), strict=True)
 
 
@@ -87,14 +88,16 @@ def _told_and_sent(
     if config.encoder.keypoints:  # which is told where they do
         bases = [each.world_from_base for each in calibrations(store, stream.cameras)]
     poses = [from_quaternion(store.poses[name][:]) for name in spec.objects]
-    episodes = zip(bases, *map(store.by_episode, (store.qpos, store.action, memory, *poses)), strict=True)
+    episodes = zip(
+        bases, *map(store.by_episode, (measured(store), meant(store), memory, *poses)), strict=True
+    )
     for stands, qpos, action, remembers, *things in episodes:
         seen = dict(zip(spec.objects, things, strict=True))
         own = action[:, np.array(stream.agents) - 1]
         told = context(spec, view, row, qpos, seen, remembers, stands)
         yield (
             told,
-            task_space_actions(stands, stream, own)
+            task_space_actions(spec, stands, stream, own)
             if config.task_space_actions
             else own.reshape(len(own), -1),
         )
@@ -176,11 +179,11 @@ class Windows:
             """Of all streams; what is alone is not copied, which matters for pictures."""
             return torch.from_numpy(np.concatenate(arrays) if len(arrays) > 1 else arrays[0]).to(device)
 
-        qpos, action = store.qpos[kept], store.action[kept]
+        qpos, action = measured(store)[kept], meant(store)[kept]
         self.proprio = stacked([proprioception(qpos[:, agents]) for agents in columns])  # raw (S * T, P)
         memory = np.zeros((store.steps, store.agents, 0), np.float32)  # of grippers, then of subgoals
         if spec.bases:
-            told_and_done = store.action[..., ARM_JOINTS], widths(store.qpos)
+            told_and_done = gripper_of(store.action), widths(store.qpos)
             episodes = zip(*map(store.by_episode, told_and_done), strict=True)
             memory = np.concatenate([remembered(*each) for each in episodes])
         if spec.subgoals:

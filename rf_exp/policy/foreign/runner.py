@@ -12,8 +12,8 @@ from rf_exp.observations import Observation
 from rf_exp.policy.acting.rollouts import PolicyRunner
 from rf_exp.policy.foreign.factory import make_policy
 from rf_exp.policy.foreign.spec import Foreign
+from rf_exp.policy.inputs.rows import GRIPPER, wide
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream, View
-from rf_exp.robots import DEFAULT
 from rf_exp.tasks import Task
 from rf_exp.types import ARM_JOINTS
 
@@ -30,8 +30,8 @@ class ForeignRunner(PolicyRunner):
         """`policy` has `act`, perhaps `reset`; no joint is sent further than `fastest_rad` a control step."""
         self._spec, self._policy = spec, policy
         self._seed, self._begun = 0, False  # of the episode, and whether the policy has been told of it
-        low, high = DEFAULT.limits_rad
-        self._low, self._high = np.append(low, -1.0), np.append(high, 1.0)
+        limits = [np.column_stack([robot.model.limits_rad, [-1.0, 1.0]]) for robot in task.robots]
+        self._low, self._high = np.stack([wide(each, GRIPPER) for each in limits], axis=1)  # (agents, 8)
         everyone = View(spec.name, (Stream("global", task.agents),))
         declared = replace(spec.observations.declared(task), agents=task.agents)
         super().__init__(everyone, np.full(len(task.agents), fastest_rad), declared)

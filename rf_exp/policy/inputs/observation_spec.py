@@ -22,9 +22,9 @@ from rf_exp.errors import ArgumentError
 from rf_exp.policy.config import PolicyConfig
 from rf_exp.policy.inputs.coordination import numbered
 from rf_exp.policy.inputs.view import MOST_AGENTS, PROPRIO_SIZE, Stream, View
-from rf_exp.robots import DEFAULT
+from rf_exp.robots import DEFAULT, Robot, known_robots, robot_named
 from rf_exp.transforms import Matrix, inverse, planar
-from rf_exp.types import ARM_JOINTS
+from rf_exp.types import ARM_JOINTS, fingers_of, gripper_of
 
 if TYPE_CHECKING:
     from rf_exp.store import Store
@@ -49,11 +49,12 @@ class ObservationSpec:
     keyframes: int = 0  # changes of an own gripper that its encoder looks for
     subgoals: int = 0  # of an own agent, of which it is told
     names: tuple[tuple[str, ...], ...] = ()  # of them, of each agent; empty where they count as they come
+    robots: tuple[str, ...] = ()  # of every arm of the task; empty where all are the usual one
 
     def __post_init__(self) -> None:
         if len(self.bases) > MOST_AGENTS or not np.isfinite(np.array(self.bases, float)).all():
             raise ArgumentError(f"bases are {self.bases}; expected finite ones of at most {MOST_AGENTS} arms")
-        for name, high in (("objects", MOST_OBJECTS), ("names", MOST_AGENTS)):
+        for name, high in (("objects", MOST_OBJECTS), ("names", MOST_AGENTS), ("robots", MOST_AGENTS)):
             if len(getattr(self, name)) > high:
                 raise ArgumentError(f"there are {len(getattr(self, name))} {name}; expected at most {high}")
         for name, high in (("keyframes", CHANGES), ("subgoals", MOST_SUBGOALS)):
@@ -63,12 +64,16 @@ class ObservationSpec:
     @property
     def identity(self) -> dict[str, Any]:
         """Its fields, but for those that say nothing and came later."""
-        return without(asdict(self), subgoals=0, names=())
+        return without(asdict(self), subgoals=0, names=(), robots=())
 
     @property
     def world_from_base(self) -> list[Matrix]:
         """(4, 4) of every arm, where it usually stands."""
         return [planar(*each) for each in self.bases]
+
+    def robot(self, agent: int) -> Robot:
+        """Which robot an agent is. Raises ArgumentError for one that nobody has added."""
+        return robot_named(self.robots[agent - 1]) if self.robots else DEFAULT
 
     def keypoints(self, view: View) -> int:
         """That an encoder looks for through each camera: of the own agents, then all hands now."""
@@ -94,13 +99,11 @@ class ObservationSpec:
 
 def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec:
     """The spec of a policy that learns a view. Raises ArgumentError where the store lacks them."""
-    if any(model.joints != DEFAULT.measured for model in store.models):
-        found = ", ".join(sorted({model.title for model in store.models}))
-        raise ArgumentError(f"{store.path} is of {found}; policies learn to move a {DEFAULT.title} only")
+    models = _robots(store)
     if not config.context:
         if view.coordinated:
             raise ArgumentError("a coordinated architecture needs policy.context=true; recipe fast has it")
-        return ObservationSpec()
+        return ObservationSpec(robots=models)
     subgoals, names = 0, ()
     if view.coordinated or config.phases:
         numbers, names = numbered(store)
@@ -118,16 +121,27 @@ def spec_of(config: PolicyConfig, store: "Store", view: View) -> ObservationSpec
         if config.encoder.keypoints:  # most changes of a gripper in an episode
             episodes = zip(store.by_episode(store.action), store.by_episode(store.qpos), strict=True)
             keyframes = max(
-                len(changes(action[:, agent - 1, ARM_JOINTS], widths(qpos)[:, agent - 1]))
+                len(changes(gripper_of(action)[:, agent - 1], widths(qpos)[:, agent - 1]))
                 for action, qpos in episodes
                 for agent in view.agents
             )
-        return ObservationSpec(bases, (), min(keyframes, CHANGES), subgoals, names)
+        return ObservationSpec(bases, (), min(keyframes, CHANGES), subgoals, names, models)
     if not store.objects:
         raise ArgumentError(
             f"encoder privileged needs the poses of the objects, and {store.path} has none; generate it again"
         )
-    return ObservationSpec(bases, store.objects, subgoals=subgoals, names=names)
+    return ObservationSpec(bases, store.objects, subgoals=subgoals, names=names, robots=models)
+
+
+def _robots(store: "Store") -> tuple[str, ...]:
+    """Of every agent of a store. Raises ArgumentError for a robot that is not known here."""
+    names = {robot.measured: robot.name for robot in known_robots()}
+    found = [names.get(model.joints) for model in store.models]
+    if None in found:
+        titles = ", ".join(sorted({model.title for model in store.models if model.joints not in names}))
+        known = ", ".join(robot.title for robot in known_robots())
+        raise ArgumentError(f"{store.path} is of {titles}; policies learn to move what is known: {known}")
+    return () if {*found} == {DEFAULT.name} else tuple(map(str, found))
 
 
 class Memory:
@@ -184,8 +198,8 @@ def changes(gripper: NDArray[np.floating], width: NDArray[np.floating]) -> NDArr
 
 
 def widths(qpos: NDArray[np.floating]) -> NDArray[np.floating]:
-    """How far apart the fingers are, in m: measured joints (..., N, 9) -> (..., N)."""
-    return qpos[..., ARM_JOINTS:].sum(axis=-1)
+    """How far apart the fingers are, in m: measured joints (..., N, D) -> (..., N)."""
+    return fingers_of(qpos).sum(axis=-1)
 
 
 def proprioception(qpos: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -218,7 +232,7 @@ def context(
     footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
 
     def hand_of(agent: int) -> NDArray[np.floating]:
-        return _flat(footprint_from_world @ world_from_tcp(bases, agent, qpos))
+        return _flat(footprint_from_world @ world_from_tcp(spec, bases, agent, qpos))
 
     hands = [hand_of(agent) for agent in stream.agents]
     for agent, hand in zip(stream.agents, hands, strict=True):
@@ -241,18 +255,20 @@ def footprint(world_from_base: Matrix) -> Matrix:
     return below
 
 
-def tcp_poses(bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]) -> NDArray[np.floating]:
+def tcp_poses(
+    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
+) -> NDArray[np.floating]:
     """Where joints (..., n, 7) put the TCPs of the agents of a stream: (..., n, POSE), like its context."""
-    return _flat(footprint_from_tcps(bases, stream, joints))
+    return _flat(footprint_from_tcps(spec, bases, stream, joints))
 
 
 def footprint_from_tcps(
-    bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
+    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, joints: NDArray[np.floating]
 ) -> NDArray[np.float64]:
     """The same as matrices (..., n, 4, 4)."""
     footprint_from_world = inverse(footprint(bases[stream.agents[0] - 1]))
     poses = [
-        footprint_from_world @ bases[agent - 1] @ DEFAULT.tcp_pose(joints[..., row, :])
+        footprint_from_world @ bases[agent - 1] @ spec.robot(agent).tcp_pose(joints[..., row, :])
         for row, agent in enumerate(stream.agents)
     ]
     return np.stack(poses, axis=-3)
@@ -268,9 +284,11 @@ def near(offset_m: Array) -> Array:
     return offset_m.clip(-NEAR_M, NEAR_M) / NEAR_M
 
 
-def world_from_tcp(bases: Sequence[Matrix], agent: int, qpos: NDArray[np.floating]) -> NDArray[np.float64]:
+def world_from_tcp(
+    spec: ObservationSpec, bases: Sequence[Matrix], agent: int, qpos: NDArray[np.floating]
+) -> NDArray[np.float64]:
     """(..., 4, 4) of an agent: bases (4, 4) and joints of all agents (..., N, 7 or more), in the world."""
-    return bases[agent - 1] @ DEFAULT.tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
+    return bases[agent - 1] @ spec.robot(agent).tcp_pose(qpos[..., agent - 1, :ARM_JOINTS])
 
 
 def _flat(poses: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rf_exp.policy.inputs.observation_spec import POSE, footprint, tcp_poses
+from rf_exp.policy.inputs.observation_spec import POSE, ObservationSpec, footprint, tcp_poses
 from rf_exp.policy.inputs.view import ACTION_SIZE, Stream
-from rf_exp.robots import DEFAULT, Arm
+from rf_exp.robots import Arm
 from rf_exp.transforms import Matrix, from_axes
 from rf_exp.types import ARM_JOINTS
 
@@ -24,42 +24,44 @@ FARTHEST_RAD = 0.35  # what is farther is another posture, and not meant
 
 
 def task_space_actions(
-    bases: Sequence[Matrix], stream: Stream, action: NDArray[np.floating]
+    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, action: NDArray[np.floating]
 ) -> NDArray[np.float32]:
     """Actions (..., n, 8) of the n agents of a stream -> (..., 8n + 9n), with the poses of their TCPs.
 
     As all arms stand by their bases (4, 4).
     """
-    poses = tcp_poses(bases, stream, action[..., :ARM_JOINTS])
+    poses = tcp_poses(spec, bases, stream, action[..., :ARM_JOINTS])
     joined = [action.reshape(*action.shape[:-2], -1), poses.reshape(*poses.shape[:-2], -1)]
     return np.concatenate(joined, axis=-1).astype(np.float32)
 
 
-def joint_actions(bases: Sequence[Matrix], stream: Stream, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_actions(
+    spec: ObservationSpec, bases: Sequence[Matrix], stream: Stream, chunk: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Predicted actions (T, 8n + 9n) -> joints and grippers (T, n, 8) that put the TCPs where they belong."""
     agents: Sequence[int] = stream.agents
     actions = chunk[:, : len(agents) * ACTION_SIZE].reshape(len(chunk), len(agents), ACTION_SIZE).copy()
     poses = chunk[:, len(agents) * ACTION_SIZE :].reshape(len(chunk), len(agents), POSE)
     world_from_footprint = footprint(bases[agents[0] - 1])
     for row, agent in enumerate(agents):
-        arm = Arm(DEFAULT, bases[agent - 1])
-        joints, pose = actions[:, row, :ARM_JOINTS], poses[:, row]
+        arm = Arm(spec.robot(agent), bases[agent - 1])
+        joints, pose = actions[:, row, : arm.robot.dof], poses[:, row]
         x, y = pose[:, 3:6], pose[:, 6:9]
         axes = zip(pose[:, :3], np.cross(x, y), y, strict=True)
         footprint_from_tcp = np.stack([from_axes(place, z=out, y=across) for place, out, across in axes])
-        actions[:, row, :ARM_JOINTS] = _nearest(arm, world_from_footprint @ footprint_from_tcp, joints)
+        actions[:, row, : arm.robot.dof] = _nearest(arm, world_from_footprint @ footprint_from_tcp, joints)
     return actions
 
 
 def _nearest(arm: Arm, poses: NDArray[np.float64], joints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The postures at TCP poses (T, 4, 4) that are nearest to joints (T, 7), or those where none is near."""
+    """The postures at TCP poses (T, 4, 4) that are nearest to joints (T, dof), or those themselves."""
     best, away = joints.copy(), np.full(len(joints), np.inf)
     for turns in TURNS_RAD:
         far = np.flatnonzero(away > CLOSE_RAD)
         if not len(far):
             break
         found = arm.postures(poses[far, None], best[far, -1:] + turns)
-        found = found.reshape(len(far), -1, ARM_JOINTS)
+        found = found.reshape(len(far), -1, arm.robot.dof)
         apart = np.nan_to_num(np.abs(found - joints[far, None]).max(axis=-1), nan=np.inf)
         chosen = np.arange(len(far)), apart.argmin(axis=1)
         nearer = apart[chosen] < away[far]

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import asdict, replace
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,9 @@ from omegaconf import OmegaConf
 from rf_exp.artifacts import plain, read_values
 from rf_exp.errors import ArgumentError, choices
 from rf_exp.installed import CONF
-from rf_exp.robots import DEFAULT, Robot, known_robots, robot_named
+from rf_exp.robots import Robot, robot_named
 from rf_exp.tasks.task.family import families, is_family, member, parsed
+from rf_exp.tasks.task.robots import Robots, find_robots, parted, with_robots
 from rf_exp.tasks.task.specs import Randomisation
 from rf_exp.tasks.task.start import beyond_table
 from rf_exp.tasks.task.task import Task
@@ -81,20 +81,13 @@ def check_words(name: str, node: object, key: str = "") -> None:
             check_words(name, value, f"{key}[{index}]")
 
 
-def _find_robots(node: Mapping) -> None:
-    """Imports the code of a task that names a robot of its own: that is where it is added."""
-    known = {robot.name for robot in known_robots()}
-    robots, code = node.get("robots", ()), node.get("code")
-    named = {robot.get("model", DEFAULT.name) for robot in robots if isinstance(robot, Mapping)}
-    if isinstance(code, str) and not named <= known:
-        import_module(code)
-
-
-def load_task(name: str, node: Mapping, arms: int | None = None, things: int | None = None) -> Task:
+def load_task(
+    name: str, node: Mapping, arms: int | None = None, things: int | None = None, robot: Robots | None = None
+) -> Task:
     """The Task of `conf/task/<name>.yaml`'s mapping below the key `<name>`, as plain Python values.
 
     What it does not say of randomisation is as in conf/config.yaml. Of a family `arms` and `things` are its
-    numbers, which it has usual ones of.
+    numbers, which it has usual ones of; `robot` puts others to its bases (`robots.py`).
     Raises ArgumentError naming the field for what is missing, unknown, or of another type, for a robot or an
     asset that does not exist, for an object that stands on one not listed before it, for one that may
     start beyond the table's edge, and for numbers that a family does not have, or a task that is none.
@@ -113,7 +106,9 @@ def load_task(name: str, node: Mapping, arms: int | None = None, things: int | N
     if "clutter" in node:  # a seed draws it
         raise ArgumentError(f"task {name!r}: unknown field clutter")
     try:
-        _find_robots(node)
+        if robot is not None:
+            name, node = with_robots(name, node, robot)
+        find_robots(node)
         drawn = {"randomisation": default_of("randomisation") | node.get("randomisation", {})}
         task = dacite.from_dict(Task, {**node, **drawn}, config=_CONFIG)
     except dacite.UnexpectedDataError as error:
@@ -182,14 +177,18 @@ def read_variation(name: str) -> Variation:
     return read_values(Variation, found | node, "variation.")
 
 
-def read_task(path: Path, arms: int | None = None, things: int | None = None) -> Task:
+def read_task(
+    path: Path, arms: int | None = None, things: int | None = None, robot: Robots | None = None
+) -> Task:
     """The Task of a YAML file. Raises ArgumentError as `load_task` does."""
     node: Any = OmegaConf.to_container(OmegaConf.load(path))
-    return load_task(path.stem, node[path.stem], arms, things)
+    return load_task(path.stem, node[path.stem], arms, things, robot)
 
 
 def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
     """The task of that name in a folder of YAML files, or of a family in it, as `ring` or `ring_6x2`.
+
+    Also one with other robots, as `pick_meat-ur5`.
 
     None where there is none of that name. Raises ArgumentError as `load_task` does.
     """
@@ -198,8 +197,15 @@ def named_task(name: object, folder: Path = CONFIGURED) -> Task | None:
     files = {**families(folder), **{path.stem: path for path in folder.glob("*.yaml")}}
     if name in files:
         return read_task(files[name])
-    family, *numbers = parsed(name) or ("",)
-    return read_task(families(folder)[family], *numbers) if family in families(folder) else None
+    task, robots = parted(name)
+    if task in files:
+        return read_task(files[task], robot=robots or None)
+    family, *numbers = parsed(task) or ("",)
+    return (
+        read_task(families(folder)[family], *numbers, robot=robots or None)
+        if family in families(folder)
+        else None
+    )
 
 
 def stored_task(identity: Mapping[str, Any], folder: Path = CONFIGURED) -> Task:
