@@ -35,7 +35,7 @@ PANDA = Robot(
     reflex_n=20.0,  # its collision reflex in its maker's examples
     inverse=ClosedForm,
 )
-# UFACTORY's xArm7, also of ManiSkill's package, with the Panda's hand. Its postures are the Panda's.
+# UFACTORY's xArm7, also of ManiSkill's package, with the Panda's hand.
 XARM7 = Robot(
     name="xarm7",
     title="xArm7 with the Panda's gripper",
@@ -44,7 +44,7 @@ XARM7 = Robot(
     ),
     joints=tuple(f"joint{k}" for k in range(1, 8)),
     hand=PANDA.hand,
-    rest_rad=(0.0, np.pi / 8, 0.0, 3 * np.pi / 8, 0.0, np.pi / 4, np.pi / 4),
+    rest_rad=(0.0, 0.3456, 0.0, 1.2383, 0.0, 0.8927, np.pi / 4),
     aside_rad=(0.0, -0.6, 0.0, np.pi - 2.5, 0.0, np.pi - 1.9, np.pi / 4),
     reach_m=0.78,  # at the table its TCP reaches so much less far than the Panda's
     swivel=2,
